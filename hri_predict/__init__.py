@@ -15,12 +15,19 @@ one clock for time.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from hri_predict.base import former_paths
+
 __version__ = "0.2.0.dev0"
 """The one place for the version: the build reads it here."""
 
+former_paths.install()
+
 if TYPE_CHECKING:
-    from hri_predict.errors import HriPredictError
-    from hri_predict.joint_map import JointMap, load_joint_map
+    from hri_predict.base.errors import HriPredictError
+    from hri_predict.base.skeleton import CANONICAL, Skeleton
+    from hri_predict.contracts.joint_map import JointMap, load_joint_map
+    from hri_predict.contracts.predictor import Forecast, Predictor
+    from hri_predict.contracts.scene import Person, Scene
     from hri_predict.library.advisor import Advisor, load_config
     from hri_predict.library.forecasting import (
         RecordedForecast,
@@ -31,7 +38,6 @@ if TYPE_CHECKING:
     )
     from hri_predict.node.listeners import Tick
     from hri_predict.people.ring_buffer import PushResult, RingBuffer, Window
-    from hri_predict.predictors.base import Forecast, Predictor
     from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
     from hri_predict.protocol.messages import (
         Acknowledge,
@@ -47,8 +53,6 @@ if TYPE_CHECKING:
     from hri_predict.recording.opening import open_recording
     from hri_predict.recording.recording import Recording
     from hri_predict.run.config import Config
-    from hri_predict.scene import Person, Scene
-    from hri_predict.skeleton import CANONICAL, Skeleton
 
 __all__ = [
     "CANONICAL",
@@ -91,15 +95,17 @@ __all__ = [
 ]
 
 _HOME = {  # module: the names that it lends; the same as above, for the interpreter
-    "errors": "HriPredictError",
-    "joint_map": "JointMap load_joint_map",
+    "base.errors": "HriPredictError",
+    "base.skeleton": "CANONICAL Skeleton",
+    "contracts.joint_map": "JointMap load_joint_map",
+    "contracts.predictor": "Forecast Predictor",
+    "contracts.scene": "Person Scene",
     "library.advisor": "Advisor load_config",
     "library.forecasting": (
         "RecordedForecast forecast_at forecasts load_calibration_of load_predictor"
     ),
     "node.listeners": "Tick",
     "people.ring_buffer": "PushResult RingBuffer Window",
-    "predictors.base": "Forecast Predictor",
     "protocol.can": "CanFrame CanReceiver CanSender",
     "protocol.messages": "Acknowledge Advice Level NodeState RobotMode RobotState Status",
     "protocol.reasons": "Reason",
@@ -107,8 +113,6 @@ _HOME = {  # module: the names that it lends; the same as above, for the interpr
     "recording.opening": "open_recording",
     "recording.recording": "Recording",
     "run.config": "Config",
-    "scene": "Person Scene",
-    "skeleton": "CANONICAL Skeleton",
 }
 
 if not TYPE_CHECKING:  # a type checker must not take every unknown name for one of ours

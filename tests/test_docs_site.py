@@ -10,10 +10,10 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTRACTS = {
-    "source": "hri_predict.source.Source",
-    "link": "hri_predict.link.Link",
-    "predictors": "hri_predict.predictors.base.Predictor",
-    "skeleton": "hri_predict.skeleton.Skeleton",
+    "source": "hri_predict.contracts.source.Source",
+    "link": "hri_predict.contracts.link.Link",
+    "predictors": "hri_predict.contracts.predictor.Predictor",
+    "skeleton": "hri_predict.base.skeleton.Skeleton",
     "ring_buffer": "hri_predict.people.ring_buffer.RingBuffer",
     "risk_engine": "hri_predict.risk.engine.RiskEngine",
     "messages": "hri_predict.protocol.codec.encode_payloads",

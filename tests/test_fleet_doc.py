@@ -18,7 +18,7 @@ from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.scene_stream.zenoh_source import ZenohSourceSettings
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.keyed import KeyedSender
 from hri_predict.protocol.messages import NodeState, Status
 from hri_predict.protocol.reasons import Reason

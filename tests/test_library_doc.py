@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.joint_map import load_joint_map
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.recording import recording_of_one
 from hri_sim.people.body import Body

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import yaml
 
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level, OperatingMode
 from hri_predict.run import config as configuration

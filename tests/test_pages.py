@@ -14,7 +14,7 @@ HEADINGS = ["Context", "Decision", "Why", "What it costs", "When to revisit"]
 UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME_benchmark.yaml", "NAME.py"}
 BASES = (
     *(".", "configs", "drivers", "drivers/c", "drivers/hri_drivers", "sim/hri_sim/faults"),
-    *("hri_predict", "hri_predict/predictors", "hri_predict/recording", "hri_predict/risk/zones"),
+    *("hri_predict", "hri_predict/predictors", "hri_predict/recording", "hri_predict/zones"),
     "tests/hri_predict/recording",
 )
 

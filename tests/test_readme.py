@@ -29,8 +29,8 @@ import yaml
 from hri_drivers.sources.scene_stream.codec import SEES_ROOM, open_datagram
 from hri_predict.cli.check.check import examine
 from hri_predict.cli.commands import app
-from hri_predict.conformance.checks import run_checks
-from hri_predict.conformance.predictors import CHECKS, PredictorPart
+from hri_predict.library.conformance.checks import run_checks
+from hri_predict.library.conformance.predictors import CHECKS, PredictorPart
 from hri_predict.robots.file import read_robot_file
 from hri_predict.run.config import load
 from tests import pages

@@ -6,8 +6,8 @@ import os
 import sys
 from typing import NoReturn
 
-from hri_predict.errors import ConfigMistakes, HriPredictError
-from hri_predict.service import logs
+from hri_predict.base.errors import ConfigMistakes, HriPredictError
+from hri_predict.operation.service import logs
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 

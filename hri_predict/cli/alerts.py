@@ -9,12 +9,12 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.alerting.alert import Trial
-from hri_predict.alerting.hook import failure_text, without
-from hri_predict.alerting.kinds import sender_of
-from hri_predict.alerting.sender import Place, Sender
-from hri_predict.alerting.settings import HookSettings
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.operation.alerting.alert import Trial
+from hri_predict.operation.alerting.hook import failure_text, without
+from hri_predict.operation.alerting.kinds import sender_of
+from hri_predict.operation.alerting.sender import Place, Sender
+from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 

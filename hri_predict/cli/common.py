@@ -22,17 +22,17 @@ from rich.progress import (
 )
 from rich.table import Table as ScreenTable
 
-from hri_predict import registry
-from hri_predict.datasets.splits import in_pack, is_pack, split
-from hri_predict.errors import ConfigError, RecordingError, nearest
-from hri_predict.files import YAML_ENDINGS
-from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.base.errors import ConfigError, RecordingError, nearest
+from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.lab.datasets.splits import in_pack, is_pack, split
 from hri_predict.recording.formats.csv_table import is_recording
-from hri_predict.settings import validated
 
 if TYPE_CHECKING:
-    from hri_predict.evaluation.table import Table
-    from hri_predict.predictors.base import PredictorSettings
+    from hri_predict.contracts.predictor import PredictorSettings
+    from hri_predict.lab.evaluation.table import Table
 
 JointMapOption = Annotated[
     str | None,
@@ -131,7 +131,7 @@ def need_plots() -> None:
     Raises:
         ConfigError: matplotlib is not installed.
     """
-    importlib.import_module("hri_predict.evaluation.figures")
+    importlib.import_module("hri_predict.lab.evaluation.figures")
 
 
 def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path]:

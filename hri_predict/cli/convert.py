@@ -10,6 +10,8 @@ from typing import Annotated, Any
 
 import typer
 
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.cli.common import (
     JointMapOption,
     one_of,
@@ -17,8 +19,7 @@ from hri_predict.cli.common import (
     progress,
     without_effect,
 )
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.bounded import watching
 from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
@@ -27,7 +28,6 @@ from hri_predict.recording.opening import open_recording
 from hri_predict.recording.possible import check_possible
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, from_left_handed
 from hri_predict.recording.unused import unused
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
 _MAX_START_S = 1e9
 

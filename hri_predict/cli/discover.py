@@ -10,9 +10,9 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from hri_predict.discovery.services import LOOPBACK, DiscoverySettings, Service
-from hri_predict.errors import ConfigError
-from hri_predict.settings import validated
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.protocol.discovery.services import LOOPBACK, DiscoverySettings, Service
 
 MAX_SECONDS = 3600.0
 _SHOWN = {"node": ("node", "predictor", "rate", "links", "schema", "version")}
@@ -35,7 +35,7 @@ def discover(
     if not 0 < seconds <= MAX_SECONDS or math.isnan(seconds):
         raise ConfigError(f"--seconds {seconds}: give a number above 0, up to {MAX_SECONDS:g}")
     settings = validated(DiscoverySettings, {"interfaces": interface or LOOPBACK}, "--interface")
-    from hri_predict.discovery import browser  # loads zeroconf
+    from hri_predict.protocol.discovery import browser  # loads zeroconf
 
     services = browser.discover(seconds, settings.interfaces)
     if as_json:

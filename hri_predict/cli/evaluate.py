@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hri_predict.base.errors import ConfigError, UnusableRecordingError
 from hri_predict.cli.common import (
     CalibrationsOption,
     ClusterOption,
@@ -29,17 +30,16 @@ from hri_predict.cli.common import (
     warn,
     without_effect,
 )
-from hri_predict.datasets.splits import USES
-from hri_predict.errors import ConfigError, UnusableRecordingError
+from hri_predict.lab.datasets.splits import USES
 
 if TYPE_CHECKING:  # torch takes seconds to import, which the other commands need not wait for
-    from hri_predict.evaluation.benchmark import Forecaster, Protocol
-    from hri_predict.evaluation.windows import Motion
-    from hri_predict.joint_map import JointMap
-    from hri_predict.peers.zone_basis import ZoneBasis
-    from hri_predict.predictors.base import PredictorSettings
+    from hri_predict.contracts.joint_map import JointMap
+    from hri_predict.contracts.predictor import PredictorSettings
+    from hri_predict.lab.evaluation.benchmark import Forecaster, Protocol
+    from hri_predict.lab.evaluation.windows import Motion
     from hri_predict.predictors.neural.weights import LoadedWeights
     from hri_predict.run.asked import Asked
+    from hri_predict.run.zone_basis import ZoneBasis
 
 
 def evaluate(
@@ -180,9 +180,9 @@ def _benchmark(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    from hri_predict.evaluation import benchmark_report
-    from hri_predict.evaluation.benchmark import Protocol, judge
-    from hri_predict.evaluation.benchmark_result import BenchmarkResult
+    from hri_predict.lab.evaluation import benchmark_report
+    from hri_predict.lab.evaluation.benchmark import Protocol, judge
+    from hri_predict.lab.evaluation.benchmark_result import BenchmarkResult
 
     benchmark, windows, n_out, error = options
     if len(data) != 1:
@@ -254,7 +254,7 @@ def _forecasters(
     protocol: "Protocol", loaded: "Mapping[str, LoadedWeights | None]"
 ) -> "dict[str, Forecaster]":
     """The predictors that were asked for, then the baselines."""
-    from hri_predict.evaluation.benchmark import (
+    from hri_predict.lab.evaluation.benchmark import (
         constant_velocity,
         network_forecaster,
         zero_velocity,
@@ -289,10 +289,10 @@ def _real(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    from hri_predict.datasets.corruption import standard
-    from hri_predict.evaluation import report
-    from hri_predict.evaluation.recordings import baselines, built, judge_by
-    from hri_predict.machine.hiring import workers_for
+    from hri_predict.base.work.hiring import workers_for
+    from hri_predict.lab.datasets.corruption import standard
+    from hri_predict.lab.evaluation import report
+    from hri_predict.lab.evaluation.recordings import baselines, built, judge_by
 
     own = {label: _settings(each.name, each.weights) for label, each in asked.items()}
     predictors = {name: built(settings) for name, settings in own.items()}  # errors before the work
@@ -315,7 +315,7 @@ def _real(
             )
     if out is not None:
         written = report.write_report(results, out, bases)
-        from hri_predict.evaluation.filmstrip import write_filmstrips
+        from hri_predict.lab.evaluation.filmstrip import write_filmstrips
 
         tell([*written, *write_filmstrips(predictors, motions, out, results[0].averaged)])
     if as_json:
@@ -333,8 +333,8 @@ def _bases(
     calibrations: Sequence[Path],
 ) -> "list[ZoneBasis]":
     """What the zones of each predictor rest on; errors are forecasts' alone and do not tell."""
-    from hri_predict.risk.zones.settings import CoverageSettings
     from hri_predict.run.asked import basis_of, demand_use, fitting
+    from hri_predict.zones.settings import CoverageSettings
 
     demand_use(calibrations, settings)
     bases = []
@@ -347,7 +347,7 @@ def _bases(
 
 def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motion]":
     """The motions of all recordings; one that cannot be used is named and left out."""
-    from hri_predict.evaluation.windows import HORIZONS_MS, origins, read_motions
+    from hri_predict.lab.evaluation.windows import HORIZONS_MS, origins, read_motions
 
     found, left_out = [], []
     for path in paths:
@@ -368,7 +368,7 @@ def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motio
 
 
 def _settings(predictor: str, weights: Path | None) -> "PredictorSettings":
-    from hri_predict.evaluation.windows import FUTURE_STEPS, RATE_HZ
+    from hri_predict.lab.evaluation.windows import FUTURE_STEPS, RATE_HZ
 
     return predictor_settings(predictor, weights, RATE_HZ, FUTURE_STEPS / RATE_HZ)
 
@@ -389,6 +389,6 @@ def card(
 
     Example: hri-predict card runs/sinn/sinn.safetensors --real runs/judged/real.json
     """
-    from hri_predict.evaluation.card import publish
+    from hri_predict.lab.evaluation.card import publish
 
     print("written: " + ", ".join(map(str, publish(weights, real, benchmark, out))))

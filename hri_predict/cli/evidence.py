@@ -9,9 +9,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict.errors import ConfigError
-from hri_predict.evidence import chain
-from hri_predict.skeleton import in_words
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import in_words
+from hri_predict.operation.evidence import chain
 
 _SHOWN = 50
 

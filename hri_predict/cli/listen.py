@@ -10,13 +10,13 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError
-from hri_predict.link import AnyLinkClass, LinkSettings
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import set_key, validated
+from hri_predict.contracts import registry
+from hri_predict.contracts.link import AnyLinkClass, LinkSettings
 from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.messages import Advice, BaseMotion, Level, Message, Schema, Status
 from hri_predict.protocol.reception import ERRORS, FORGET_S, ReceiveCounters, SchemaGate
-from hri_predict.settings import set_key, validated
 
 READ_TIMEOUT_S = 0.2
 SILENCE_S = 0.5

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.check.commissioned import (
     commissioning_facts,
     commissioning_lines,
@@ -22,15 +23,14 @@ from hri_predict.cli.common import JointMapOption, map_path
 from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, Viewer, screens
 from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
-from hri_predict.errors import ConfigError
-from hri_predict.monitoring.summary import Summary
+from hri_predict.operation.monitoring.summary import Summary
+from hri_predict.operation.service import logs
+from hri_predict.operation.service.notify import Notifier, has_terminal
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
-from hri_predict.service import logs
-from hri_predict.service.notify import Notifier, has_terminal
 from hri_predict.viewing.feed import Feed
 from hri_predict.viewing.screen import LOOPBACK
 

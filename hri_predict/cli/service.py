@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write, data_path, read_text
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write, data_path, read_text
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hri_predict.base.files import data_path
 from hri_predict.cli.common import JointMapOption, own_map
-from hri_predict.files import data_path
-from hri_predict.training.config import load_training_config
+from hri_predict.lab.training.config import load_training_config
 
 if TYPE_CHECKING:
-    from hri_predict.training.loop import Result
+    from hri_predict.lab.training.loop import Result
 
 
 def train(
@@ -45,11 +45,11 @@ def train(
     """
     settings = load_training_config(_found(config), _changes(changes, data, joint_map, out))
     # torch takes seconds to import; the other commands need not wait for it
-    from hri_predict.training.building import build_network, open_samples
-    from hri_predict.training.loop import train as run_training
-    from hri_predict.training.processes import Processes
-    from hri_predict.training.stopping import told_to_stop
-    from hri_predict.training.view import training_view
+    from hri_predict.lab.training.building import build_network, open_samples
+    from hri_predict.lab.training.loop import train as run_training
+    from hri_predict.lab.training.processes import Processes
+    from hri_predict.lab.training.stopping import told_to_stop
+    from hri_predict.lab.training.view import training_view
 
     with ExitStack() as leaving:
         processes = leaving.enter_context(Processes.join())
@@ -126,7 +126,7 @@ def ablate(
     Example: hri-predict ablate configs/training/trajectorycnn_real.yaml --data ../shared/data
     --out runs/ablation
     """
-    from hri_predict.training import ablation
+    from hri_predict.lab.training import ablation
 
     try:
         text = ablation.ablate(ablation.configuration(_found(config), data, out, changes or ()))

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.errors import RobotError
+from hri_predict.base.errors import RobotError
 from hri_predict.robots.urdf.convert import convert, copied_stopping, decelerated, write
 
 

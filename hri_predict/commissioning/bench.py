@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hri_predict import registry
-from hri_predict.clock import Clock, VirtualClock
-from hri_predict.link import Link, Simulatable, Transport
+from hri_predict.base.clock import Clock, VirtualClock
+from hri_predict.contracts import registry
+from hri_predict.contracts.cell import Cell, ControllerReport
+from hri_predict.contracts.link import Link, Simulatable, Transport
 from hri_predict.node.listeners import Listener
-from hri_predict.peers import Cell, ControllerReport
 from hri_predict.run import assemble
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config

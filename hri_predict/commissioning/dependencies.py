@@ -5,12 +5,12 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from hri_predict.files import data_path
-from hri_predict.joint_map import map_names
-from hri_predict.risk.zones.calibration import shipped_calibration
+from hri_predict.base.files import data_path
+from hri_predict.contracts.joint_map import map_names
 from hri_predict.robots.file import robot_path
 from hri_predict.robots.trajectory import trajectory_path
 from hri_predict.run.config import Config
+from hri_predict.zones.calibration import shipped_calibration
 
 WRITTEN = ("record", "state.path", "evidence.folder")
 """Keys of files that the node writes: what is in them changes all the time."""

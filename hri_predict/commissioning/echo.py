@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict import registry
-from hri_predict.clock import Clock
+from hri_predict.base.clock import Clock
 from hri_predict.commissioning.bench import bench
 from hri_predict.commissioning.report import Echo, LinkEcho, Times
-from hri_predict.link import Transport
+from hri_predict.contracts import registry
+from hri_predict.contracts.link import Transport
 from hri_predict.protocol.messages import Advice, RobotState
 from hri_predict.run.config import Config
 

@@ -7,7 +7,7 @@ it into a stop; what the node forbids stays forbidden.
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
-from hri_predict.link import Link, LinkCounters, Received
+from hri_predict.contracts.link import Link, LinkCounters, Received
 from hri_predict.protocol.messages import Advice, Level, Message, RobotState
 from hri_predict.protocol.reasons import Reason
 
@@ -29,7 +29,7 @@ def lowered(advice: Advice, limit_m_s: float) -> Advice:
 
 
 class GovernedLink:
-    """See ``hri_predict.link.Link``."""
+    """See ``hri_predict.contracts.link.Link``."""
 
     def __init__(self, inner: Link, robots: Collection[int], limit: Limit) -> None:
         """Govern ``inner``, which advises ``robots`` (indices)."""

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import in_polygon
+from hri_predict.base.settings import Region
 from hri_predict.commissioning.report import MAX_CELLS, GridResult
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import in_polygon
-from hri_predict.settings import Region
 
 BASE_M = 0.4
 """Nobody can stand so near to a robot's base."""

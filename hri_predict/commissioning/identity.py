@@ -18,11 +18,11 @@ from typing import Any
 from pydantic import JsonValue
 
 from hri_predict import __version__
+from hri_predict.base.settings import Settings
 from hri_predict.commissioning.dependencies import dependencies, escaped
-from hri_predict.evidence.chain import file_hash
+from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.run.config import Config
-from hri_predict.settings import Settings
 
 MISSING = "missing"
 LIBRARIES = ("numpy", "torch", "onnxruntime", "pydantic")

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import JsonValue
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import atomic_write
 from hri_predict.commissioning.bench import quiet
 from hri_predict.commissioning.grid import Grid
 from hri_predict.commissioning.report import GridResult
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.files import atomic_write
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level
@@ -25,7 +26,6 @@ from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View
 from hri_predict.run.session import run as run_session
-from hri_predict.source import SourceSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

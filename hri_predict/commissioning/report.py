@@ -12,11 +12,11 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 
 from pydantic import Field, JsonValue, ValidationError
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write, read_text
+from hri_predict.base.settings import Settings
 from hri_predict.commissioning.identity import Identity
-from hri_predict.errors import ConfigError
-from hri_predict.evidence.chain import hash_of
-from hri_predict.files import atomic_write, read_text
-from hri_predict.settings import Settings
+from hri_predict.operation.evidence.chain import hash_of
 
 REPORT = "report.json"
 PAGE = "report.html"

@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict import registry
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, RobotError
-from hri_predict.files import data_path
-from hri_predict.link import LinkSettings, Simulatable
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
+from hri_predict.contracts.link import LinkSettings, Simulatable
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.robots.model import RobotModel, StandingMotion
 from hri_predict.robots.trajectory import load_trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.settings import validated
-from hri_predict.source import SourceSettings
 
 PROCEDURAL = "procedural"
 NOISE_M = 0.004

@@ -14,11 +14,11 @@ from typing import cast
 
 import numpy as np
 
-from hri_predict.clock import Clock
+from hri_predict.base.clock import Clock
 from hri_predict.commissioning.bench import Bench, bench
 from hri_predict.commissioning.governed_link import GovernedLink
 from hri_predict.commissioning.report import Curve, Stop, Stopping
-from hri_predict.link import Link, Received
+from hri_predict.contracts.link import Link, Received
 from hri_predict.node.listeners import Listener
 from hri_predict.protocol.messages import RobotState
 from hri_predict.risk.delay_budget import DelayBudget

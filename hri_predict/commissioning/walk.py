@@ -10,11 +10,11 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
+from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.commissioning.bench import quiet
 from hri_predict.commissioning.playback import AdviceRow, Played, grid_of, play, write_rows
 from hri_predict.commissioning.report import RobotAdvice, Walk
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.evidence.chain import file_hash
+from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session

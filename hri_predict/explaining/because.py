@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
+from hri_predict.base.skeleton import CANONICAL, in_words
 from hri_predict.explaining.counters import DAMAGE
 from hri_predict.explaining.episodes import WAITING, robot_of, slows, waits
 from hri_predict.explaining.situation import Situation, situation
@@ -11,7 +12,6 @@ from hri_predict.explaining.times import NS, Asked
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
 from hri_predict.protocol.reasons import RISING, Reason
 from hri_predict.recording import RecordingInfo, Told
-from hri_predict.skeleton import CANONICAL, in_words
 
 STANDS_M_S = 0.01
 _LATCH = re.compile(r"latch( \d+)?: ([^;]*)$")

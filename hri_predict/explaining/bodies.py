@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts.joint_map import JointMap
 from hri_predict.explaining.values import listed, mapped, text, whole
-from hri_predict.joint_map import JointMap
 from hri_predict.recording import Told
 
 LONGEST_GAP_NS = 200_000_000

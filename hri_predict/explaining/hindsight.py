@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.explaining.bodies import Offset, Seen, people_of, place_at
 from hri_predict.explaining.values import listed, whole
 from hri_predict.explaining.window import Window, newest
 from hri_predict.recording import RecordingInfo, Told
-from hri_predict.skeleton import CANONICAL, JOINTS
 
 HORIZONS_S = (0.2, 0.4, 0.8)
 _NEAR_S = 0.021

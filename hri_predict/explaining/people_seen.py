@@ -3,12 +3,12 @@
 import re
 from typing import Any
 
+from hri_predict.base.skeleton import JOINTS, in_words
 from hri_predict.explaining.bodies import Seen, people_of
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, text, whole
 from hri_predict.explaining.window import Window, newest
 from hri_predict.recording import RecordingInfo, Told
-from hri_predict.skeleton import JOINTS, in_words
 
 _SPEED_UNKNOWN = re.compile(r"speed of person (\d+) unknown")
 _FAST = re.compile(r"person (\d+) is fast: ([\w ]+?) ([\d.]+) m/s")

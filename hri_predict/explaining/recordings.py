@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 
 TWICE_NS = 1_000_000_000

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.explaining.counters import LinkNow, Moved, links_at, moved
 from hri_predict.explaining.episodes import SEVERITY, Episode, episodes, level_of, slows, waits
 from hri_predict.explaining.people_seen import people_seen

@@ -2,8 +2,8 @@
 
 import yaml
 
+from hri_predict.base.files import load_yaml
 from hri_predict.explaining.values import listed, mapped, number, text
-from hri_predict.files import load_yaml
 from hri_predict.recording import RecordingInfo
 
 

@@ -4,10 +4,10 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from hri_predict.base.skeleton import in_words
 from hri_predict.explaining.because import STANDS_M_S
 from hri_predict.explaining.explanation import TERMS
 from hri_predict.explaining.values import metres
-from hri_predict.skeleton import in_words
 
 _WAYS = {
     "zones": "by the zones over time",

@@ -4,16 +4,16 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.link import LinkCounters, Received
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.contracts.link import LinkCounters, Received
+from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Acknowledge, Message, RobotState
 from hri_predict.run import assemble
 from hri_predict.run.config import Config, load
-from hri_predict.scene import Scene
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
 
 
 def load_config(path: str | Path) -> Config:
@@ -114,7 +114,7 @@ class Advisor:
 
 
 class _Caller:
-    """A source (see ``hri_predict.source.Source``) whose scenes the caller brings."""
+    """A source (see ``hri_predict.contracts.source.Source``) whose scenes the caller brings."""
 
     declares_noise = False
 
@@ -141,7 +141,7 @@ class _Caller:
 
 
 class _Inbox:
-    """A link (see ``hri_predict.link.Link``) that hears the caller, and sends nowhere."""
+    """A link (see ``hri_predict.contracts.link.Link``) that hears the caller, and sends nowhere."""
 
     name = "caller"
 

@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.settings import Pose
+from hri_predict.contracts.predictor import Forecast, Predictor, checked
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.library.spread import Spread
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast, Predictor, checked
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.recording import Recording
-from hri_predict.risk.zones.calibration import Calibration, calibration_for
-from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.run.assemble import predictor_of
 from hri_predict.run.config import predictor_settings
-from hri_predict.settings import Pose
-from hri_predict.source import SourceSettings
+from hri_predict.zones.calibration import Calibration, calibration_for
+from hri_predict.zones.settings import CoverageSettings
 
 MOST_PEOPLE = 64
 """As many as the people stage can follow: nobody of a recording is left out by a default."""

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.predictor import Forecast, Predictor
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast, Predictor
-from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants
-from hri_predict.risk.zones.calibration import Calibration
-from hri_predict.risk.zones.human_speed import velocities_in
-from hri_predict.risk.zones.learned_scale import Evidence
-from hri_predict.risk.zones.motion_class import trunk_speed
-from hri_predict.risk.zones.radii import Radii
-from hri_predict.risk.zones.settings import CoverageSettings
+from hri_predict.zones.calibration import Calibration
+from hri_predict.zones.human_speed import velocities_in
+from hri_predict.zones.learned_scale import Evidence
+from hri_predict.zones.motion_class import trunk_speed
+from hri_predict.zones.radii import Radii
+from hri_predict.zones.self_check.self_check import SelfCheck, SelfCheckConstants
+from hri_predict.zones.settings import CoverageSettings
 
 _LEVEL = 0.9
 _DEVIATIONS = 2.5003

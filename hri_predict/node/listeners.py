@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from hri_predict.link import Received
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.contracts.scene import Scene
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Advice, Message, Status
 from hri_predict.risk.types import Assessment
-from hri_predict.scene import Scene
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,11 +26,11 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import demand_kind
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import demand_kind
+from hri_predict.base.settings import Abbreviated
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.marker import Mark
-from hri_predict.settings import Abbreviated
 
 log = logging.getLogger(__name__)
 

@@ -10,7 +10,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from hri_predict.link import Link, Received
+from hri_predict.contracts.link import Link, Received
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Remembers
 from hri_predict.node.presses import Presses
@@ -20,7 +22,6 @@ from hri_predict.node.second_sender import SecondSender
 from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.predictors.runner import Prediction
 from hri_predict.protocol.messages import (
     Acknowledge,
@@ -36,7 +37,6 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.types import Assessment
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.scene import Scene
 
 log = logging.getLogger(__name__)
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import starmap
 
-from hri_predict.link import Link
+from hri_predict.contracts.link import Link
+from hri_predict.contracts.predictor import Forecast, Predictor
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast, Predictor
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Advice,
@@ -20,7 +20,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.messages import Status as StatusMessage
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.zones.types import Zones
+from hri_predict.zones.types import Zones
 
 SCHEMA_PERIOD_NS = 1_000_000_000
 

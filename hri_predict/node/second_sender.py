@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 
-from hri_predict.link import Link
+from hri_predict.contracts.link import Link
 
 HOLD_NS = 2_000_000_000
 """How long the node stops the robots after the last such frame: twice as long as a receiver keeps

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.people.body.inferred import Filled, Inference
 from hri_predict.people.snapshot import Inferred, LostPerson, PeopleSnapshot, RecentCaptures
 

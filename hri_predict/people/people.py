@@ -5,8 +5,11 @@ from collections import Counter
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.joint_map import JointMap
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.body.canonical import canonical_body
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
@@ -25,9 +28,6 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.people.track import Body, MotionLimits, Track
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS
-from hri_predict.source import SourceSettings
 
 ELSEWHERE_M = 2.5
 """In a refused scene, a body farther than this from its id's track is another body."""

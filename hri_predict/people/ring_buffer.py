@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Stamps
+from hri_predict.base.arrays import Bools, Floats, Stamps
 
 NEVER = np.iinfo(np.int64).min
 """Stamp of a joint that was never observed."""

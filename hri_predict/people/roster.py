@@ -14,7 +14,7 @@ from collections.abc import Callable, Container, Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Bools
+from hri_predict.base.arrays import Bools
 from hri_predict.people.lost.doors import Doors
 from hri_predict.people.lost.lost_people import Lost, LostPeople, match_places
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer

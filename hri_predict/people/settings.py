@@ -6,8 +6,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.settings import MIN_HUMAN_M_S, Metres, Point, Region, Settings
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.settings import MIN_HUMAN_M_S, Metres, Point, Region, Settings
 
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.protocol.reasons import Reason
 

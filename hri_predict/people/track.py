@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Stamps
-from hri_predict.people.body.build import is_same_build
-from hri_predict.people.lost.passage import Passage
+from hri_predict.base.arrays import Bools, Floats, Stamps
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.people.build import is_same_build
+from hri_predict.people.passage import Passage
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.trail import FOUND_M_S2, SAME_ID_M_S2, Trail
-from hri_predict.skeleton import CANONICAL
 
 _STRETCH_M = 0.75
 """Beyond ``_PARTS_M``: a hand and a foot of one stretched body are a metre apart on the floor."""

@@ -9,7 +9,7 @@ from collections import deque
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
+from hri_predict.base.arrays import Floats, Ints
 
 SPAN_S = 0.15
 """Speed before and after a step is measured over at least this time: five captures at 30 Hz."""

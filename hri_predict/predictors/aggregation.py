@@ -18,7 +18,8 @@ import torch
 from pydantic import Field
 from torch import Tensor, nn
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
 from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
@@ -31,7 +32,6 @@ from hri_predict.predictors.neural.network import (
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.predictors.neural.settings import AggregatedSettings, NeuralSettings
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
-from hri_predict.settings import validated
 
 
 def forget(window: Window, predicted: Tensor) -> Window:

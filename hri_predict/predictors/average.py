@@ -13,12 +13,12 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field, field_validator
 
-from hri_predict import registry
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import Forecast, Predictor, PredictorSettings, checked
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL, Skeleton
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL, Skeleton
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Forecast, Predictor, PredictorSettings, checked
 
 
 class AverageSettings(PredictorSettings):

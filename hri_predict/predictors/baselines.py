@@ -9,8 +9,9 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.predictors.base import Forecast, PredictorSettings
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import CANONICAL, Skeleton, neighbours
+from hri_predict.contracts.predictor import Forecast, PredictorSettings
 from hri_predict.predictors.masked import (
     Indices,
     at_step,
@@ -20,7 +21,6 @@ from hri_predict.predictors.masked import (
     steps,
     steps_to_cover,
 )
-from hri_predict.skeleton import CANONICAL, Skeleton, neighbours
 
 
 class ZeroVelocitySettings(PredictorSettings):

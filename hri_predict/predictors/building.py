@@ -1,8 +1,8 @@
 """Builds a predictor from validated settings, in the node's process or in its own."""
 
-from hri_predict import registry
-from hri_predict.errors import PredictorError
-from hri_predict.predictors.base import Predictor, PredictorSettings, refuse_unsound
+from hri_predict.base.errors import PredictorError
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Predictor, PredictorSettings, refuse_unsound
 
 
 def predictor_of(settings: PredictorSettings) -> Predictor:

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.predictors.base import Forecast, PredictorSettings
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import CANONICAL, Skeleton, neighbours
+from hri_predict.contracts.predictor import Forecast, PredictorSettings
 from hri_predict.predictors.masked import at_step, ever, nearest_seen, steps, steps_to_cover
-from hri_predict.skeleton import CANONICAL, Skeleton, neighbours
 
 # An unknown joint may be anywhere in the room.
 UNKNOWN_STD_M = 100.0

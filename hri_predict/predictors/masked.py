@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
 
 Indices = NDArray[np.intp]
 

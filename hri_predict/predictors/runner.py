@@ -7,9 +7,9 @@ from typing import Protocol
 
 import numpy as np
 
-from hri_predict.errors import PredictorError
+from hri_predict.base.errors import PredictorError
+from hri_predict.contracts.predictor import Forecast, Predictor, checked
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast, Predictor, checked
 from hri_predict.protocol.reasons import Reason
 
 log = logging.getLogger(__name__)

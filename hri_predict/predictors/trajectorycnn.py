@@ -30,9 +30,9 @@ from pydantic import Field
 from torch import Tensor, nn
 from torch.nn import functional
 
+from hri_predict.base.skeleton import Skeleton
 from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
 from hri_predict.predictors.neural.predictor import NeuralPredictor
-from hri_predict.skeleton import Skeleton
 
 PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")
 """Sec. III-C; joints of one part are adjacent rows."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.protocol import e2e
 from hri_predict.protocol.codec import (
     Malformed,

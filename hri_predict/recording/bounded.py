@@ -7,7 +7,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeVar
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 
 MAX_BYTES = 2**30  # of a file, and of the joint positions read from it
 T = TypeVar("T")

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.files import atomic_file
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import atomic_file
 from hri_predict.recording.formats.amass import write_amass
 from hri_predict.recording.formats.bvh_writer import write_bvh
 from hri_predict.recording.formats.c3d import write_c3d

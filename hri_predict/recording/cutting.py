@@ -5,9 +5,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.scene import Scene
 from hri_predict.recording.recording import Recording
-from hri_predict.scene import Scene
 
 
 def between(recording: Recording, start_s: float, end_s: float | None) -> Recording:

@@ -10,8 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording.bounded import check_joints
 from hri_predict.recording.cutting import of_person, people_of, true_times
 from hri_predict.recording.recording import Recording

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
 
 MAX_ID = 65535
 MAX_MARKERS = 1_000_000  # people times joints

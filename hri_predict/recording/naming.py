@@ -14,13 +14,13 @@ from functools import cache
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError, nearest
-from hri_predict.joint_map import JointMap, load_joint_map, map_names
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import JointMap, load_joint_map, map_names
 from hri_predict.recording.recording import Recording, noted
 from hri_predict.recording.rig import lacking, map_of_rig, plain, rig_weights, sided
 from hri_predict.recording.shared_affix import without_shared
-from hri_predict.skeleton import JOINTS
 
 UNKNOWN = "unknown"
 _WORDS = ("left", "right")

@@ -5,8 +5,8 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from hri_predict.errors import ConfigError, RecordingError, UnusableRecordingError
-from hri_predict.joint_map import JointMap
+from hri_predict.base.errors import ConfigError, RecordingError, UnusableRecordingError
+from hri_predict.contracts.joint_map import JointMap
 from hri_predict.recording.formats.amass import is_amass, read_amass
 from hri_predict.recording.formats.bvh import read_bvh
 from hri_predict.recording.formats.c3d import read_c3d

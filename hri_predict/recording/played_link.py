@@ -3,14 +3,14 @@
 from collections import deque
 from collections.abc import Callable
 
-from hri_predict.clock import Clock
-from hri_predict.link import LinkCounters, Received
+from hri_predict.base.clock import Clock
+from hri_predict.contracts.link import LinkCounters, Received
+from hri_predict.contracts.source import Source
 from hri_predict.protocol.messages import Message
-from hri_predict.source import Source
 
 
 class PlayedLink:
-    """See ``hri_predict.link.Link``; for replays without links (``--no-links``)."""
+    """See ``hri_predict.contracts.link.Link``; for replays without links (``--no-links``)."""
 
     def __init__(self, name: str, source: Source, clock: Clock) -> None:
         self.name = name

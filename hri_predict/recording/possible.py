@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.settings import MAX_COORDINATE_M
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.people.body.axes import standing_axes
 from hri_predict.people.body.posture import posture_of
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, converted_by
-from hri_predict.settings import MAX_COORDINATE_M
 
 MOST_SCENES = 1000
 """Number of scenes, evenly over a recording, that are judged."""

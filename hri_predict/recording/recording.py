@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import RecordingError
-from hri_predict.geometry import transform
-from hri_predict.joint_map import JointMap
-from hri_predict.link import Received
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ, Pose
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ, Pose
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Person, Scene
 
 # Heading at a recording's start: the first direction of travel, if it is long enough.
 HEADING_WINDOW_S = 1.0

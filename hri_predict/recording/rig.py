@@ -13,12 +13,12 @@ from functools import cache
 import numpy as np
 from pydantic import model_validator
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
-from hri_predict.files import data_path, read_yaml
-from hri_predict.joint_map import JointMap, SourceFrame
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path, read_yaml
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.joint_map import JointMap, SourceFrame
 
 _SIDES = (("left", "l"), ("right", "r"), ("l", "l"), ("r", "r"))
 _END = "end"

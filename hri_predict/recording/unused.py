@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.joint_map import JointMap, load_joint_map, map_names
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import JointMap, load_joint_map, map_names
 
 log = logging.getLogger(__name__)
 

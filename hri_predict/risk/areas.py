@@ -6,13 +6,13 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules, in_polygon, segment_distance
-from hri_predict.quantities.safe_side import LessSafe, Safety
-from hri_predict.risk.separation.permitted import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules, in_polygon, segment_distance
+from hri_predict.base.quantities.safe_side import LessSafe, Safety
+from hri_predict.base.settings import MIN_SPEED_M_S, Name, Region
+from hri_predict.risk.permitted import NEAR_M, REACH_SPEED_M_S, WALK_SPEED_M_S
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.settings import MIN_SPEED_M_S, Name, Region
+from hri_predict.zones.body_zones import BodyZones
 
 FLOOR_M = 0.05
 """Nobody is below this height; a view that begins here begins at the floor."""

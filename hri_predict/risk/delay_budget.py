@@ -11,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from hri_predict.errors import ConfigError
-from hri_predict.link import LinkSettings
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.link import LinkSettings
 
 ENCODING_FRACTION = 0.5
 """Part of a cycle from the tick to encoding, at worst: a later prediction is replaced."""

@@ -9,9 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts.predictor import Forecast, problem_in
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast, problem_in
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, floor_distance
 from hri_predict.risk.contact.judges import contact_judges
@@ -22,19 +24,17 @@ from hri_predict.risk.levels.modes import REASONS, admitted
 from hri_predict.risk.levels.near_miss import near_misses
 from hri_predict.risk.made_up import made_up_ticks
 from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 from hri_predict.risk.separation.stage import Findings, Separation
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
-from hri_predict.risk.zones.body_zones import BodyZones, ZoneBuilder
-from hri_predict.risk.zones.calibration import Calibration
-from hri_predict.risk.zones.human_speed import Velocities, velocities_in
-from hri_predict.risk.zones.radii import Radii
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.obedience import Obedience
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.settings import Region
-from hri_predict.skeleton import Skeleton
+from hri_predict.zones.body_zones import BodyZones, ZoneBuilder
+from hri_predict.zones.calibration import Calibration
+from hri_predict.zones.human_speed import Velocities, velocities_in
+from hri_predict.zones.radii import Radii
+from hri_predict.zones.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 
 log = logging.getLogger(__name__)
 

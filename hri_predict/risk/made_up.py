@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 
 TICKS = 4
 """In so many ticks, forecasts come true and are judged."""

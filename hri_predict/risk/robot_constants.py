@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.risk.separation.terms import ProtectiveDistance, protective_distance
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import ProtectiveDistance, protective_distance
 from hri_predict.robots.model import RobotModel, RobotSettings, StateMotion
 from hri_predict.robots.plan import Plan
 from hri_predict.robots.stopping import StoppingCurve

@@ -4,10 +4,10 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
-from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.risk.contact.fixtures import Fixture
-from hri_predict.risk.zones.settings import CoverageSettings, HumanLimits
-from hri_predict.settings import MIN_SPEED_M_S, Settings
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.settings import MIN_SPEED_M_S, Settings
+from hri_predict.risk.fixtures import Fixture
+from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 """What a latch may be set for, see ``RiskSettings.latch``."""

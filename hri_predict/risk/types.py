@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hri_predict.geometry import Capsules
+from hri_predict.base.geometry import Capsules
 from hri_predict.protocol.messages import Advice
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.separation.terms import ProtectiveDistance, protective_distance
-from hri_predict.risk.zones.types import Zones
+from hri_predict.risk.terms import ProtectiveDistance, protective_distance
+from hri_predict.zones.types import Zones
 
 
 @dataclass(frozen=True, slots=True)

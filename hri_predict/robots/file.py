@@ -11,11 +11,10 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from hri_predict.errors import ConfigError, RobotError, nearest
-from hri_predict.files import read_yaml, shipped_path
-from hri_predict.quantities.units import meant
-from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
-from hri_predict.settings import (
+from hri_predict.base.errors import ConfigError, RobotError, nearest
+from hri_predict.base.files import read_yaml, shipped_path
+from hri_predict.base.quantities.units import meant
+from hri_predict.base.settings import (
     MAX_PAYLOAD_KG,
     MIN_SPEED_M_S,
     Name,
@@ -24,6 +23,7 @@ from hri_predict.settings import (
     Vector3,
     validated,
 )
+from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
 
 MAX_JOINTS = 9
 """The most that RobotState carries."""

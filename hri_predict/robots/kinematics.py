@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import cross
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import cross
 
 
 @dataclass(frozen=True, slots=True, eq=False)

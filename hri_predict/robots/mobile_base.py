@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import MAX_COORDINATE_M
 from hri_predict.robots.kinematics import Joint
 from hri_predict.robots.settings import MobileBaseSettings
 from hri_predict.robots.stopping import StoppingTable
-from hri_predict.settings import MAX_COORDINATE_M
 
 COORDINATES = ("base x", "base y", "base yaw")
 """The three joints: m, m, rad."""

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.errors import RobotError
-from hri_predict.geometry import Capsules
-from hri_predict.machine.compiled import plain
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.errors import RobotError
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.machine.compiled import plain
 from hri_predict.robots.body.ahead import Tables, straight
 from hri_predict.robots.body.shape import Shape
 from hri_predict.robots.body.sweep import Pieces

@@ -4,8 +4,8 @@ from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.settings import MIN_SPEED_M_S, Settings
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.settings import MIN_SPEED_M_S, Settings
 
 
 class TeachMode(Settings):

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.geometry import Capsules
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.plan import OnPlan, Plan
 from hri_predict.robots.stopping import StoppingCurve

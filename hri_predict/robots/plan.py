@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
-from hri_predict.machine.compiled import plain
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.machine.compiled import plain
 from hri_predict.robots.body import ahead
 from hri_predict.robots.body.ahead import stretches
 from hri_predict.robots.model import RobotModel

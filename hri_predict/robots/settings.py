@@ -4,11 +4,11 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.quantities.units import meant
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.quantities.units import meant
+from hri_predict.base.settings import MAX_PAYLOAD_KG, MIN_SPEED_M_S, Name, Pose, Settings
 from hri_predict.robots.file import MAX_PART_M, CapsuleFile, StoppingFile
 from hri_predict.robots.modes import ModeSettings
-from hri_predict.settings import MAX_PAYLOAD_KG, MIN_SPEED_M_S, Name, Pose, Settings
 
 MAX_TOOL = 254
 """The highest number that RobotState carries."""

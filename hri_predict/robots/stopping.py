@@ -6,8 +6,8 @@ from typing import Self
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
-from hri_predict.machine.compiled import plain
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.machine.compiled import plain
 from hri_predict.robots.file import StoppingFile
 
 STANDING_M_S = 0.001

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RobotError
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RobotError
+from hri_predict.base.geometry import Capsules
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.asked import NOTHING_ASKED, Asked, AskedByLinks
@@ -20,10 +20,10 @@ from hri_predict.robots.model import (
     TrajectoryMotion,
 )
 from hri_predict.robots.plan import OnPlan, Plan
-from hri_predict.robots.plausibility import HELD_S, StateCheck
 from hri_predict.robots.states.agreement import Place, apart_m, permitted_m
 from hri_predict.robots.states.frozen import FrozenCheck
 from hri_predict.robots.states.line import Line, Received
+from hri_predict.robots.states.plausibility import HELD_S, StateCheck
 from hri_predict.robots.states.reader import StateReader
 from hri_predict.robots.trajectory import load_trajectory, standing_at
 

@@ -13,14 +13,14 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, RobotError
-from hri_predict.files import read_yaml, shipped_path
-from hri_predict.machine.compiled import plain
-from hri_predict.quantities.units import meant
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.files import read_yaml, shipped_path
+from hri_predict.base.machine.compiled import plain
+from hri_predict.base.quantities.units import meant
+from hri_predict.base.settings import MAX_ANGLE_RAD, MAX_ROOM_M, Settings, validated
 from hri_predict.robots.body.ahead import Moves, at_phases
 from hri_predict.robots.model import RobotModel, StandingMotion
-from hri_predict.settings import MAX_ANGLE_RAD, MAX_ROOM_M, Settings, validated
 
 _FARTHEST = (MAX_ROOM_M, MAX_ROOM_M, 2 * MAX_ANGLE_RAD)  # a base may turn round and back
 OTHER_UNIT = 2.0

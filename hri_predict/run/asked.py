@@ -8,18 +8,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError
-from hri_predict.peers.zone_basis import ZoneBasis
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording.recording import names_of
-from hri_predict.risk.zones.calibration import (
+from hri_predict.run.zone_basis import ZoneBasis
+from hri_predict.zones.calibration import (
     calibration_for,
     load_calibration,
     mismatch,
     shipped_calibration,
 )
-from hri_predict.risk.zones.settings import CoverageSettings
+from hri_predict.zones.settings import CoverageSettings
 
 
 @dataclass(frozen=True, kw_only=True)

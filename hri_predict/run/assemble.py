@@ -4,15 +4,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hri_predict import registry
-from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError, ConfigMistakes, RobotError
-from hri_predict.link import Link, LinkLoad, LinkSettings, Simulatable, Transport, check_load
-from hri_predict.machine.realtime import can_have_process
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError, ConfigMistakes, RobotError
+from hri_predict.base.machine.realtime import can_have_process
+from hri_predict.base.settings import Region
+from hri_predict.contracts import registry
+from hri_predict.contracts.link import (
+    Link,
+    LinkLoad,
+    LinkSettings,
+    Simulatable,
+    Transport,
+    check_load,
+)
+from hri_predict.contracts.predictor import Predictor, PredictorSettings
+from hri_predict.contracts.source import Source
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
 from hri_predict.people.people import People
-from hri_predict.predictors.base import Predictor, PredictorSettings
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
@@ -22,14 +31,12 @@ from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.levels.latches import random_latch_id
-from hri_predict.risk.zones.calibration import Calibration, calibration_for
-from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.run.config import Config
-from hri_predict.run.review.places import check_places
-from hri_predict.settings import Region
-from hri_predict.source import Source
+from hri_predict.run.places import check_places
+from hri_predict.zones.calibration import Calibration, calibration_for
+from hri_predict.zones.settings import CoverageSettings
 
 LATE_FRACTION = 0.5  # of a cycle: a prediction that takes longer is late
 

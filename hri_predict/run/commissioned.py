@@ -2,7 +2,7 @@
 
 from pydantic import Field
 
-from hri_predict.settings import Abbreviated
+from hri_predict.base.settings import Abbreviated
 
 
 class CommissioningSettings(Abbreviated):

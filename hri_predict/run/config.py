@@ -10,26 +10,26 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from hri_predict import registry
-from hri_predict.discovery.services import DiscoverySettings
-from hri_predict.errors import ConfigError, HriPredictError, nearest
-from hri_predict.evidence.settings import EvidenceSettings
-from hri_predict.files import data_path, line_of, read_text, read_yaml
-from hri_predict.link import ChecksTogether, LinkSettings
-from hri_predict.machine.realtime import RealtimeSettings
-from hri_predict.monitoring.alerts import AlertSettings
+from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.base.files import data_path, line_of, read_text, read_yaml
+from hri_predict.base.machine.realtime import RealtimeSettings
+from hri_predict.base.settings import Settings, name_problem, validated
+from hri_predict.contracts import registry
+from hri_predict.contracts.link import ChecksTogether, LinkSettings
+from hri_predict.contracts.predictor import PredictorSettings
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.node.memory import StateSettings
+from hri_predict.operation.evidence.settings import EvidenceSettings
+from hri_predict.operation.monitoring.alerts import AlertSettings
+from hri_predict.operation.service.settings import LogSettings, MetricsSettings
 from hri_predict.people.settings import PeopleSettings
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.protocol.discovery.services import DiscoverySettings
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.run.mistakes import Mistakes, place
-from hri_predict.service.settings import LogSettings, MetricsSettings
-from hri_predict.settings import Settings, name_problem, validated
-from hri_predict.source import SourceSettings
 
 MAX_TICKS_HZ = 100.0
 MAX_ROBOTS = 8

@@ -5,10 +5,10 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError, ConfigMistakes
-from hri_predict.files import line_of
-from hri_predict.settings import Mistake, Settings, mistakes
+from hri_predict.base.errors import ConfigError, ConfigMistakes
+from hri_predict.base.files import line_of
+from hri_predict.base.settings import Mistake, Settings, mistakes
+from hri_predict.contracts import registry
 
 Keys = tuple[str | int, ...]
 MAX_SHOWN = 50

@@ -4,8 +4,9 @@ import logging
 import os
 from pathlib import Path
 
-from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.source import Source
 from hri_predict.recording import RecordingInfo
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.recording.folder.settings import RecordSettings
@@ -14,7 +15,6 @@ from hri_predict.recording.mcap.places import OneFile, Place, beside
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
-from hri_predict.source import Source
 
 log = logging.getLogger(__name__)
 

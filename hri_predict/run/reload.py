@@ -10,9 +10,9 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from hri_predict.errors import HriPredictError
+from hri_predict.base.errors import HriPredictError
+from hri_predict.operation.service.notify import Notifier
 from hri_predict.run.config import Config, NodeSettings
-from hri_predict.service.notify import Notifier
 
 log = logging.getLogger(__name__)
 

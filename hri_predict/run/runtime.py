@@ -15,17 +15,17 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import MachineError
-from hri_predict.machine.asleep import Asleep
-from hri_predict.machine.realtime import steady
-from hri_predict.monitoring.pace import Pace
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import MachineError
+from hri_predict.base.machine.asleep import Asleep
+from hri_predict.base.machine.realtime import steady
+from hri_predict.contracts.source import NOT_KNOWN_NS, live_part, wait_for
+from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.starting import Starting, ended_by_signals
 from hri_predict.run.ticks import Ticks, ticks_of
-from hri_predict.source import NOT_KNOWN_NS, live_part, wait_for
 
 log = logging.getLogger(__name__)
 

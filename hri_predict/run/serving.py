@@ -3,20 +3,20 @@
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
 
-from hri_predict.monitoring.alerts import Alerts
-from hri_predict.monitoring.pace import Pace
 from hri_predict.node.listeners import Listener
+from hri_predict.operation.monitoring.alerts import Alerts
+from hri_predict.operation.monitoring.pace import Pace
+from hri_predict.operation.service import logs
+from hri_predict.operation.service.figures import Figures
+from hri_predict.operation.service.notify import Notifier
+from hri_predict.operation.service.server import MetricsServer
+from hri_predict.operation.service.settings import MetricsSettings
+from hri_predict.operation.service.watched import Watched
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.recording.mcap.places import Place
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config, NodeSettings
 from hri_predict.run.reload import Reload
-from hri_predict.service import logs
-from hri_predict.service.figures import Figures
-from hri_predict.service.notify import Notifier
-from hri_predict.service.server import MetricsServer
-from hri_predict.service.settings import MetricsSettings
-from hri_predict.service.watched import Watched
 
 RECORD_LIMITS = ("max_minutes", "max_mb", "keep_days", "budget_gb", "min_free_gb")
 """Keys of ``record`` that a folder of recordings takes while it is in use."""

@@ -9,19 +9,21 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hri_predict import registry
-from hri_predict.clock import Clock, MonotonicClock, VirtualClock
-from hri_predict.discovery.announcer import Announcer, node_properties
-from hri_predict.errors import ConfigError
-from hri_predict.evidence.keeper import Evidence
-from hri_predict.monitoring.alerts import Alerts
-from hri_predict.monitoring.pace import Pace
-from hri_predict.monitoring.source_report import source_report
-from hri_predict.monitoring.summary import LevelCounter, Summary, summarise
+from hri_predict.base.clock import Clock, MonotonicClock, VirtualClock
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
+from hri_predict.contracts.cell import Cell, ControllerReport
+from hri_predict.contracts.source import live_part
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory
-from hri_predict.peers import Cell, ControllerReport
+from hri_predict.operation.evidence.keeper import Evidence
+from hri_predict.operation.monitoring.alerts import Alerts
+from hri_predict.operation.monitoring.pace import Pace
+from hri_predict.operation.monitoring.source_report import source_report
+from hri_predict.operation.monitoring.summary import LevelCounter, Summary, summarise
+from hri_predict.operation.service.notify import Notifier
 from hri_predict.predictors.runner import Prediction
+from hri_predict.protocol.discovery.announcer import Announcer, node_properties
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Clocks
@@ -34,8 +36,6 @@ from hri_predict.run.recording import clocks_of, info_of, place_of, record_setti
 from hri_predict.run.runtime import run_real_time, run_virtual, stop_on_signals
 from hri_predict.run.serving import Serving
 from hri_predict.run.starting import SlowStart, ended_by_signals, memory_of
-from hri_predict.service.notify import Notifier
-from hri_predict.source import live_part
 
 VIRTUAL_START_NS = 1_000_000_000
 

@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 
-from hri_predict.errors import LinkError
-from hri_predict.link import Link
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import Link
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Memory, StateSettings
 from hri_predict.node.node import Node

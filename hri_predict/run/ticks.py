@@ -7,7 +7,7 @@ import threading
 from dataclasses import dataclass
 from typing import Protocol
 
-from hri_predict.clock import Clock
+from hri_predict.base.clock import Clock
 from hri_predict.run.config import NodeSettings
 
 LEAVE_NS = 1_000_000

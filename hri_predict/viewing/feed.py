@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Any
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.run.assemble import Assembly

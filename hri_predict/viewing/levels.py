@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from hri_predict.markup import LEVEL_COLOURS
+from hri_predict.base.markup import LEVEL_COLOURS
 
 Rgb = tuple[int, int, int]
 

@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules, nearest_points
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules, nearest_points
+from hri_predict.base.skeleton import CANONICAL, in_words
 from hri_predict.node.listeners import Tick
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level, NodeState
@@ -15,7 +16,6 @@ from hri_predict.risk.types import Grounds
 from hri_predict.risk.wording import BY_PEOPLE, apart_text, clears_beside, reason_beside, troubles
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
-from hri_predict.skeleton import CANONICAL, in_words
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
 from hri_predict.viewing.room import SEES_NOTHING, room_of
 

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import PARENTS
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.view import PAIR
-from hri_predict.skeleton import PARENTS
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.packing import (
     bodies_of,

@@ -6,11 +6,11 @@ from typing import Any
 import yaml
 from pydantic import TypeAdapter
 
-from hri_predict.files import load_yaml
+from hri_predict.base.files import load_yaml
+from hri_predict.base.settings import Region, Vector3
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run.config import Config
-from hri_predict.settings import Region, Vector3
 
 SEES_NOTHING = frozenset(
     {

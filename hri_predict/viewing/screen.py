@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 
 log = logging.getLogger(__name__)
 

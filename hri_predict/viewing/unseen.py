@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import in_polygon
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import in_polygon
+from hri_predict.base.settings import Region
 from hri_predict.people.lost.free_space import CELL_M, FREE_SPACE_M, FreeSpace
-from hri_predict.settings import Region
 
 
 class UnseenFloor:

@@ -12,12 +12,12 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.source import Source
 from hri_predict.robots.model import RobotModel
-from hri_predict.scene import Scene
-from hri_predict.skeleton import CANONICAL
-from hri_predict.source import Source
 
 MOVING_M_S = 0.010  # faster than this, a touch is a contact
 RELEASE_M = 0.02  # a touch is over when the surfaces are this far apart

@@ -18,18 +18,18 @@ import numpy as np
 import yaml
 from pydantic import Field
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.files import YAML_ENDINGS
-from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.link import Received
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
 from hri_predict.recording.possible import check_size
 from hri_predict.recording.recording import SELF_EXPLAINED
-from hri_predict.scene import Scene
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose, Vector3
-from hri_predict.source import SourceSettings
 
 log = logging.getLogger(__name__)
 
@@ -80,7 +80,7 @@ class RecordingSettings(SourceSettings):
 
 
 class RecordingSource:
-    """See ``hri_predict.source.Source``.
+    """See ``hri_predict.contracts.source.Source``.
 
     Attributes:
         recording: as read and placed; ``recording.note`` states if the file was cut.

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 J = {name: index for index, name in enumerate(JOINTS)}

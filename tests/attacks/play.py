@@ -14,14 +14,14 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.run import assemble, session
 from hri_predict.run import config as configuration
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS
 from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Referee
 
@@ -111,7 +111,7 @@ class Outcome:
 
 
 class Staged:
-    """A source of an attack's scenes; see ``hri_predict.source.Source``."""
+    """A source of an attack's scenes; see ``hri_predict.contracts.source.Source``."""
 
     def __init__(self, attack: Attack) -> None:
         self.joint_map = load_joint_map("canonical")

@@ -20,15 +20,15 @@ from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
 from hri_drivers.sources.sent import SentScene
-from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.monitoring.fleet import Fleet
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.contracts.source import SourceCounters
+from hri_predict.operation.monitoring.fleet import Fleet
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.keyed import Keyed, key_of
 from hri_predict.protocol.profile4 import Profile4Receiver
 from hri_predict.protocol.serial import SerialReceiver
-from hri_predict.source import SourceCounters
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from hri_drivers.sources.live import LiveSource
-from hri_predict import registry
-from hri_predict.scene import Scene
-from hri_predict.settings import validated
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
+from hri_predict.contracts.scene import Scene
 
 PATIENCE_S = 20.0
 POSE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}

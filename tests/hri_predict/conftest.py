@@ -2,15 +2,15 @@ from functools import cache
 
 import pytest
 
-from hri_predict.clock import VirtualClock
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.settings import Pose
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.run import assemble
-from hri_predict.scene import Scene
-from hri_predict.settings import Pose
-from hri_predict.source import SourceSettings
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.controllers.cell import MockCell
 

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.people.snapshot import LostPerson
 
 

@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from hri_predict.calibration import scale_fit
+from hri_predict.lab.calibration import scale_fit
 
 
 @contextmanager

@@ -17,11 +17,18 @@ from hri_drivers.sources.scene_stream.serial_source import (
     SerialSkeletonSource,
 )
 from hri_drivers.sources.scene_stream.udp_source import UdpSettings, UdpSource
-from hri_predict import peers, registry
-from hri_predict.link import AnyLinkClass, ChecksTogether, LinkClass, ObservesFleet, Simulatable
-from hri_predict.peers import benches
+from hri_predict.contracts import benches, registry
+from hri_predict.contracts import cell as peers
+from hri_predict.contracts.link import (
+    AnyLinkClass,
+    ChecksTogether,
+    LinkClass,
+    ObservesFleet,
+    Simulatable,
+)
+from hri_predict.contracts.predictor import AnyPredictorClass, PredictorClass
+from hri_predict.contracts.source import AnySourceClass, SourceClass
 from hri_predict.predictors.aggregation import AggregatedPredictor
-from hri_predict.predictors.base import AnyPredictorClass, PredictorClass
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
     ConstantVelocitySettings,
@@ -33,7 +40,6 @@ from hri_predict.predictors.kdformer.model import KDFormerPredictor
 from hri_predict.predictors.neural.network import Trained, network_class_of
 from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.protocol.can import CanFrame
-from hri_predict.source import AnySourceClass, SourceClass
 from hri_sim import simulation
 from hri_sim.bench import links, trackers
 from hri_sim.controllers.cell import MockCell

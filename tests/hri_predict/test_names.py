@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import MAX_NAME, MAX_NAME_BYTES, name_problem
 from hri_predict.run import config
-from hri_predict.settings import MAX_NAME, MAX_NAME_BYTES, name_problem
 
 GOOD = ["arm", "Zelle 3 (neu)", "Roboter Süd", "机器人-1", "r.2_b", "हाथ", "a" * 64, "7"]
 BAD = [

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as drawn
 
-from hri_predict.geometry import Capsules, nearest_points, segment_distance
+from hri_predict.base.geometry import Capsules, nearest_points, segment_distance
 
 POINTS = drawn.arrays(np.float64, (4, 3), elements=st.floats(-5, 5).map(lambda x: round(x, 3)))
 

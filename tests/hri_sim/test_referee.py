@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules
-from hri_predict.joint_map import load_joint_map
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.referee import KnownPeople, KnowsTruth, Referee, TruePeople
 

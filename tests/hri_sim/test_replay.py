@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import yaml
 
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import load_joint_map
-from hri_predict.link import Received
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
 from hri_predict.recording.converting import write_recording
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import validated
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.replay import RecordingSettings, RecordingSource

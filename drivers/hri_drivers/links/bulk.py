@@ -5,7 +5,7 @@ from typing import Generic, TypeVar
 
 from hri_drivers.links.codec import Codec
 from hri_drivers.links.slots import Budget, Slots
-from hri_predict.link import LinkCounters
+from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.messages import Message, at_encoding
 
 U = TypeVar("U")

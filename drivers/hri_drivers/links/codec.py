@@ -2,7 +2,7 @@
 
 from typing import Protocol, TypeVar
 
-from hri_predict.link import LinkCounters
+from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.messages import Message, Pose, RobotState, Zone
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters

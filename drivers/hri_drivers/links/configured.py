@@ -11,11 +11,11 @@ from hri_drivers.links.codec import Codec
 from hri_drivers.links.slots import Budget
 from hri_drivers.links.supervised import SupervisedLink
 from hri_drivers.wires.transport import Transport
-from hri_predict.clock import Clock
-from hri_predict.errors import LinkError
-from hri_predict.link import LinkLoad, LinkSettings
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import LinkError
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.contracts.link import LinkLoad, LinkSettings
 from hri_predict.protocol.wire import StateShape
-from hri_predict.quantities.safe_side import Safety, harmless
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +41,7 @@ S = TypeVar("S", bound=ConfiguredLinkSettings)
 
 
 class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
-    """``hri_predict.link.Link`` from its settings; a kind of link brings wire, codec and load.
+    """``contracts.link.Link`` from its settings; a kind of link brings wire, codec and load.
 
     Args:
         settings: the link's.

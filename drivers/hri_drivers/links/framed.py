@@ -14,8 +14,8 @@ from hri_drivers.links.load import link_load
 from hri_drivers.links.slots import BULK
 from hri_drivers.links.supervised import BULK_AHEAD_NS
 from hri_drivers.wires.transport import Transport
-from hri_predict.errors import LinkError
-from hri_predict.link import LinkCounters, LinkLoad
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import LinkCounters, LinkLoad
 from hri_predict.protocol.messages import Message
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
@@ -111,7 +111,7 @@ class SerialCodec:
 
 
 class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
-    """``hri_predict.link.Link`` over a wire of bytes; arguments as for ``ConfiguredLink``.
+    """``contracts.link.Link`` over a wire of bytes; arguments as for ``ConfiguredLink``.
 
     A derived class sets ``settings_model`` and has ``make_transport``.
     """

@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 
-from hri_predict.link import Received
+from hri_predict.contracts.link import Received
 from hri_predict.protocol.messages import RobotState
 
 CAPACITY = 256

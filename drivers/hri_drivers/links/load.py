@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from hri_predict.errors import LinkError
-from hri_predict.link import MIN_STATUS_HZ, LinkLoad
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import MIN_STATUS_HZ, LinkLoad
 from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
 from hri_predict.protocol.robot_state import BASE_ROBOTS
 from hri_predict.protocol.wire import SIX_JOINTS, LinkKind, StateShape, wire_bits

@@ -19,9 +19,9 @@ from hri_drivers.links.inbox import Inbox
 from hri_drivers.links.slots import BULK, Budget, Slots
 from hri_drivers.wires.backoff import BackOff
 from hri_drivers.wires.transport import READ_TIMEOUT_S, Transport, TransportBusy
-from hri_predict.clock import Clock
-from hri_predict.errors import LinkError
-from hri_predict.link import LinkCounters, LinkSettings, Received
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import LinkCounters, LinkSettings, Received
 from hri_predict.protocol.messages import Acknowledge, Advice, Message, RobotState, at_encoding
 from hri_predict.protocol.own_frames import OwnFrames
 
@@ -47,7 +47,7 @@ SECOND_SENDER = (
 
 
 class SupervisedLink(Generic[U]):
-    """A ``Link`` over any ``Transport``; see ``hri_predict.link.Link``.
+    """A ``Link`` over any ``Transport``; see ``hri_predict.contracts.link.Link``.
 
     Attributes:
         name, counters, connected, foreign_ns: see the contract.

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 
 from hri_drivers.sources.sent import SentScene
-from hri_predict.source import NOT_KNOWN_NS
+from hri_predict.contracts.source import NOT_KNOWN_NS
 
 CAPACITY = 16
 """Scenes that the queue holds, and that the node may take at once after a pause."""

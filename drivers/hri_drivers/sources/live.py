@@ -22,15 +22,15 @@ from hri_drivers.sources.pace import SenderPace
 from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.backoff import BackOff
 from hri_drivers.wires.transport import READ_TIMEOUT_S
-from hri_predict.arrays import Floats
-from hri_predict.clock import Clock, MonotonicClock
-from hri_predict.errors import HriPredictError, SourceError
-from hri_predict.files import YAML_ENDINGS
-from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.scene import Scene
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
-from hri_predict.source import SourceCounters, SourceSettings
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import Clock, MonotonicClock
+from hri_predict.base.errors import HriPredictError, SourceError
+from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.source import SourceCounters, SourceSettings
 
 log = logging.getLogger(__name__)
 
@@ -116,7 +116,7 @@ class Decoder(Protocol):
 
 
 class LiveSource:
-    """See ``hri_predict.source.Source`` and ``Live``.
+    """See ``hri_predict.contracts.source.Source`` and ``Live``.
 
     Args:
         settings: the source's.

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.scene import Person, Scene
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts.scene import Person, Scene
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class SentScene:
     Attributes:
         stamp_ns: time stamp of the capture, nanoseconds of the sender's clock.
         sequence: the sender's counter.
-        sees_room: whether the sender saw the room; see ``hri_predict.scene.Scene``.
+        sees_room: whether the sender saw the room; see ``hri_predict.contracts.scene.Scene``.
         people: everybody seen.
         session: changes when the sender restarts and its counter with it.
     """

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 from hri_drivers.sources.tcp import Splitter, StreamClient
-from hri_predict.discovery.browser import find
-from hri_predict.discovery.services import SOURCES, ServiceSettings
+from hri_predict.protocol.discovery.browser import find
+from hri_predict.protocol.discovery.services import SOURCES, ServiceSettings
 
 TCP_SOURCE = SOURCES[0]
 

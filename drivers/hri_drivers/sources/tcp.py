@@ -15,8 +15,8 @@ from typing import Protocol
 from pydantic import Field
 
 from hri_drivers.sources.udp_receiver import is_loopback
-from hri_predict.errors import SourceError
-from hri_predict.source import SourceCounters
+from hri_predict.base.errors import SourceError
+from hri_predict.contracts.source import SourceCounters
 
 CHUNK = 65_536
 CONNECT_TIMEOUT_S = 2.0

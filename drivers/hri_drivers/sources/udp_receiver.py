@@ -6,7 +6,7 @@ import ipaddress
 import socket
 import sys
 
-from hri_predict.errors import SourceError
+from hri_predict.base.errors import SourceError
 
 LARGEST = 65_535
 _IP_MULTICAST_ALL = 49  # <linux/in.h>; Python has no name for it

@@ -17,7 +17,7 @@ from serial.tools import list_ports
 
 from hri_drivers.wires.transport import READ_TIMEOUT_S, TransportBusy
 from hri_drivers.wires.usb_ports import Comports, UsbDevice, find_port
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 
 Parity = Literal["none", "even", "odd", "mark", "space"]
 StopBits = Literal[1, 2]

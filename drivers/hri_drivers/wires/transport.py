@@ -4,8 +4,8 @@ import threading
 from collections import deque
 from typing import Generic, TypeVar
 
-from hri_predict.errors import LinkError
-from hri_predict.link import Transport
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import Transport
 
 __all__ = ["PipeEnd", "Transport", "TransportBusy", "pipe"]
 

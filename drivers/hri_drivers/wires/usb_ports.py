@@ -10,8 +10,8 @@ from typing import Annotated, Any, Protocol
 
 from pydantic import BeforeValidator, Field
 
-from hri_predict.errors import LinkError
-from hri_predict.settings import Settings
+from hri_predict.base.errors import LinkError
+from hri_predict.base.settings import Settings
 
 
 def _from_hex(value: Any) -> Any:

@@ -17,7 +17,7 @@ from hri_drivers.wires.zenoh_session import (
     session_config,
     short,
 )
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.keyed import MAX_PAYLOAD, Keyed
 
 CAPACITY = 4096  # payloads that may wait to be read; the oldest are dropped

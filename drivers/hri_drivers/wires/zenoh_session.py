@@ -15,10 +15,10 @@ from typing import Annotated, Any, Literal, Self
 import zenoh
 from pydantic import Field, StringConstraints, model_validator
 
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.files import read_text
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.base.files import read_text
+from hri_predict.base.settings import Settings
 from hri_predict.protocol.keyed import Name
-from hri_predict.settings import Settings
 
 ROUTER = "tcp/127.0.0.1:7447"
 CONNECT_S = 0.5

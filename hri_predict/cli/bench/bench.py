@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.cli.bench.faults import faults
 from hri_predict.cli.bench.fleet import fleet
 from hri_predict.cli.bench.joint_maps import joint_maps
@@ -22,7 +23,6 @@ from hri_predict.cli.bench.sections import SECTIONS
 from hri_predict.cli.bench.soak import soak
 from hri_predict.cli.bench.trackers import trackers
 from hri_predict.cli.common import one_of, progress, tell, warn, without_effect
-from hri_predict.errors import ConfigError, HriPredictError
 
 app = typer.Typer(invoke_without_command=True)
 for command in (predictors, links, fleet, joint_maps, trackers, faults, memory, soak):

@@ -9,9 +9,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import progress, without_effect
-from hri_predict.errors import ConfigError
+from hri_predict.contracts import registry
 
 
 def fleet(

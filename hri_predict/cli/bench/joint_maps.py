@@ -9,10 +9,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict.calibration.inferred import fitted
 from hri_predict.cli.check.joint_map import StandingBody
 from hri_predict.cli.common import without_effect
-from hri_predict.joint_map import load_joint_map, map_names
+from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.lab.calibration.inferred import fitted
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 

@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import progress
-from hri_predict.errors import ConfigError
+from hri_predict.contracts import registry
 
 _SPANS = ("wait", "inference", "node", "link", "total")
 _RATES_HZ = (25.0, 100.0)

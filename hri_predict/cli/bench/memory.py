@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.node.listeners import Tick
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run

@@ -10,13 +10,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.cli.common import one_of, predictor_settings, progress
-from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.predictors.base import Predictor
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Predictor
 
 _RATE_HZ = 25.0
 _HORIZON_S = 1.0

@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.link import LinkSettings
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
-from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
 from hri_predict.robots.model import RobotSettings, StateMotion, load_robot
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import Pose
-from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.zones.calibration import load_calibration, shipped_calibration
 
 RATE_HZ, STEPS, SEGMENTS, PEOPLE = 25.0, 25, 20, 4
 TITLE = f"risk: {PEOPLE} people x {SEGMENTS} segments x {STEPS} horizons x 2 robots x 8 capsules"

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hri_predict import registry
+from hri_predict.contracts import registry
 
 
 def soak(

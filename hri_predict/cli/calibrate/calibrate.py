@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate import checking, leaving_out, making, site
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings
 from hri_predict.cli.common import (
@@ -16,8 +17,7 @@ from hri_predict.cli.common import (
     processes,
     without_effect,
 )
-from hri_predict.datasets.splits import USES
-from hri_predict.errors import ConfigError
+from hri_predict.lab.datasets.splits import USES
 
 
 def calibrate(

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings, scores_of
 from hri_predict.cli.common import check_writable, command, need_plots, progress, show, tell
-from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import PredictorSettings
 
 if TYPE_CHECKING:
-    from hri_predict.calibration.scores import Scores
-    from hri_predict.predictors.base import Predictor
-    from hri_predict.risk.zones.calibration import Calibration
+    from hri_predict.contracts.predictor import Predictor
+    from hri_predict.lab.calibration.scores import Scores
+    from hri_predict.zones.calibration import Calibration
 
 _BESIDE = "constant_velocity"
 
@@ -32,8 +32,8 @@ def check(
     as_json: bool,
 ) -> None:
     """Measure a calibration and print tables."""
-    from hri_predict.calibration import judgement
-    from hri_predict.calibration.card import read_card, write_section
+    from hri_predict.lab.calibration import judgement
+    from hri_predict.lab.calibration.card import read_card, write_section
 
     if out is not None:
         need_plots()
@@ -63,7 +63,7 @@ def check(
     tables = judgement.tables(judged)
     report = {**judgement.as_json(judged), "disturbed": None}
     if disturb:
-        from hri_predict.calibration import disturbed as zone_disturbed
+        from hri_predict.lab.calibration import disturbed as zone_disturbed
 
         with progress() as bar:
             task = bar.add_task("disturbing", total=None)
@@ -99,7 +99,7 @@ def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> se
 
     For recordings without digests: one of the same name.
     """
-    from hri_predict.calibration.scores import units
+    from hri_predict.lab.calibration.scores import units
 
     digests = {used.digest for used in calibration.used if used.digest}
     names = {used.name for used in calibration.used if not used.digest}
@@ -111,8 +111,8 @@ def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> se
 
 
 def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration":
-    from hri_predict.risk.zones.calibration import calibration_for
-    from hri_predict.risk.zones.settings import CoverageSettings
+    from hri_predict.zones.calibration import calibration_for
+    from hri_predict.zones.settings import CoverageSettings
 
     asked = CoverageSettings(calibration=None if path is None else str(path))
     found = calibration_for(settings, asked, Path())
@@ -129,7 +129,7 @@ def _beside(
     name: str, data: Data, tracked: bool
 ) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
     """Constant velocity, calibrated the same way, to compare sizes with."""
-    from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
+    from hri_predict.zones.calibration import load_calibration, shipped_calibration
 
     path = shipped_calibration(_BESIDE)
     if name == _BESIDE or not path.is_file():
@@ -161,8 +161,8 @@ def _written(
     judged: Any,
     beside: Any,
 ) -> list[Path]:
-    from hri_predict.calibration.plots import write_pictures
-    from hri_predict.files import atomic_write
+    from hri_predict.base.files import atomic_write
+    from hri_predict.lab.calibration.plots import write_pictures
 
     try:
         atomic_write(out / "zones.md", text.encode())

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import yaml
 
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import load_yaml
 from hri_predict.cli.common import files, predictor_settings, progress, warn
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.files import load_yaml
-from hri_predict.joint_map import JointMap
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording import recording_info
 
 if TYPE_CHECKING:
-    from hri_predict.calibration.scores import Scores
-    from hri_predict.machine.workers import Workers
+    from hri_predict.base.work.workers import Workers
+    from hri_predict.lab.calibration.scores import Scores
 
 RATE_HZ = 25.0
 HORIZON_S = 1.2
@@ -41,7 +41,7 @@ class Data(NamedTuple):
         Raises:
             ConfigError: the cluster cannot be used.
         """
-        from hri_predict.machine.hiring import workers_for
+        from hri_predict.base.work.hiring import workers_for
 
         weights = getattr(settings, "weights", None)
         reads = [] if weights is None else [Path(weights)]
@@ -99,7 +99,7 @@ def scores_of(
 
     ``workers`` score; default: those of ``data``, for this alone.
     """
-    from hri_predict.calibration.scores import scores_by
+    from hri_predict.lab.calibration.scores import scores_by
 
     with contextlib.ExitStack() as leaving:
         if workers is None:

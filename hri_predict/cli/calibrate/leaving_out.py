@@ -3,12 +3,12 @@
 import json
 from pathlib import Path
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import Data, scores_of
 from hri_predict.cli.calibrate.making import write_calibration
 from hri_predict.cli.common import check_writable, progress, show, stage, tell
-from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import PredictorSettings
 
 _CALIBRATION, _JUDGED = "calibration", "test_motion"
 
@@ -18,8 +18,8 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
 
     ``out`` gets the figures and each calibration, so that a closed loop can be run with it.
     """
-    from hri_predict.calibration import leaving_out as judgement
-    from hri_predict.files import atomic_write
+    from hri_predict.base.files import atomic_write
+    from hri_predict.lab.calibration import leaving_out as judgement
 
     if data.split is not None:
         raise ConfigError(

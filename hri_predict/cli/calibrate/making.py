@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import Data, scores_of, warn_of_simulated
 from hri_predict.cli.common import check_writable, progress, stage, tell
-from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import PredictorSettings
 
 if TYPE_CHECKING:
-    from hri_predict.risk.zones.calibration import Calibration
+    from hri_predict.zones.calibration import Calibration
 
 
 def make(
@@ -27,10 +27,10 @@ def make(
     as_json: bool,
 ) -> None:
     """Calibrate, write the file and say what it rests on."""
-    from hri_predict.calibration.conformal import LEAST_RECORDINGS
-    from hri_predict.calibration.conformal import calibrate as conformal
-    from hri_predict.risk.zones.calibration import identity, levels_text
-    from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+    from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS
+    from hri_predict.lab.calibration.conformal import calibrate as conformal
+    from hri_predict.zones.calibration import identity, levels_text
+    from hri_predict.zones.motion_class import SPEED_CLASSES
 
     check_out(out)
     warn_of_simulated(data, "calibration")
@@ -85,8 +85,8 @@ def write_calibration(out: Path, made: "Calibration") -> None:
     Raises:
         ConfigError: it cannot be written.
     """
-    from hri_predict.files import atomic_write
-    from hri_predict.risk.zones.calibration import save_text
+    from hri_predict.base.files import atomic_write
+    from hri_predict.zones.calibration import save_text
 
     try:
         atomic_write(out, save_text(made).encode())
@@ -97,7 +97,7 @@ def write_calibration(out: Path, made: "Calibration") -> None:
 
 
 def _made(made: "Calibration") -> dict[str, Any]:
-    from hri_predict.risk.zones.calibration import levels_text
+    from hri_predict.zones.calibration import levels_text
 
     return {
         "predictor": made.predictor,

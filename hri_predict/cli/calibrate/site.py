@@ -6,16 +6,16 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import Data, warn_of_simulated
 from hri_predict.cli.calibrate.making import check_out, write_calibration
 from hri_predict.cli.common import check_writable, command, files, progress, show, tell, warn
-from hri_predict.errors import ConfigError
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import PredictorSettings
 
 if TYPE_CHECKING:
-    from hri_predict.calibration.site.parts import Part
-    from hri_predict.risk.zones.calibration import Calibration
+    from hri_predict.lab.calibration.site.parts import Part
+    from hri_predict.zones.calibration import Calibration
 
 SHIPPED = "shipped"
 
@@ -30,8 +30,8 @@ def commission(
     as_json: bool,
 ) -> None:
     """Score the site's recordings, move the factors, write the file and say what it gained."""
-    from hri_predict.calibration.site import gain as gains
-    from hri_predict.calibration.site.adapted import adapted
+    from hri_predict.lab.calibration.site import gain as gains
+    from hri_predict.lab.calibration.site.adapted import adapted
 
     check_out(out)
     if report is not None:
@@ -70,7 +70,7 @@ def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
     Raises:
         ConfigError: there is none, or it does not fit.
     """
-    from hri_predict.risk.zones.calibration import load_calibration, mismatch, shipped_calibration
+    from hri_predict.zones.calibration import load_calibration, mismatch, shipped_calibration
 
     path = shipped_calibration(settings.name) if onto == SHIPPED else Path(onto)
     if onto == SHIPPED and not path.is_file():
@@ -99,7 +99,7 @@ def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
 
 
 def _parts(built: Any, base: "Calibration", data: Data) -> "list[Part]":
-    from hri_predict.calibration.site.parts import score_parts
+    from hri_predict.lab.calibration.site.parts import score_parts
 
     found = files(data.entries, data.split, "calibration")
     known = {used.digest for used in base.recordings if used.digest}
@@ -122,9 +122,9 @@ def _parts(built: Any, base: "Calibration", data: Data) -> "list[Part]":
 
 def _notes(base: "Calibration", parts: "list[Part]", made: "Calibration") -> list[str]:
     """What a reader of the tables must know."""
-    from hri_predict.calibration.site.mixing import GROW, SHRINK, weights_of
-    from hri_predict.calibration.site.parts import PART_S
-    from hri_predict.risk.zones.motion_class import SPEED_CLASSES
+    from hri_predict.lab.calibration.site.mixing import GROW, SHRINK, weights_of
+    from hri_predict.lab.calibration.site.parts import PART_S
+    from hri_predict.zones.motion_class import SPEED_CLASSES
 
     weights = [weights_of([p.windows[c] for p in parts]).sum() for c in range(len(SPEED_CLASSES))]
     per = ", ".join(f"{name} {w:.1f}" for name, w in zip(SPEED_CLASSES, weights, strict=True))
@@ -149,7 +149,7 @@ def _unchanged(base: "Calibration", made: "Calibration") -> bool:
     """Whether no factor moved by more than a thousandth, and no speed class was added."""
     import numpy as np
 
-    from hri_predict.risk.zones.calibration import OFS
+    from hri_predict.zones.calibration import OFS
 
     return all(np.allclose(made.estimated[of], base.estimated[of], rtol=1e-3) for of in OFS)
 
@@ -161,7 +161,7 @@ def _page(predictor: str, notes: list[str], tables: Any) -> str:
 
 
 def _written(folder: Path, text: str, report: dict[str, Any]) -> list[Path]:
-    from hri_predict.files import atomic_write
+    from hri_predict.base.files import atomic_write
 
     page, numbers = folder / "site.md", folder / "site.json"
     try:

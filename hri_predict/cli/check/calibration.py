@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.risk.zones.calibration import Calibration, levels_text
-from hri_predict.risk.zones.motion_class import SPEED_CLASSES
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.zones.calibration import Calibration, levels_text
+from hri_predict.zones.motion_class import SPEED_CLASSES
 
 OLD_DAYS = 365
 """After a year most cells have other people, other work or another tracker."""

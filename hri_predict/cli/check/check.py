@@ -10,7 +10,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.quantities.safe_side import Finding
 from hri_predict.cli.alerts import hook_facts
 from hri_predict.cli.check.calibration import (
     calibration_facts,
@@ -40,13 +41,12 @@ from hri_predict.cli.check.modes import mode_notes
 from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.cli.common import without_effect
-from hri_predict.clock import MonotonicClock
-from hri_predict.joint_map import JointMap
-from hri_predict.link import Transport
-from hri_predict.monitoring.alerts import alert_file
+from hri_predict.contracts import registry
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.link import Transport
+from hri_predict.operation.monitoring.alerts import alert_file
 from hri_predict.people.body.posture import shows_down
 from hri_predict.people.clock.offset_line import MAX_DRIFT
-from hri_predict.quantities.safe_side import Finding
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.run import assemble
@@ -54,8 +54,8 @@ from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
+from hri_predict.run.places import place_notes
 from hri_predict.run.review.less_safe import less_safe_settings
-from hri_predict.run.review.places import place_notes
 from hri_predict.run.ticks_told import race_notes, ticks_facts, ticks_line
 
 

@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.commissioning.identity import differences, identity_of
 from hri_predict.commissioning.report import Report, find_report, read_report
-from hri_predict.errors import ConfigError
-from hri_predict.evidence.chain import file_hash
+from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.run.config import Config
 
 AGAIN = "hri-predict commission"

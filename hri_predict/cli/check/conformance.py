@@ -15,11 +15,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hri_predict import registry
-from hri_predict.conformance.checks import NOTHING_CAME, Finding
-from hri_predict.errors import ConfigError, nearest
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.settings import set_key, validated
+from hri_predict.contracts import registry
+from hri_predict.library.conformance.checks import NOTHING_CAME, Finding
 from hri_predict.run import config as configuration
-from hri_predict.settings import set_key, validated
 
 KINDS: dict[str, registry.PartKind] = {
     "predictor": "predictors",
@@ -154,16 +154,16 @@ def _checked(
 ) -> list[Finding]:
     where = f"{kind} {name}"
     if kind == "predictor":
-        from hri_predict.conformance.predictors import check_predictor
+        from hri_predict.library.conformance.predictors import check_predictor
 
         model = registry.load("predictors", name).settings_model
         return check_predictor(name, validated(model, data, where).resolved(base_dir))
     if kind == "source":
-        from hri_predict.conformance.sources import check_source
+        from hri_predict.library.conformance.sources import check_source
 
         settings = validated(registry.load("sources", name).settings_model, data, where)
         return check_source(name, settings, base_dir, seconds)
-    from hri_predict.conformance.links import check_link
+    from hri_predict.library.conformance.links import check_link
 
     link = validated(registry.load("links", name).settings_model, data, where)
     return check_link(name, link.resolved(base_dir))

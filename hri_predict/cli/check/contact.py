@@ -6,12 +6,12 @@ from typing import Any
 
 from rich.table import Table
 
-from hri_predict.arrays import Bools
+from hri_predict.base.arrays import Bools
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.risk.contact.judges import fixtures_of, segment_limits
 from hri_predict.risk.contact.limits import FOLLOWS, NEVER, ContactTable, load_table
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotModel, RobotSettings
-from hri_predict.skeleton import CANONICAL
 
 Robots = Sequence[tuple[RobotSettings, RobotModel]]
 _ABOVE_BASE_M = 0.1

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from hri_predict.machine.compiled import why_not_compiled
-from hri_predict.predictors.base import Predictor
+from hri_predict.base.machine.compiled import why_not_compiled
+from hri_predict.contracts.predictor import Predictor
 
 
 def engine_facts(predictor: Predictor) -> list[dict[str, Any]]:

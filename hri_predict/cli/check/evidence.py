@@ -5,8 +5,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import demand_kind
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import demand_kind
 from hri_predict.run.config import Config
 
 

@@ -5,20 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.joint_map import JointMap
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.predictor import Forecast, Predictor
 from hri_predict.people.body.inferred import Inference, Rule
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.inferring import with_inferred
 from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
-from hri_predict.predictors.base import Forecast, Predictor
-from hri_predict.risk.self_check.self_check import Trust
-from hri_predict.risk.zones.body_zones import ZoneBuilder
-from hri_predict.risk.zones.learned_scale import LEADS_S
-from hri_predict.risk.zones.radii import Radii
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.zones.body_zones import ZoneBuilder
+from hri_predict.zones.learned_scale import LEADS_S
+from hri_predict.zones.radii import Radii
+from hri_predict.zones.self_check.self_check import Trust
 
 _NOW_NS = 10**10
 _LATER_S = 0.4

@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import transform
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.register.sight import opened
 from hri_predict.cli.register.solve import quaternion
 from hri_predict.cli.register.stamps import stamps_remedy
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import transform
-from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
+from hri_predict.contracts.source import StatesFrame, live_part
 from hri_predict.people.body.axes import ALIKE, all_axes
 from hri_predict.people.body.posture import posture_of, shows_down
 from hri_predict.people.body.posture_watch import Verdict, refusal_of
@@ -25,8 +27,6 @@ from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.skeleton import JOINTS
-from hri_predict.source import StatesFrame, live_part
 
 LEAST_CAPTURES = 10
 IN_SCENE = ("json", "websocket")

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from hri_predict.node.memory import demand_state_file
 from hri_predict.people.lost.free_space import BODY_M, CELL_M
 from hri_predict.risk.areas import floor_distance
-from hri_predict.risk.zones.lost_places import ARM_M
 from hri_predict.robots.model import RobotModel
 from hri_predict.run.config import Config
+from hri_predict.zones.lost_places import ARM_M
 
 PAGE = "docs/guides/lost-people.md"
 

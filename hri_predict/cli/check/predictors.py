@@ -7,8 +7,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
-from hri_predict.errors import HriPredictError
+from hri_predict.base.errors import HriPredictError
+from hri_predict.contracts import registry
 
 
 def predictors(

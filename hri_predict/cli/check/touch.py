@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.register.points import point_from
 from hri_predict.cli.register.sight import choose_joint, opened, place_of
-from hri_predict.errors import ConfigError
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 

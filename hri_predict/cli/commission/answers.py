@@ -6,11 +6,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictBool, field_validator
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import load_yaml, read_yaml
+from hri_predict.base.settings import MIN_SPEED_M_S, Point, Settings, Vector3, validated
 from hri_predict.cli.register.points import ask, point_from, say
 from hri_predict.commissioning.report import Signature, Text
-from hri_predict.errors import ConfigError
-from hri_predict.files import load_yaml, read_yaml
-from hri_predict.settings import MIN_SPEED_M_S, Point, Settings, Vector3, validated
 
 StepName = Literal["registration", "echo", "stopping", "walk"]
 Milliseconds = Annotated[float, Field(ge=0.001, le=10_000)]

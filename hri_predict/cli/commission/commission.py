@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.commission.answers import Answers, asked, read_answers
 from hri_predict.cli.commission.repeat import repeat as repeat_walk
 from hri_predict.cli.commission.steps import Task, do_step
@@ -16,7 +17,6 @@ from hri_predict.cli.register.points import ask, say
 from hri_predict.commissioning.folder import State, load_state, save
 from hri_predict.commissioning.identity import identity_of
 from hri_predict.commissioning.report import PAGE, REPORT, STEPS, Report, Step
-from hri_predict.errors import ConfigError
 from hri_predict.run import config as configuration
 
 

@@ -5,7 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import norm, transform
+from hri_predict.base.settings import Pose
 from hri_predict.cli.commission.answers import RegistrationAnswers, ask_points
 from hri_predict.cli.register.register import Wizard, refuse_fallen
 from hri_predict.cli.register.sight import (
@@ -18,15 +22,11 @@ from hri_predict.cli.register.sight import (
 )
 from hri_predict.cli.register.solve import LEAST_POINTS, solve
 from hri_predict.cli.register.write import write_pose
-from hri_predict.clock import VirtualClock
 from hri_predict.commissioning.report import Registration, TouchedPoint
 from hri_predict.commissioning.simulated import with_toucher
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import norm, transform
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
-from hri_predict.settings import Pose
 
 SIMULATED_POINTS = [[0.6, -0.5, 0.8], [0.6, 0.6, 1.1], [1.6, 0.5, 0.9], [1.5, -0.6, 1.2]]
 """Touched by a simulated person, if no points are given; metres from the first robot's base."""

@@ -5,12 +5,12 @@ import shlex
 from dataclasses import asdict
 from pathlib import Path
 
+from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.commissioning.compare import Comparison, compare
 from hri_predict.commissioning.identity import Difference, differences, identity_of
 from hri_predict.commissioning.playback import grid_of, play, read_rows
 from hri_predict.commissioning.report import Report, find_report, read_report
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.evidence.chain import file_hash
+from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 

@@ -6,17 +6,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.cli.commission.answers import Answers
 from hri_predict.cli.commission.registration import judge_registration, register_points
 from hri_predict.cli.register.points import say
-from hri_predict.clock import MonotonicClock
 from hri_predict.commissioning import echo, stopping
 from hri_predict.commissioning.identity import identity_of
 from hri_predict.commissioning.playback import circles_of
 from hri_predict.commissioning.report import Outcome, Step
 from hri_predict.commissioning.simulated import is_simulated, simulated, with_people
 from hri_predict.commissioning.walk import WalkPlan, judge_walk, walk
-from hri_predict.errors import ConfigError, nearest
 from hri_predict.run.config import Config
 
 

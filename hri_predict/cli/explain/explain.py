@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
+from hri_predict.base.errors import ConfigError, RecordingError, nearest
 from hri_predict.cli.common import without_effect
-from hri_predict.errors import ConfigError, RecordingError, nearest
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.explanation import explain as explained
 from hri_predict.explaining.explanation import is_slowed, listing, neighbours

@@ -7,12 +7,12 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import atomic_write
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.page import page
 from hri_predict.explaining.shift.tally import tally
 from hri_predict.explaining.times import asked
-from hri_predict.files import atomic_write
 
 
 def report(

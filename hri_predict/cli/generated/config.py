@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write
 
 app = typer.Typer(no_args_is_help=True, help="What may stand in a configuration.")
 
@@ -16,7 +16,7 @@ DOCUMENT = Path("docs/configuration.md")
 
 def schema_text() -> str:
     """The JSON schema as a file."""
-    from hri_predict.run.described.schema import schema
+    from hri_predict.cli.settings_page.schema import schema
 
     return json.dumps(schema(), indent=1, ensure_ascii=False) + "\n"
 
@@ -63,6 +63,6 @@ def document(
 
     Example: hri-predict config document docs/configuration.md
     """
-    from hri_predict.run.described.page import page
+    from hri_predict.cli.settings_page.page import page
 
     write(path, page())

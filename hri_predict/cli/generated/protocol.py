@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import tell
-from hri_predict.errors import ConfigError
 from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.generate import c_header, document, plcopen, scl, structured_text
 from hri_predict.protocol.generate import dbc as dbc_files

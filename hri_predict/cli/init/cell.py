@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError, RobotError
-from hri_predict.files import data_path
+from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import validated
 
 ORIGIN = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 HORIZONS_S = (1.2, 1.6, 2.0, 3.0)

@@ -9,8 +9,8 @@ from typing import Any
 
 import yaml
 
-from hri_predict.quantities.units import phrase
-from hri_predict.run.described.schema import Schema
+from hri_predict.base.quantities.units import phrase
+from hri_predict.cli.settings_page.schema import Schema
 
 WIDTH = 80
 _COLUMN = 30  # comments begin here, where there is room

@@ -8,13 +8,13 @@ from typing import Annotated, Any
 
 import typer
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import YAML_ENDINGS, load_yaml
+from hri_predict.base.settings import set_key
 from hri_predict.cli.common import tell, without_effect
 from hri_predict.cli.generated.config import write
 from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints
 from hri_predict.cli.init.questions import Asker, ask_all
-from hri_predict.errors import ConfigError
-from hri_predict.files import YAML_ENDINGS, load_yaml
-from hri_predict.settings import set_key
 
 SCHEMA_FILE = "hri-predict.schema.json"
 
@@ -83,7 +83,7 @@ def init(
         mode=mode,
         changes=change or [],
     )
-    from hri_predict.run.described.schema import schema
+    from hri_predict.cli.settings_page.schema import schema
 
     whole = schema()
     text = _checked_text(path, answers, changes=change or [], whole=whole, with_schema=with_schema)
@@ -121,7 +121,7 @@ def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
 
 
 def _is_ours(beside: Path) -> bool:
-    from hri_predict.run.described.schema import TITLE
+    from hri_predict.cli.settings_page.schema import TITLE
 
     try:
         found = json.loads(beside.read_text(encoding="utf-8"))

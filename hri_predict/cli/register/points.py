@@ -9,10 +9,10 @@ from typing import Protocol
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import ConfigError, nearest
-from hri_predict.link import Received
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.contracts.link import Received
 from hri_predict.protocol.messages import RobotState
 from hri_predict.robots.model import RobotModel
 from hri_predict.run import assemble

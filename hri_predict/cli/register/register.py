@@ -12,7 +12,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import transform
 from hri_predict.cli.register.points import Tool, ask, point_from, say, tool_of
 from hri_predict.cli.register.sight import (
     FEET,
@@ -25,8 +27,6 @@ from hri_predict.cli.register.sight import (
 )
 from hri_predict.cli.register.solve import LEAST_POINTS, SCALE_WITHIN, Registration, solve
 from hri_predict.cli.register.write import lines_to_paste, write_pose
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import transform
 from hri_predict.people.body.posture_watch import refusal_of
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
@@ -34,7 +34,7 @@ from hri_predict.run.config import Config
 
 ANKLE_M = 0.08
 """Ankle above the floor, in shoes: lateralmalleolusheight 69.58 mm on average (ANSUR II, see
-``hri_predict.skeleton``) and a sole."""
+``hri_predict.base.skeleton``) and a sole."""
 ATTEMPTS = 3
 
 

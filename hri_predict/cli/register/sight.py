@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.clock import Clock, MonotonicClock
-from hri_predict.errors import ConfigError, nearest
-from hri_predict.geometry import norm
-from hri_predict.scene import Scene
-from hri_predict.skeleton import CANONICAL, JOINTS
-from hri_predict.source import Source, live_part, wait_for
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.clock import Clock, MonotonicClock
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.geometry import norm
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.source import Source, live_part, wait_for
 
 LEAST_SIGHTS = 10
 KEPT = 1000  # scenes whose times are kept

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import norm, transform
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import norm, transform
 
 LEAST_POINTS = 3
 LEAST_APART_M = 0.5

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import yaml
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write, data_path, load_yaml
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write, data_path, load_yaml
 from hri_predict.run import config as configuration
 
 PoseLists = tuple[list[float], list[float]]

@@ -6,8 +6,8 @@ from urllib.parse import urlsplit
 
 import typer
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import without_effect
-from hri_predict.errors import ConfigError
 from hri_predict.viewing import feed
 from hri_predict.viewing.feed import Feed
 from hri_predict.viewing.screen import ScreenSettings

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.viewing.feed import VIEWER, check_viser
 from hri_predict.viewing.recorded import RecordedPictures
 from hri_predict.viewing.screen import LOOPBACK, ScreenSettings, check_port

@@ -8,9 +8,9 @@ from dataclasses import asdict
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
 from hri_predict.cli.common import progress
-from hri_predict.peers import OcclusionRequest, OcclusionRow
+from hri_predict.contracts import registry
+from hri_predict.contracts.cell import OcclusionRequest, OcclusionRow
 
 
 def occluded(request: OcclusionRequest, *, as_json: bool) -> int:

@@ -9,7 +9,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import (
     CalibrationsOption,
     ClusterOption,
@@ -23,9 +23,9 @@ from hri_predict.cli.common import (
     without_effect,
 )
 from hri_predict.cli.simulate.occlude import occluded
-from hri_predict.datasets.splits import USES
-from hri_predict.errors import ConfigError
-from hri_predict.peers import OcclusionRequest, SimulationReport, SimulationRequest
+from hri_predict.contracts import registry
+from hri_predict.contracts.cell import OcclusionRequest, SimulationReport, SimulationRequest
+from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.asked import asked_predictors

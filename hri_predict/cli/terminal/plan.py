@@ -3,8 +3,8 @@
 import numpy as np
 from rich.text import Text
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules
 
 LEAST_M = 2.0
 """The plan shows at least this much around every robot's base."""

@@ -19,13 +19,13 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from hri_predict.base.geometry import Capsules
 from hri_predict.cli.terminal.plan import Extent, Plan
-from hri_predict.geometry import Capsules
+from hri_predict.contracts.source import SourceCounters, live_part
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.session import View
-from hri_predict.source import SourceCounters, live_part
 
 COLOURS = {
     Level.UNKNOWN: "magenta",

@@ -2,6 +2,7 @@
 
 import json
 
+from hri_predict.base.markup import Content, Markup, document, join, table, tag
 from hri_predict.commissioning.page.plots import echo_plot, grid_plot, stopping_plot
 from hri_predict.commissioning.report import (
     Echo,
@@ -15,7 +16,6 @@ from hri_predict.commissioning.report import (
     Walk,
 )
 from hri_predict.commissioning.stopping import worst
-from hri_predict.markup import Content, Markup, document, join, table, tag
 
 _STYLE = """
 @page { size: A4; margin: 16mm 14mm; }

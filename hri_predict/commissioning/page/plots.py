@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from hri_predict.base.markup import Markup, join, tag
 from hri_predict.commissioning.report import Curve, GridResult, LinkEcho, Stop
-from hri_predict.markup import Markup, join, tag
 
 _WIDTH, _HEIGHT = 330.0, 205.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 10.0, 12.0, 36.0

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.explaining.because import part_of, person_of
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.values import listed, mapped, number, text

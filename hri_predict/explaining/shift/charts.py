@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from hri_predict.markup import LEVEL_COLOURS, Markup, join, tag
+from hri_predict.base.markup import LEVEL_COLOURS, Markup, join, tag
 
 _WIDTH, _BAR, _LEFT = 640.0, 18.0, 64.0
 _TALL = 120.0

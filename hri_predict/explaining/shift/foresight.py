@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.explaining.bodies import Offset, Seen, people_of, place_at
 from hri_predict.explaining.hindsight import HORIZONS_S, forecast_of
 from hri_predict.explaining.shift.spread import Spread
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, number, whole
 from hri_predict.recording import RecordingInfo, Told
-from hri_predict.skeleton import CANONICAL
 
 _EVERY_NS = NS
 _KEPT_SCENES = 64

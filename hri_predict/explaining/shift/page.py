@@ -4,11 +4,11 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from hri_predict.base.markup import LEVEL_COLOURS, Content, Markup, document, join, table, tag
+from hri_predict.base.skeleton import in_words
 from hri_predict.explaining.episodes import LEVELS
 from hri_predict.explaining.shift.charts import histogram, legend, level_bars
 from hri_predict.explaining.values import metres
-from hri_predict.markup import LEVEL_COLOURS, Content, Markup, document, join, table, tag
-from hri_predict.skeleton import in_words
 
 _STYLE = """
 * { box-sizing: border-box; }

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import norm
-from hri_predict.joint_map import axes_rotation
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import norm
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import axes_rotation
 from hri_predict.people.body.posture import posture_of
-from hri_predict.skeleton import JOINTS
 
 COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"])
 """Axes that trackers use (REP-103, a camera's optical frame, y up): tried first."""

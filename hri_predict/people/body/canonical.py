@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.joint_map import JointMap
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.body.unseen import at_origin, out_of_reach
 from hri_predict.people.track import Body
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 
 HIP_CENTRED_M = 0.35
 """A waist at the origin, and hips or the lumbar joint within this: the waist was not lost."""

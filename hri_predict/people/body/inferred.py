@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import CANONICAL, JOINTS
 
 _LEAST_SIDE = 0.1
 """A direction to the side within 6 degrees of the axis is none: the frame would turn at a touch."""

@@ -19,12 +19,12 @@ from enum import Enum
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
-from hri_predict.skeleton import JOINTS
 
 CAPTURES = 130
 """Captures kept for each person: two of the longest loops."""

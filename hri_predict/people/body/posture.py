@@ -19,9 +19,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import cross, norm
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import cross, norm
+from hri_predict.base.skeleton import JOINTS
 
 _AT = {name: index for index, name in enumerate(JOINTS)}
 _BONES = (

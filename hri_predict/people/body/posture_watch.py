@@ -18,13 +18,13 @@ from enum import Enum
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import in_polygon
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import in_polygon
+from hri_predict.base.settings import Region
 from hri_predict.people.body.posture import Posture, posture_of
 from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
-from hri_predict.settings import Region
 
 UPRIGHT = 0.7
 """Cosine between a body's down and gravity's from which the body confirms the axes."""

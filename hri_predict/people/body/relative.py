@@ -7,8 +7,8 @@ while the legs walk.
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import JOINTS
 
 HERE_M = 0.03
 """No hips stay nearer than this to the origin: a sensor, a floor or a table is there."""

@@ -7,9 +7,9 @@ true one.
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import norm
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import norm
+from hri_predict.base.skeleton import CANONICAL
 
 MIDDLE_M = 2.0
 """Greatest distance of a joint from the body's middle: 1.6 m for a tall man's raised fingers."""

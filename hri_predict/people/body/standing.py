@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import JOINTS
 
 _HEIGHT = {"waist": 1.0, "torso": 1.2, "neck": 1.45, "head": 1.6, "head_top": 1.75}
 _LIMB = {  # forward, outward, up

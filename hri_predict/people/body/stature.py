@@ -10,10 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import norm
-from hri_predict.joint_map import METRES_PER_UNIT
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import norm
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
 
 LEAST_M, MOST_M = 1.2, 2.3
 """Statures of the adults who work beside robots, with room for trackers' bones."""

@@ -6,8 +6,8 @@ axes begin, and a limb that ends there is metres long. Neither is a measurement.
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import CANONICAL
 
 SLACK_M = 0.15
 """Two joints may be farther apart than the longest bones between them by this: noise, and rigs

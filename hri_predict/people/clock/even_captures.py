@@ -21,7 +21,7 @@ from collections import deque
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 
 WINDOW = 90
 """Scenes, 3 s at 30 a second: the line is then known to 2 ms where stamps are up to 30 ms late."""

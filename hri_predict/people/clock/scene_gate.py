@@ -2,11 +2,11 @@
 
 from collections import Counter
 
+from hri_predict.contracts.scene import Scene
 from hri_predict.people.clock.clock_alignment import ClockAlignment
 from hri_predict.people.clock.even_captures import EvenCaptures
 from hri_predict.people.clock.offset_line import WANDER_NS
 from hri_predict.people.ring_buffer import NEVER
-from hri_predict.scene import Scene
 
 RESTART_SCENES = 10
 """After this many consecutive scenes that count up from a lower sequence, the source restarted."""

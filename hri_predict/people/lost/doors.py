@@ -13,12 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import Region
 from hri_predict.people.lost.floor import Way, floor_place, floor_way
-from hri_predict.people.lost.passage import Crossed, Side, Visit
+from hri_predict.people.passage import Crossed, Side, Visit
 from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
-from hri_predict.settings import Region
 
 LATELY_S = 0.2
 """Over this time before the newest capture motion is measured: a part of a step."""

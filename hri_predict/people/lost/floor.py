@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.track import Track
-from hri_predict.skeleton import JOINTS
 
 _STANDS = tuple(
     np.array([JOINTS.index(name) for name in names])

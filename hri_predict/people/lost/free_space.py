@@ -24,12 +24,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import in_polygon, segment_distance
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import in_polygon, segment_distance
+from hri_predict.base.settings import Region
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.settings import PeopleSettings
-from hri_predict.settings import Region
-from hri_predict.source import SourceSettings
 
 FREE_SPACE_M = 60.0
 """Where free space is seen, the node keeps a grid: larger ones would delay the advice."""

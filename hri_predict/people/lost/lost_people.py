@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.people.lost.floor import floor_place
 from hri_predict.people.lost.free_space import FreeSpace, Whereabouts
 from hri_predict.people.lost.onward import speed_reached

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.lost.lost_people import Lost, LostPeople
 from hri_predict.people.lost.unplaced import Unplaced
-from hri_predict.skeleton import JOINTS
 
 _LONG_AGO_S = 1e8
 

@@ -15,7 +15,7 @@ from typing import Literal
 import torch
 from torch import Tensor, nn
 
-from hri_predict.skeleton import Skeleton
+from hri_predict.base.skeleton import Skeleton
 
 GRAVITY = 9.81  # m/s^2
 Up = Literal["y", "z"]

@@ -30,7 +30,7 @@ import torch
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from hri_predict.errors import PredictorError
+from hri_predict.base.errors import PredictorError
 from hri_predict.predictors.kdformer.dynamics import Dynamics, PartCount
 from hri_predict.predictors.kdformer.rotations import KinematicTree, quaternion, shortest
 from hri_predict.predictors.kdformer.transformer import CrossLayer, PositionEmbedding, SelfLayer

@@ -13,8 +13,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor
 
-from hri_predict.errors import PredictorError
-from hri_predict.skeleton import Skeleton, generations
+from hri_predict.base.errors import PredictorError
+from hri_predict.base.skeleton import Skeleton, generations
 
 _TINY = 1e-8
 

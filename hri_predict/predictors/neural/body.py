@@ -8,8 +8,8 @@ canonical name if it is the same point.
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.skeleton import CANONICAL, Skeleton, make_skeleton
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import CANONICAL, Skeleton, make_skeleton
 
 # name, parent, joint of cmu38
 _TABLE = (

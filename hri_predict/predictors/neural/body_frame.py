@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hri_predict.skeleton import Skeleton, neighbours
+from hri_predict.base.skeleton import Skeleton, neighbours
 
 EXTRAPOLATED_STEPS = 3
 """Steps for which a joint moves on after its last observation."""

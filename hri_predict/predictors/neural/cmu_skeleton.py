@@ -8,7 +8,7 @@ Prediction", ICCV 2019, and later work).
 
 import numpy as np
 
-from hri_predict.skeleton import Skeleton, make_skeleton
+from hri_predict.base.skeleton import Skeleton, make_skeleton
 
 # name, parent, offset from the parent in the units of the ASF file, y up, x to the left, z forward
 _TABLE = (

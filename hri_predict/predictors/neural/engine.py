@@ -20,9 +20,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.machine.cache import cached, forget
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.machine.cache import cached, forget
 from hri_predict.predictors.neural.network import Network, Window
 from hri_predict.predictors.neural.settings import EngineName
 

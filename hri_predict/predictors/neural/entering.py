@@ -12,8 +12,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.machine.compiled import kernel, part
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.machine.compiled import kernel, part
+from hri_predict.base.skeleton import CANONICAL, Skeleton
 from hri_predict.predictors.masked import at_step, last_observed
 from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONICAL
 from hri_predict.predictors.neural.body_frame import (
@@ -23,7 +24,6 @@ from hri_predict.predictors.neural.body_frame import (
     body_frame,
     fill,
 )
-from hri_predict.skeleton import CANONICAL, Skeleton
 
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int64]

@@ -12,7 +12,9 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import torch
 from torch import Tensor, nn
 
-from hri_predict import registry
+from hri_predict.base.settings import Settings
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body_frame import (
     BodyFrame,
     body_frame,
@@ -20,8 +22,6 @@ from hri_predict.predictors.neural.body_frame import (
     neighbour_table,
     no_frame,
 )
-from hri_predict.settings import Settings
-from hri_predict.skeleton import Skeleton
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,9 +12,10 @@ from typing import ClassVar
 import numpy as np
 import torch
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.predictors.base import Forecast, checked
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.skeleton import CANONICAL, Skeleton
+from hri_predict.contracts.predictor import Forecast, checked
 from hri_predict.predictors.masked import steps_to_cover
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
@@ -22,7 +23,6 @@ from hri_predict.predictors.neural.entering import Histories, enter, leave, tabl
 from hri_predict.predictors.neural.network import NetworkClass, Window
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights, read_header
-from hri_predict.skeleton import CANONICAL, Skeleton
 
 log = logging.getLogger(__name__)
 

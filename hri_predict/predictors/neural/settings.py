@@ -5,8 +5,8 @@ from typing import Literal, Self
 
 from pydantic import Field
 
-from hri_predict.files import package_path
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.base.files import package_path
+from hri_predict.contracts.predictor import PredictorSettings
 
 EngineName = Literal["auto", "torch", "onnxruntime"]
 
@@ -53,4 +53,4 @@ class AggregatedSettings(NeuralSettings):
 
 def shipped_weights(method: str) -> Path:
     """Path of the shipped weights of a method; the file may be missing."""
-    return package_path("weights", f"{method}.safetensors")
+    return package_path("predictors", "weights", f"{method}.safetensors")

@@ -19,13 +19,13 @@ from safetensors.torch import save
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError, PredictorError
-from hri_predict.files import atomic_write
+from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.files import atomic_write
+from hri_predict.base.settings import Settings, validated
+from hri_predict.base.skeleton import CANONICAL, Skeleton, make_skeleton
+from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Network, NetworkClass, Shape, network_class_of
-from hri_predict.settings import Settings, validated
-from hri_predict.skeleton import CANONICAL, Skeleton, make_skeleton
 
 MAX_BYTES = 512 * 2**20  # ten times the largest network of the papers in single precision
 _KEY = "hri_predict"  # key of the header's metadata

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from hri_predict.predictors.base import Predictor
-from hri_predict.skeleton import CANONICAL, Segment, Skeleton, make_skeleton
+from hri_predict.base.skeleton import CANONICAL, Segment, Skeleton, make_skeleton
+from hri_predict.contracts.predictor import Predictor
 
 
 @dataclass(frozen=True, slots=True)

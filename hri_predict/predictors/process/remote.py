@@ -11,9 +11,9 @@ import sys
 import time
 from dataclasses import dataclass
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import PredictorError
-from hri_predict.predictors.base import Forecast, PredictorSettings
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import PredictorError
+from hri_predict.contracts.predictor import Forecast, PredictorSettings
 from hri_predict.predictors.process import shared
 from hri_predict.predictors.process.description import Description
 from hri_predict.predictors.process.progress import Progress

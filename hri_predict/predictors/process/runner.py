@@ -7,10 +7,10 @@ import time
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import HriPredictError, PredictorError
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import HriPredictError, PredictorError
+from hri_predict.contracts.predictor import Forecast, checked
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast, checked
 from hri_predict.predictors.process.description import Description
 from hri_predict.predictors.process.remote import Job, Patience, Worker, WorkerEndedError
 from hri_predict.protocol.reasons import Reason

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import PredictorError
-from hri_predict.predictors.base import Forecast
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import PredictorError
+from hri_predict.contracts.predictor import Forecast
 
 MAX_BYTES = 2**30
 _TEXT = 512  # bytes for what went wrong

@@ -42,7 +42,7 @@ def main(arguments: list[str]) -> int:
     if job["cpus"]:
         os.sched_setaffinity(0, job["cpus"])
     # slow imports, and only here: whatever is wrong with them is told to the node
-    from hri_predict.errors import HriPredictError
+    from hri_predict.base.errors import HriPredictError
 
     try:
         _serve(link, memory, job)
@@ -60,12 +60,12 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
     Raises:
         HriPredictError: it cannot be built.
     """
-    from hri_predict import registry
-    from hri_predict.machine.realtime import lock_memory
+    from hri_predict.base.machine.realtime import lock_memory
+    from hri_predict.base.settings import validated
+    from hri_predict.contracts import registry
     from hri_predict.predictors.building import predictor_of
     from hri_predict.predictors.process.description import Description
     from hri_predict.predictors.process.shared import SharedWindows, Sizes
-    from hri_predict.settings import validated
 
     model = registry.predictor_settings(job["settings"]["name"])
     settings = validated(model, job["settings"], "predictor")
@@ -96,7 +96,7 @@ def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
 
 
 def _answer(windows: Any, number: int, predictor: Any, window: tuple[Any, Any]) -> None:
-    from hri_predict.predictors.base import checked
+    from hri_predict.contracts.predictor import checked
 
     try:
         forecast = predictor.predict(*window)

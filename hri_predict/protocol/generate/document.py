@@ -8,7 +8,8 @@ import re
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can import DEFAULT_BASE_ID, LAST_NUMBER
 from hri_predict.protocol.definition import (
@@ -31,7 +32,6 @@ from hri_predict.protocol.messages import Level, Message, NodeState, OperatingMo
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import MAX_DECODED, MAX_ENCODED
 from hri_predict.protocol.wire import wire_bits
-from hri_predict.skeleton import CANONICAL
 
 _BLOCK = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 
 FILES = ("hri_advice.st", "hri_send.st", "hri_serial.st")  # each uses those before it
 _UNIT = re.compile(

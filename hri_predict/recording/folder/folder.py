@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.recording.folder.retention import Kept, name_of, over_budget, own_files, too_old
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Reading

@@ -2,8 +2,8 @@
 
 from pydantic import Field, model_validator
 
+from hri_predict.base.settings import Abbreviated
 from hri_predict.recording.mcap.items import Rates
-from hri_predict.settings import Abbreviated
 
 _OF_FOLDERS = ("name", "max_minutes", "max_mb", "keep_days", "budget_gb", "min_free_gb")
 

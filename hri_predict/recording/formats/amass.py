@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording.formats.npz import RATES, rate_of, read_arrays, texts
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names

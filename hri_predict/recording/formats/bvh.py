@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import JointMap
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.contracts.joint_map import JointMap
 from hri_predict.recording.bounded import check_joints, read_text
 from hri_predict.recording.formats.bvh_text import CHANNEL, Bvh, BvhError, BvhNode, parse_bvh
 from hri_predict.recording.formats.bvh_writer import AXES, CM_PER_M

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import HriPredictError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import HriPredictError
 from hri_predict.recording.bounded import MAX_BYTES, READING, watched
 from hri_predict.recording.formats.cells import Numbers
 

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import axes_rotation
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import JOINTS, PARENTS
+from hri_predict.contracts.joint_map import axes_rotation
 from hri_predict.recording.formats.rigid import Bones, follow, zxy_degrees
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import check_known
 from hri_predict.recording.recording import Recording
-from hri_predict.skeleton import JOINTS, PARENTS
 
 AXES = ("z", "x", "y")  # forward, left, up
 CM_PER_M = 100.0

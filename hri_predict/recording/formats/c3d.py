@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.bounded import check_joints, read_bounded
 from hri_predict.recording.formats.c3d_parameters import (
     BLOCK,

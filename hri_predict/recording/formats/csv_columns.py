@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 
 TIMES = ("time_s", "time", "t", "timestamp", "timestamp_s", "seconds", "ts", "stamp", "unix_time")
 """Names of a time, the preferred first; without a unit, seconds or Unix time in any unit."""

@@ -23,9 +23,11 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import JointMap
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.settings import MAX_COORDINATE_M
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording.bounded import (
     READING,
     WRITING,
@@ -47,8 +49,6 @@ from hri_predict.recording.frames import Written
 from hri_predict.recording.labels import MAX_ID, numbered
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_gaps, check_rate
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import MAX_COORDINATE_M
 
 MIN_CONFIDENCE = 0.3
 """A joint with less is unobserved, as by default in live sources."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RecordingError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording.recording import check_gaps, check_rate
 
 _ROUNDED = 0.1

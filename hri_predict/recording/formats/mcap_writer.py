@@ -3,7 +3,7 @@
 from collections import deque
 from pathlib import Path
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording.bounded import WRITING, watched
 from hri_predict.recording.cutting import people_of
 from hri_predict.recording.frames import Written

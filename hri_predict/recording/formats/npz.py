@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.recording.bounded import decoded
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 
 _PRIOR = 1e-6  # square metres: a rotation that nothing determines stays as in the parent
 

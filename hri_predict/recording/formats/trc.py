@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.recording.bounded import READING, WRITING, check_joints, read_text, watched
 from hri_predict.recording.formats.cells import Numbers, wrong_length
 from hri_predict.recording.formats.frame_times import frame_times

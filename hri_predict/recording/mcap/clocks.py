@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Protocol
 
-from hri_predict.clock import Clock
+from hri_predict.base.clock import Clock
 
 STEP_NS = 1_000_000_000
 """A wall clock that moves by more than this against the node's clock was set, or the machine was

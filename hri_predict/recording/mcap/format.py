@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.messages import (
     Acknowledge,
     BaseMotion,
@@ -19,7 +20,6 @@ from hri_predict.protocol.messages import (
     RobotState,
 )
 from hri_predict.recording.labels import MAX_ID
-from hri_predict.scene import Person, Scene
 
 MAX_COUNT = 2**64  # limit of every clock's nanoseconds and every sequence
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import JointMap
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import JointMap
 from hri_predict.protocol.definition import SCHEMA_VERSION
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose
-from hri_predict.skeleton import JOINTS
 
 FORMAT_VERSION = "2"
 """In format 1, MCAP's log time was the node's clock; it is UTC now."""

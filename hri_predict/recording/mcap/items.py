@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.link import Received
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.recording.mcap import view
 from hri_predict.recording.mcap.format import (
     forecast_to_dict,
@@ -26,8 +27,7 @@ from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.schemas import advice_topic
 from hri_predict.recording.mcap.told import advice_to_dict, status_to_dict
 from hri_predict.risk.types import Grounds
-from hri_predict.risk.zones.types import Zones
-from hri_predict.scene import Scene
+from hri_predict.zones.types import Zones
 
 Counters = Callable[[], Mapping[str, Any]]
 """Gives counters of the node and its links, as the loop's thread sees them."""

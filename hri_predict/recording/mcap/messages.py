@@ -17,7 +17,7 @@ from typing import Any
 
 from mcap.records import Channel, Footer, Message, Metadata
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.mcap.reader import CUT, records

@@ -5,8 +5,8 @@ import stat
 from pathlib import Path
 from typing import Protocol
 
-from hri_predict.errors import RecordingError
-from hri_predict.files import refuse_named_pipe
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.files import refuse_named_pipe
 from hri_predict.recording.mcap.clocks import Reading
 from hri_predict.recording.mcap.file import McapFile
 

@@ -12,13 +12,13 @@ from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
 
-from hri_predict.errors import RecordingError
-from hri_predict.link import Received
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Scene
 from hri_predict.recording.mcap.format import received_from_dict, scene_from_dict, whole
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.mcap.within import Unpacker, within
 from hri_predict.recording.recording import Recording, check_gaps
-from hri_predict.scene import Scene
 
 _RECORD_LIMIT = 64 * 1024 * 1024  # ours have 64 KiB; a damaged length must not fill the memory
 # Exceptions that a cut or damaged file can raise.

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording.mcap.clocks import STEP_NS, Clocks, Reading, VirtualClocks
 from hri_predict.recording.mcap.file import McapFile
 from hri_predict.recording.mcap.info import RecordingInfo

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from hri_predict.link import Link
+from hri_predict.contracts.link import Link
 from hri_predict.node.node import Node
 from hri_predict.protocol.messages import Advice, Status, at_encoding
 from hri_predict.protocol.reasons import Reason

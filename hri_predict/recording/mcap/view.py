@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules, nearest_points
-from hri_predict.markup import LEVEL_COLOURS
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules, nearest_points
+from hri_predict.base.markup import LEVEL_COLOURS
+from hri_predict.base.skeleton import JOINTS, PARENTS
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.recording.mcap import well_known
@@ -18,7 +19,6 @@ from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.well_known import Rgba
 from hri_predict.risk.types import Grounds
 from hri_predict.risk.wording import apart_text
-from hri_predict.skeleton import JOINTS, PARENTS
 
 ROOM = "room"
 """The frame that everything else stands in: z up, as configured."""

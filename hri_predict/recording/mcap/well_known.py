@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from hri_predict.arrays import Floats
-from hri_predict.settings import Pose
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import Pose
 
 Rgba = tuple[float, float, float, float]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import RecordingError
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import RecordingError
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.body.stature import is_adult, stature_m
 from hri_predict.recording.recording import Recording

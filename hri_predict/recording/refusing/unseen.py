@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.unseen import at_origin, contradicts, out_of_reach
 from hri_predict.recording.recording import Recording, noted
-from hri_predict.scene import Person
 
 SYNTHETIC = ("cmu", "assembly", "mcap")
 """Kinds in which nothing is lost: layouts of the data pack, and what this node recorded, whose

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules, capsule_distance
-from hri_predict.risk.contact.fixtures import Fixture, gaps
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.risk.fixtures import Fixture, gaps
 from hri_predict.robots.motion import RobotMotion
 
 THICKNESS_M = {

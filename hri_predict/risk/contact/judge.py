@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import Capsules, axis_distance, capsule_distance, norm
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.geometry import Capsules, axis_distance, capsule_distance, norm
 from hri_predict.risk.contact.clamping import Clamping
 from hri_predict.risk.contact.limits import FOLLOWS, SegmentLimits
 from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.separation.terms import (
+from hri_predict.risk.terms import (
     SPEED_LEVELS,
     Finding,
     closing_s,
@@ -28,8 +28,8 @@ from hri_predict.risk.separation.terms import (
     speed_levels,
     travel_m,
 )
-from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.motion import RobotMotion
+from hri_predict.zones.body_zones import BodyZones
 
 MAX_BESIDE = 3
 RUNGS = 5 * SPEED_LEVELS

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import Segment
 from hri_predict.risk.contact.clamping import Clamping, thickness_m
-from hri_predict.risk.contact.fixtures import Fixture, floor
 from hri_predict.risk.contact.judge import ContactJudge
 from hri_predict.risk.contact.limits import SegmentLimits, load_table
+from hri_predict.risk.fixtures import Fixture, floor
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotModel, RobotSettings
-from hri_predict.skeleton import Segment
 
 _UPRIGHT = 0.99  # cosine of the base's tilt
 

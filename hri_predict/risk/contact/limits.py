@@ -18,10 +18,10 @@ from typing import Literal, get_args
 import numpy as np
 from pydantic import Field, field_validator
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
-from hri_predict.files import YAML_ENDINGS, data_path, read_yaml
-from hri_predict.settings import Settings, validated
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import YAML_ENDINGS, data_path, read_yaml
+from hri_predict.base.settings import Settings, validated
 
 Region = Literal[
     "skull", "face", "neck", "back_and_shoulders", "chest", "abdomen", "pelvis", "upper_arm",

@@ -10,7 +10,8 @@ from dataclasses import replace
 from itertools import compress, count
 from typing import Any
 
-from hri_predict.arrays import Ints
+from hri_predict.base.arrays import Ints
+from hri_predict.base.skeleton import JOINTS, in_words
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import CLEARED, RISING, Reason
@@ -23,15 +24,14 @@ from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.risk.levels.named_zones import zone_demand
 from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.levels.steady_reason import SteadyReason
+from hri_predict.risk.permitted import NEAR_M
 from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.separation.permitted import NEAR_M
 from hri_predict.risk.separation.stage import Findings, RobotFindings
-from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import Finding
 from hri_predict.risk.types import NamedZoneState
 from hri_predict.risk.wording import BY_PEOPLE, NOTE, STANDS_M_S
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.skeleton import JOINTS, in_words
+from hri_predict.zones.body_zones import BodyZones
 
 _TOO_CLOSE = "too close for the robot's present speed"
 _TOO_NEAR_TO_START = "too close for the standing robot to start"

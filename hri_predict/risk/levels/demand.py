@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import Finding
 
 _SEVERITY = {
     Level.CLEAR: 0,

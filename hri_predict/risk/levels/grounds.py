@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
-from hri_predict.geometry import capsule_distance
+from hri_predict.base.geometry import capsule_distance
 from hri_predict.risk.levels.advice import asked_of
 from hri_predict.risk.levels.pair import pair_of
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import RobotFindings
-from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import Finding
 from hri_predict.risk.types import Grounds
-from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.zones.body_zones import BodyZones
 
 
 def mildest(found: RobotFindings) -> tuple[str, Finding | None]:

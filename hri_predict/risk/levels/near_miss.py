@@ -3,7 +3,7 @@
 from hri_predict.risk.levels.grounds import mildest
 from hri_predict.risk.separation.stage import Findings
 from hri_predict.risk.types import NearMiss
-from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.zones.body_zones import BodyZones
 
 SHARE = 0.2
 """Within so much of the limit, a separation is a near miss."""

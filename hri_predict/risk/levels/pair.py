@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from hri_predict.geometry import Capsules, capsule_distance
-from hri_predict.risk.separation.terms import Finding
-from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.risk.terms import Finding
 from hri_predict.robots.motion import RobotMotion
+from hri_predict.zones.body_zones import BodyZones
 
 
 def pair_of(

@@ -8,9 +8,9 @@ counts: back along its plan, from the place where its joints are.
 
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.receding import link_distances
-from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.robots.tracker import RobotNow
+from hri_predict.zones.body_zones import BodyZones
 
 FORWARDS_M_S = 0.03
 """A robot that goes forwards by more does not back out. Less may be noise; see ``DIRECTED_M_S``."""

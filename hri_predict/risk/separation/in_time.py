@@ -9,17 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.machine.compiled import plain
-from hri_predict.risk.separation import permitted
+from hri_predict.base.arrays import Floats
+from hri_predict.base.machine.compiled import plain
+from hri_predict.risk import permitted
 from hri_predict.risk.separation.nearest import NearestInTime
-from hri_predict.risk.separation.terms import (
-    Finding,
-    closing_s,
-    directed_limit,
-    speed_levels,
-    travel_m,
-)
+from hri_predict.risk.terms import Finding, closing_s, directed_limit, speed_levels, travel_m
 from hri_predict.robots.stopping import StoppingCurve
 
 

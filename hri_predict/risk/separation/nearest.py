@@ -6,9 +6,9 @@ from itertools import accumulate
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
-from hri_predict.geometry import Capsules
-from hri_predict.machine.compiled import plain
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.machine.compiled import plain
 from hri_predict.risk.separation.search import search, spheres_of
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import Capsules, horizontal_distance
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.geometry import Capsules, horizontal_distance
+from hri_predict.risk import permitted
 from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.separation import permitted
 from hri_predict.risk.separation.nearest import NearestInTime, nearest_in_time
 from hri_predict.risk.separation.receding import receding_steps
-from hri_predict.risk.separation.terms import (
+from hri_predict.risk.terms import (
     Finding,
     closing_s,
     directed_limit,
@@ -19,9 +19,9 @@ from hri_predict.risk.separation.terms import (
     speed_levels,
     worst_of,
 )
-from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.robots.stopping import StoppingCurve
+from hri_predict.zones.body_zones import BodyZones
 
 
 def judge_iso(

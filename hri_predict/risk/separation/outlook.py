@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from hri_predict.risk.separation.in_time import TimeByTime
 from hri_predict.risk.separation.nearest import BodiesInTime, Courses, NearestInTime
-from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.terms import Finding
 from hri_predict.robots.motion import RobotMotion
 
 

@@ -7,8 +7,8 @@ the first that falls ends it.
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules, capsule_distance
 
 FALLS_M = 1e-9
 """A smaller change counts as none: a link may turn about its own axis."""

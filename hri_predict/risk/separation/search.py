@@ -12,9 +12,9 @@ from math import inf, isfinite, sqrt
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
-from hri_predict.geometry import Capsules, Xyz, axis_distance
-from hri_predict.machine.compiled import kernel, part
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.geometry import Capsules, Xyz, axis_distance
+from hri_predict.base.machine.compiled import kernel, part
 
 ROUNDING_M = 1e-9
 """Pairs within this of a bound are kept: two orders of addition may differ in the last bit."""

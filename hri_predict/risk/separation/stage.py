@@ -10,8 +10,8 @@ from math import isfinite
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules
 from hri_predict.protocol.messages import OperatingMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone
@@ -24,15 +24,15 @@ from hri_predict.risk.separation.in_time import TimeByTime, farthest
 from hri_predict.risk.separation.nearest import BodiesInTime
 from hri_predict.risk.separation.now import by_circle, by_standard
 from hri_predict.risk.separation.outlook import Outlook, outlooks
-from hri_predict.risk.separation.terms import Finding, worst_of
 from hri_predict.risk.separation.unseen import beside_view
 from hri_predict.risk.separation.warm_up import warm_up
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import Finding, worst_of
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.zones.body_zones import BodyZones
 from hri_predict.robots.asked import NOTHING_ASKED, Asked
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.robots.tracker import RobotNow
+from hri_predict.zones.body_zones import BodyZones
 
 
 @dataclass(frozen=True, slots=True)

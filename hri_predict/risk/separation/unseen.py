@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.in_time import Course, TimeByTime
 from hri_predict.risk.separation.nearest import NearestInTime
 from hri_predict.risk.separation.now import at_distance
-from hri_predict.risk.separation.terms import Finding
+from hri_predict.risk.terms import Finding
 from hri_predict.robots.motion import RobotMotion
 
 

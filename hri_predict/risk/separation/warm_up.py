@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.risk import permitted
 from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.separation import permitted
 from hri_predict.risk.separation.nearest import BodiesInTime, Courses
 from hri_predict.robots.plan import OnPlan
 

@@ -8,8 +8,8 @@ from math import ceil
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
-from hri_predict.machine.compiled import kernel, part
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.machine.compiled import kernel, part
 from hri_predict.robots.stopping import STANDING_M_S, StoppingTable
 
 Tables = tuple[Floats, Floats, Floats, Floats, Floats, float]

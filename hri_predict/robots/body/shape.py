@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats, Ints
-from hri_predict.errors import RobotError
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.errors import RobotError
 from hri_predict.robots.file import CapsuleFile, RobotFile
 from hri_predict.robots.settings import MobileBaseSettings, ToolSettings
 

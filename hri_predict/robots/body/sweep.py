@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import norm
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.geometry import norm
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,9 +8,9 @@ from math import cos, inf, sin, sqrt
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import Capsules, cross, norm
-from hri_predict.machine.compiled import kernel, part, plain
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.geometry import Capsules, cross, norm
+from hri_predict.base.machine.compiled import kernel, part, plain
 from hri_predict.robots.body.sweep import Pieces
 from hri_predict.robots.kinematics import links_of, twists_of
 

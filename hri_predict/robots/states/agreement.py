@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.robots.model import RobotModel
 
 NOISE_M = 0.02

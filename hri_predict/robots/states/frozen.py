@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 
 COUNTERS = 1 << 16
 RESTART = 1000

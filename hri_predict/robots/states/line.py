@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.protocol.messages import RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotModel, StateMotion
-from hri_predict.robots.plausibility import StateCheck
 from hri_predict.robots.states.agreement import Place
+from hri_predict.robots.states.plausibility import StateCheck
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import segment_distance
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import segment_distance
 
 GENERATIONS = 150
 CANDIDATES = 32

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hri_predict.errors import ConfigError, RobotError
-from hri_predict.files import atomic_write
+from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.files import atomic_write
+from hri_predict.base.settings import validated
 from hri_predict.robots.file import RobotFile, StoppingFile, read_robot_file, size_problem
 from hri_predict.robots.urdf.capsule_fit import fit_capsule, needed_radius
 from hri_predict.robots.urdf.model import read_model
 from hri_predict.robots.urdf.tree import read_chain
-from hri_predict.settings import validated
 
 SPEEDS_M_S = [0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0]
 

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RobotError
-from hri_predict.quantities.units import meant
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RobotError
+from hri_predict.base.quantities.units import meant
 from hri_predict.robots.file import MAX_PART_M, MAX_SLIDE_M_S, MAX_TURN_RAD, MAX_TURN_RAD_S
 from hri_predict.robots.urdf.reading import numbers
 from hri_predict.robots.urdf.tree import UrdfChain

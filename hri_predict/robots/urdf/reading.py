@@ -10,10 +10,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from xml.etree import ElementTree
 
-from hri_predict.errors import RobotError, nearest
-from hri_predict.quantities.units import meant
+from hri_predict.base.errors import RobotError, nearest
+from hri_predict.base.quantities.units import meant
+from hri_predict.base.settings import MAX_ANGLE_RAD
 from hri_predict.robots.file import MAX_PART_M
-from hri_predict.settings import MAX_ANGLE_RAD
 
 EXPAND = "expand it first: xacro robot.urdf.xacro > robot.urdf"
 SHAPES = ("box", "sphere", "cylinder", "capsule", "mesh")

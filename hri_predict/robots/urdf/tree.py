@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hri_predict.errors import RobotError, nearest
-from hri_predict.files import read_text
-from hri_predict.quantities.units import meant
+from hri_predict.base.errors import RobotError, nearest
+from hri_predict.base.files import read_text
+from hri_predict.base.quantities.units import meant
 from hri_predict.robots.file import MAX_JOINTS, MAX_PART_M
 from hri_predict.robots.urdf.reading import (
     EXPAND,

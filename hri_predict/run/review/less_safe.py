@@ -1,6 +1,6 @@
 """The settings of a cell that are less safe than their defaults, with what each permits."""
 
-from hri_predict.quantities.safe_side import Finding, less_safe
+from hri_predict.base.quantities.safe_side import Finding, less_safe
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.robots.file import read_robot_file
 from hri_predict.robots.settings import StateMotion

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.viewing.picture import Picture
 from hri_predict.viewing.recorded import RecordedPictures
 from hri_predict.viewing.scene3d.panel import STRIP_PARTS, details, head, note, strip

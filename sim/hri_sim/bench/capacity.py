@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Advice,

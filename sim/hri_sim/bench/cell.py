@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict import registry
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config, NodeSettings
-from hri_predict.settings import validated
 
 RINGS = ((1.5, 6), (2.6, 10))  # metres from a robot, people there; together 16
 MAX_PEOPLE = sum(count for _, count in RINGS)

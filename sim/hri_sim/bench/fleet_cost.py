@@ -20,8 +20,8 @@ import numpy as np
 from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Advice,

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_sim.bench import cell
 from hri_sim.bench.onlookers import onlookers
 from hri_sim.bench.processes import cores_busy, processor_time, resident_mib

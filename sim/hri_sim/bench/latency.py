@@ -25,14 +25,14 @@ from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.transport import Transport
-from hri_predict.clock import MonotonicClock
-from hri_predict.link import LinkSettings
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.protocol.messages import Status
 from hri_predict.run import assemble
 from hri_predict.run.config import Config, NodeSettings, predictor_settings
 from hri_predict.run.runtime import run_real_time
-from hri_predict.scene import Scene
 from hri_sim.people.procedural import ProceduralSettings
 from hri_sim.wires.far_end import far_end
 

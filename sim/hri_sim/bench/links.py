@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_sim.bench.capacity import saturate
 from hri_sim.bench.latency import KINDS, Load, latency
 

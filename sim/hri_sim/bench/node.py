@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Iterator
 from typing import Any, get_args
 
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_predict.run.config import NodeSettings
 from hri_sim.bench.cell import config
 from hri_sim.bench.heard import WIRES, heard

@@ -25,7 +25,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 
 TRY_AGAIN_S = 0.2
 SCREENS_S = 60.0  # a screen that is not up by then never comes

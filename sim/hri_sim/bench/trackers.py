@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.settings import validated
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
@@ -20,7 +21,6 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
-from hri_predict.settings import validated
 from hri_sim.people.procedural import ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.referee import body_capsules

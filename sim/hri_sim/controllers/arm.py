@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.protocol.messages import BaseMotion
 
 _GRID_S = 0.002  # spacing of the table of the path's nominal speed

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.stopping import StoppingTable
 from hri_predict.robots.trajectory import Trajectory

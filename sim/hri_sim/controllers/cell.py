@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from hri_drivers.wires.transport import PipeEnd, Transport, pipe
-from hri_predict.arrays import Floats
-from hri_predict.clock import Clock
-from hri_predict.errors import LinkError
-from hri_predict.link import LinkSettings
-from hri_predict.peers import ControllerReport
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.cell import ControllerReport
+from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.source import Source
 from hri_predict.robots.model import RobotModel, RobotSettings
-from hri_predict.source import Source
 from hri_sim.controllers.controller import ControllerSettings
 from hri_sim.controllers.private_folder import PrivateFolder
 from hri_sim.controllers.process import job_for

@@ -25,9 +25,10 @@ import numpy as np
 from pydantic import Field
 
 from hri_drivers.links.codec import Codec
-from hri_predict.arrays import Floats
-from hri_predict.link import LinkCounters, LinkSettings
-from hri_predict.peers import ControllerReport
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import Settings
+from hri_predict.contracts.cell import ControllerReport
+from hri_predict.contracts.link import LinkCounters, LinkSettings
 from hri_predict.protocol.messages import (
     Advice,
     Level,
@@ -39,7 +40,6 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.robots.mobile_base import COORDINATES
-from hri_predict.settings import Settings
 from hri_sim.controllers.arm import base_of
 from hri_sim.controllers.button import Button
 from hri_sim.controllers.lies import LieSettings

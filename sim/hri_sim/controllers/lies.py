@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Floats
-from hri_predict.settings import Settings
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import Settings
 
 _NS = 1_000_000_000
 

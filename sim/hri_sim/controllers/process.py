@@ -22,9 +22,9 @@ from typing import Any
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.wires.transport import Transport
-from hri_predict import registry
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import HriPredictError, LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import HriPredictError, LinkError
+from hri_predict.contracts import registry
 from hri_predict.robots.model import RobotSettings
 from hri_sim.controllers.controller import ControllerSettings
 from hri_sim.controllers.station import Post, Station, at_far_end, codec_for

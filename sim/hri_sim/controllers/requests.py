@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import Field
 
+from hri_predict.base.settings import Settings
 from hri_predict.protocol.messages import OperatingMode, RobotMode
-from hri_predict.settings import Settings
 
 
 class RequestSettings(Settings):

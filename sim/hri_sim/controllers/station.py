@@ -13,15 +13,15 @@ from hri_drivers.links.codec import Codec
 from hri_drivers.links.framed import SerialCodec
 from hri_drivers.links.serial.link import SerialLinkSettings
 from hri_drivers.wires.transport import Transport
-from hri_predict.arrays import Floats
-from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError, nearest
-from hri_predict.link import LinkSettings
-from hri_predict.peers import ControllerReport
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.settings import validated
+from hri_predict.contracts.cell import ControllerReport
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.messages import OperatingMode, RobotMode
 from hri_predict.robots.model import RobotSettings, TrajectoryMotion, load_robot
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import validated
 from hri_sim.controllers.arm import SimulatedArm
 from hri_sim.controllers.brakes import Brakes, Drive
 from hri_sim.controllers.controller import (

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
+from hri_predict.base.settings import Settings
 from hri_predict.robots.settings import MAX_TOOL
-from hri_predict.settings import Settings
 
 
 class ToolChange(Settings):

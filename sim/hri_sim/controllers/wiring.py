@@ -19,7 +19,7 @@ from typing import Self
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_sim.controllers.tools import NOTHING, Mounted
 
 PERMIT_STALE_S = 0.1

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.run import config as configuration

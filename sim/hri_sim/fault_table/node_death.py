@@ -19,11 +19,11 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
-from hri_predict.files import load_yaml
-from hri_predict.link import LinkSettings
-from hri_predict.peers import ControllerReport
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
+from hri_predict.base.files import load_yaml
+from hri_predict.contracts.cell import ControllerReport
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.run import config as configuration
 from hri_sim.baseline_demo import BASELINE, baseline_demo
 from hri_sim.controllers.cell import MockCell

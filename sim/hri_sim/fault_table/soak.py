@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.errors import ConfigError
-from hri_predict.link import Link, LinkSettings
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.link import Link, LinkSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level, Message
 from hri_predict.run.assemble import Assembly

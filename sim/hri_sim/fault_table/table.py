@@ -15,9 +15,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hri_predict.contracts.cell import FaultOutcome
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.node.listeners import Tick
-from hri_predict.peers import FaultOutcome
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run.config import Config

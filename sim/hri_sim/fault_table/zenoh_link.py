@@ -11,10 +11,10 @@ from typing import Any
 
 from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
-from hri_predict.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, Fleet
-from hri_predict.peers import FaultOutcome
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.cell import FaultOutcome
+from hri_predict.operation.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, Fleet
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason

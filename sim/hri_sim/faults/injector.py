@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_sim.faults.link_faults import LINK_FAULTS, FaultyTransport
 from hri_sim.faults.settings import FaultSettings, Target, fault_mapping
 from hri_sim.faults.source_faults import SOURCE_FAULTS, FaultySource

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field
 
 from hri_drivers.wires.transport import Transport
-from hri_predict.clock import Clock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame
 from hri_predict.protocol.keyed import Keyed
 from hri_sim.faults.second_sender import EmptyRoom

@@ -7,9 +7,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Floats
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import Vector3
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import Vector3
+from hri_predict.contracts.scene import Person, Scene
 from hri_sim.faults.settings import FaultSettings
 
 MOST_CAPTURES = 60

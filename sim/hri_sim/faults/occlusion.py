@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.scene import Person
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts.scene import Person
 
 SEEN_SHARE = 0.3
 """A tracker follows a person with at least this share of the joints visible."""

@@ -7,9 +7,9 @@ from typing import Any, Literal, TypeVar
 import yaml
 from pydantic import Field, model_validator
 
-from hri_predict.errors import ConfigError, nearest
-from hri_predict.files import load_yaml, yaml_problem
-from hri_predict.settings import Settings, validated
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.files import load_yaml, yaml_problem
+from hri_predict.base.settings import Settings, validated
 
 
 class FaultSettings(Settings):

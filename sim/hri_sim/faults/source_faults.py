@@ -8,12 +8,12 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Bools
-from hri_predict.errors import ConfigError, nearest
-from hri_predict.joint_map import JointMap
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import Metres, Pose, Quaternion, Vector3
-from hri_predict.source import Source, live_part
+from hri_predict.base.arrays import Bools
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.settings import Metres, Pose, Quaternion, Vector3
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.source import Source, live_part
 from hri_sim.faults.made_up import MadeUp, MadeUpPeople
 from hri_sim.faults.occlusion import Occlusion
 from hri_sim.faults.settings import FaultSettings, faults_from

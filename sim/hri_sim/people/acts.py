@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_sim.people.body import MAX_LEAN, Body, Foot, Stance
 from hri_sim.people.walking import (
     BEND_M_S2,

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import JOINTS
 
 _HIP, _KNEE, _ANKLE = 0.530, 0.285, 0.039  # heights
 _TORSO, _SHOULDER, _EAR = 0.641, 0.818, 0.924

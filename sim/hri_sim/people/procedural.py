@@ -11,14 +11,14 @@ from typing import Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
-from hri_predict.files import YAML_ENDINGS
-from hri_predict.geometry import transform
-from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import MIN_RATE_HZ, Pose, Region, validated
-from hri_predict.source import SourceSettings
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import MIN_RATE_HZ, Pose, Region, validated
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.source import SourceSettings
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.people.tracker import Wander, delivered_by
 
@@ -92,7 +92,7 @@ class ProceduralSettings(SourceSettings):
 
 
 class ProceduralSource:
-    """See ``hri_predict.source.Source``."""
+    """See ``hri_predict.contracts.source.Source``."""
 
     settings_model = ProceduralSettings
 

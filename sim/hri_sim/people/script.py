@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError
-from hri_predict.settings import MAX_ANGLE_RAD, Point, Settings, Vector3
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import MAX_ANGLE_RAD, Point, Settings, Vector3
 from hri_sim.people.acts import Absent, Act, Reach, Stand, Turn, Walk
 from hri_sim.people.body import Body, Stance
 from hri_sim.people.walking import wrapped

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.joint_map import JointMap, load_joint_map
+from hri_predict.base.arrays import Floats
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
 
 
 def delivered_by(tracker: JointMap) -> JointMap:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 
 WALK_RATIO = 0.0065  # metres per (step per minute)
 MAX_STEP_M = 0.7

@@ -15,8 +15,8 @@ from typing import Any, Protocol
 
 from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.key_file import read_key
-from hri_predict.scene import Scene
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.scene import Scene
 from hri_sim.senders.stream_ends import (
     JsonEnd,
     MvnTcpEnd,

@@ -8,8 +8,8 @@ from struct import pack
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import CANONICAL
 
 MTU_ITEMS = 40  # of 32 bytes, and the header: below 1500 [2.4.1.3]
 

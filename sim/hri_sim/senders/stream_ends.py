@@ -12,9 +12,9 @@ from typing import Any
 from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.serial_source import framed
 from hri_drivers.sources.sent import SentPerson, SentScene
-from hri_predict.errors import LinkError
-from hri_predict.scene import Scene
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.errors import LinkError
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.scene import Scene
 from hri_sim.senders import mvn as mvn_sender
 from hri_sim.wires.pty import PtyTransport, open_pty
 

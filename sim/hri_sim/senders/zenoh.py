@@ -9,10 +9,10 @@ from typing import Any
 from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.scene import Scene
 from hri_predict.protocol.keyed import SCENE, Keyed, prefix
-from hri_predict.scene import Scene
-from hri_predict.skeleton import CANONICAL
 from hri_sim.senders.stream_ends import as_sent, free_tcp_port
 
 _SITE, _CELL = "site", "faults"

@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError, UnusableRecordingError
-from hri_predict.files import YAML_ENDINGS, read_text
-from hri_predict.machine.hiring import workers_for
-from hri_predict.machine.identity import code_digest
-from hri_predict.peers import SimulationReport, SimulationRequest
-from hri_predict.peers.zone_basis import ZoneBasis
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError, UnusableRecordingError
+from hri_predict.base.files import YAML_ENDINGS, read_text
+from hri_predict.base.work.hiring import workers_for
+from hri_predict.base.work.identity import code_digest
+from hri_predict.contracts.cell import SimulationReport, SimulationRequest
+from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording.recording import names_of
-from hri_predict.risk.zones.calibration import identity
 from hri_predict.run.asked import basis_of, demand_use
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
+from hri_predict.run.zone_basis import ZoneBasis
+from hri_predict.zones.calibration import identity
 from hri_sim.simulation.approach import ApproachSource, map_of, together
 from hri_sim.simulation.bodies import engines_of
 from hri_sim.simulation.cell import Cell, Variant, variants, with_risk

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError
-from hri_predict.files import YAML_ENDINGS
-from hri_predict.geometry import transform
-from hri_predict.joint_map import JointMap, load_joint_map
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import MIN_RATE_HZ, Pose, Vector3
-from hri_predict.source import SourceSettings
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import MIN_RATE_HZ, Pose, Vector3
+from hri_predict.contracts.joint_map import JointMap, load_joint_map
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.source import SourceSettings
 from hri_sim.people.tracker import Wander, delivered_by
 from hri_sim.referee import TruePeople
 from hri_sim.simulation.motion import Motion, load_motion
@@ -64,7 +64,7 @@ def exact(settings: ApproachSettings) -> ApproachSettings:
 
 
 class ApproachSource:
-    """See ``hri_predict.source.Source``. People have the ids 1, 2, ... in the order of motions."""
+    """See ``contracts.source.Source``. People have the ids 1, 2, ... in the order of motions."""
 
     settings_model = ApproachSettings
 

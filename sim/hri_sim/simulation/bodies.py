@@ -11,18 +11,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Floats
-from hri_predict.clock import VirtualClock
-from hri_predict.geometry import Capsules, transform
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.geometry import Capsules, transform
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.risk.engine import RiskEngine
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.human_speed import joined_speeds
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.ticks import Ticks, ticks_of
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.human_speed import joined_speeds
 from hri_sim.simulation.approach import ApproachSource, exact
 from hri_sim.simulation.cell import Cell, Variant, with_risk
 from hri_sim.simulation.foreknown import TrueFuture, foreknown

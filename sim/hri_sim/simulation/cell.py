@@ -4,17 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError
-from hri_predict.link import LinkSettings
-from hri_predict.predictors.base import Predictor
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.predictor import Predictor
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.robots.trajectory import Trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.settings import validated
 from hri_sim.controllers.station import Post, posts
 from hri_sim.simulation.approach import ApproachSettings
 from hri_sim.simulation.scenario import Scenario, Workspace

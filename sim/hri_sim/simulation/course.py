@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules, capsule_distance
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.skeleton import CANONICAL
 from hri_sim.referee import MOVING_M_S, Bodies, Joints, Referee, TruePeople, body_capsules
 
 _MOST_TICKS = 12

@@ -8,29 +8,29 @@ stepped as in ``hri-predict run --speed max``. People, predictor and zones are p
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from hri_predict.arrays import Floats
-from hri_predict.clock import VirtualClock
-from hri_predict.monitoring.pace import Pace
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import VirtualClock
+from hri_predict.contracts.cell import ControllerReport
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.node import Node
 from hri_predict.node.publisher import Publisher
-from hri_predict.peers import ControllerReport
+from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.protocol.messages import Advice, Level, Message, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.types import Assessment
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.types import Zones
 from hri_predict.robots.model import RobotModel
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.runtime import step_all
 from hri_predict.run.session import VIRTUAL_START_NS
-from hri_predict.scene import Scene
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.types import Zones
 from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Bodies as BodiesNow
 from hri_sim.referee import TruePeople

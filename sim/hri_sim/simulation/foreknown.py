@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.contracts.source import Source
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.source import Source
+from hri_predict.zones.body_zones import BodyZones
 from hri_sim.referee import TruePeople
 
 GRID_NS = 10_000_000

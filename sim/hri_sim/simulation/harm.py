@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats, Ints
-from hri_predict.geometry import Capsules, norm
-from hri_predict.risk.contact.fixtures import Fixture, floor, gaps
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.geometry import Capsules, norm
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.risk.contact.judges import fixtures_of, segment_limits
+from hri_predict.risk.fixtures import Fixture, floor, gaps
 from hri_predict.robots.model import RobotModel, RobotSettings
 from hri_predict.run.config import Config
-from hri_predict.skeleton import CANONICAL
 from hri_sim.referee import Contact
 
 

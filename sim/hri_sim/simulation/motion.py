@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.errors import ConfigError, UnusableRecordingError
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, UnusableRecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.replay import RecordingSettings, RecordingSource
@@ -25,7 +25,7 @@ _SHOULDERS_M = 1.05
 _NO_FLOOR = "marker_clusters9"
 _CROWN_M = 1.71
 """Height of a standing person's crown, for the clusters: their origin is about a table's height.
-Mean stature of ANSUR II, see ``hri_predict.skeleton``."""
+Mean stature of ANSUR II, see ``hri_predict.base.skeleton``."""
 _SHORTEST_S = 1.0
 
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import UnusableRecordingError
-from hri_predict.geometry import Capsules, capsule_distance, transform
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import UnusableRecordingError
+from hri_predict.base.geometry import Capsules, capsule_distance, transform
 from hri_predict.robots.model import RobotModel
 from hri_predict.robots.trajectory import Trajectory
 from hri_sim.referee import body_capsules

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 
 _FAR_M = 100.0
 

@@ -5,8 +5,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write, refuse_named_pipe
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write, refuse_named_pipe
 
 VERSION = 2
 

@@ -7,7 +7,7 @@ import select
 import tty
 
 from hri_drivers.wires.transport import TransportBusy
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 
 WRITE_TIMEOUT_S = 0.05
 HUNG_UP_WAIT_S = 0.02

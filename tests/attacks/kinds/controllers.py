@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.protocol.messages import Acknowledge, Advice
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_sim.controllers.cell import MockCell

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from tests.attacks.people import at, reach_in, seen_of, walk
 from tests.attacks.play import ALL, Attack
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from tests.attacks.people import at, reach_in, walk
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from tests.attacks.kinds.hider import Hider
 from tests.attacks.people import seen_of, stand, walk
 from tests.attacks.play import NEAR_M, RATE_HZ, Attack

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from tests.attacks.kinds.controllers import report_instead
 from tests.attacks.people import at, ease, reach_in, walk
 from tests.attacks.play import Attack

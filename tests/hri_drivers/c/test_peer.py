@@ -16,7 +16,7 @@ from typing import IO, Any
 import pytest
 import yaml
 
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.node.presses import QUIET_S
 from hri_sim.baseline_demo import BASELINE
 from hri_sim.wires.pty import open_pty

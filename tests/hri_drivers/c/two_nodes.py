@@ -21,7 +21,7 @@ import numpy as np
 import yaml
 
 from hri_drivers.links.can.link import CanCodec, CanLink, CanLinkSettings
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.messages import Advice, RobotMode, Status
 from hri_sim.baseline_demo import BASELINE

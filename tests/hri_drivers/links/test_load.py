@@ -4,11 +4,11 @@ import pytest
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.link import check_load
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.base.settings import validated
+from hri_predict.contracts.link import check_load
 from hri_predict.protocol.wire import StateShape
 from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.settings import validated
 
 
 def can(**more):

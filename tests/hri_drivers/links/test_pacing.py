@@ -5,7 +5,7 @@ import pytest
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.links.supervised import BULK_AHEAD_NS
 from hri_drivers.wires.transport import pipe
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.messages import Advice, Level, Zone, ZoneCapsule
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialSender

@@ -7,7 +7,7 @@ from can.interfaces.slcan import slcanBus
 
 from hri_drivers.links.can.transport import _read_any_line_end
 from hri_drivers.links.framed import NOISE_BYTES
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.serial import SerialSender

@@ -9,7 +9,7 @@ import pytest
 from hri_drivers.links.can.link import CanLinkSettings
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.transport import pipe
-from hri_predict.clock import MonotonicClock, VirtualClock
+from hri_predict.base.clock import MonotonicClock, VirtualClock
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,

@@ -10,8 +10,8 @@ import pytest
 
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.transport import PipeEnd, TransportBusy, pipe
-from hri_predict.clock import MonotonicClock, VirtualClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock, VirtualClock
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.messages import (
     Advice,
     Level,

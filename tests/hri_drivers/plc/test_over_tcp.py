@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.messages import Acknowledge, Advice, Level, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS

@@ -8,7 +8,7 @@ import numpy as np
 
 from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.sent import SentPerson, SentScene
-from hri_predict.joint_map import JointMap
+from hri_predict.contracts.joint_map import JointMap
 
 ROOT = Path(__file__).resolve().parents[3]
 CORPUS = ROOT / "tests" / "corpus" / "scene_stream"

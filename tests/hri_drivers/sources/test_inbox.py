@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.inbox import CAPACITY, SceneInbox
 from hri_drivers.sources.sent import SentScene
-from hri_predict.source import NOT_KNOWN_NS
+from hri_predict.contracts.source import NOT_KNOWN_NS
 
 S = 1_000_000_000
 

@@ -11,10 +11,10 @@ import pytest
 from hri_drivers.sources import live
 from hri_drivers.sources.live import LiveSettings, LiveSource, sender_joints
 from hri_drivers.sources.sent import SentPerson, SentScene
-from hri_predict.errors import ConfigError, SourceError
-from hri_predict.scene import Scene
-from hri_predict.settings import Pose, validated
-from hri_predict.source import NOT_KNOWN_NS, SourceCounters
+from hri_predict.base.errors import ConfigError, SourceError
+from hri_predict.base.settings import Pose, validated
+from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.source import NOT_KNOWN_NS, SourceCounters
 
 pytestmark = pytest.mark.realtime
 

@@ -3,7 +3,7 @@
 import pytest
 
 from hri_drivers.sources.live import LiveSource
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 

@@ -14,8 +14,8 @@ from zeroconf import ServiceInfo, Zeroconf
 
 from hri_drivers.sources.scene_json.json_source import JsonSettings, JsonSource
 from hri_drivers.sources.service_client import TCP_SOURCE
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import SourceError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import SourceError
 
 NAME = f"test{os.getpid()} camera"
 POSE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}

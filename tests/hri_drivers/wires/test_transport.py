@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hri_drivers.links.slots import MAX_EDGES, Budget, Slots
 from hri_drivers.wires.serial import SerialTransport
 from hri_drivers.wires.transport import PipeEnd, pipe
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,

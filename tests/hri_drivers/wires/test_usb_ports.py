@@ -7,8 +7,8 @@ import pytest
 
 from hri_drivers.links.serial.link import SerialLinkSettings
 from hri_drivers.wires.usb_ports import UsbDevice, find_port
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.settings import validated
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.base.settings import validated
 
 
 @dataclass

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from hri_predict.cli import main
-from tests.hri_predict.alerting.servers import free_port, silent_server, web_server
 from tests.hri_predict.commissioning.cells import cell_data, write_cell
+from tests.hri_predict.operation.alerting.servers import free_port, silent_server, web_server
 
 
 @pytest.fixture

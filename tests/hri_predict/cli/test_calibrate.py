@@ -6,11 +6,11 @@ import sys
 import numpy as np
 import pytest
 
-from hri_predict.calibration.scores import score_recordings
 from hri_predict.cli import main
 from hri_predict.cli.calibrate.checking import _calibrated_on
+from hri_predict.lab.calibration.scores import score_recordings
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
-from hri_predict.risk.zones.calibration import load_calibration
+from hri_predict.zones.calibration import load_calibration
 from tests.hri_predict.short_fit import short_fit
 
 CV = ["--predictor", "constant_velocity"]
@@ -133,7 +133,9 @@ def test_what_was_made_is_measured_and_written(cli, folder, made, tmp_path, numb
 
 def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    for module in [name for name in sys.modules if name.startswith("hri_predict.evaluation.fig")]:
+    for module in [
+        name for name in sys.modules if name.startswith("hri_predict.lab.evaluation.fig")
+    ]:
         monkeypatch.delitem(sys.modules, module)
     out = tmp_path / "measured"
     wanted = ["--check", "--calibration", made, "--out", out]  # and no recording is looked at

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hri_predict.cli import main
-from hri_predict.risk.zones.calibration import load_calibration
+from hri_predict.zones.calibration import load_calibration
 from tests.hri_predict.cli.test_calibrate import CV, walking
 from tests.hri_predict.short_fit import short_fit
 
@@ -93,7 +93,7 @@ def test_what_moves_no_zone_is_told_as_too_little(place, tmp_path, capsys, monke
     said = "too little data to change the zones (parts by speed: "
     assert said not in capsys.readouterr().out
     # a part with no window of any speed, as of somebody whose trunk is hardly ever seen
-    monkeypatch.setattr("hri_predict.calibration.site.mixing.FULL_WINDOWS", 10**9)
+    monkeypatch.setattr("hri_predict.lab.calibration.site.mixing.FULL_WINDOWS", 10**9)
     assert run(*CV, *one, "--out", tmp_path / "same.json", "--json") == 0
     assert said in json.loads(capsys.readouterr().out)["notes"][0]
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import yaml
 
+from hri_predict.base.files import data_path
 from hri_predict.cli import main, run
-from hri_predict.files import data_path
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"
 DEMO = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))

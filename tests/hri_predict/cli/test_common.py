@@ -5,9 +5,9 @@ import io
 import pytest
 from rich.console import Console
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import _fitting, without_effect
-from hri_predict.errors import ConfigError
-from hri_predict.evaluation.table import Table
+from hri_predict.lab.evaluation.table import Table
 
 INTERVALS = Table(
     "Coverage, %",

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import recordings
-from hri_predict.errors import ConfigError
 
 
 def test_a_folders_tables_of_joints_are_recordings_and_other_tables_are_not(

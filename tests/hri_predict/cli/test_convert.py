@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli import main
 from hri_predict.recording import converting, open_recording
-from hri_predict.skeleton import JOINTS
 from hri_sim.replay import RecordingSettings, RecordingSource
 
 TABLE = "time_s,person,waist_x,waist_y,waist_z,l_wrist_x,l_wrist_y,l_wrist_z\n" + "".join(

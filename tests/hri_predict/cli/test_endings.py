@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from hri_predict import cli
+from hri_predict.base.files import data_path
 from hri_predict.cli import commands, run
-from hri_predict.files import data_path
-from hri_predict.monitoring.summary import Summary
+from hri_predict.operation.monitoring.summary import Summary
 
 HRI_PREDICT = [sys.executable, "-m", "hri_predict"]
 

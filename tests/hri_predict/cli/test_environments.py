@@ -9,8 +9,8 @@ import sys
 import pytest
 import typer
 
+from hri_predict.base.files import data_path
 from hri_predict.cli.commands import app
-from hri_predict.files import data_path
 from tests.hri_predict.cli import environments
 from tests.hri_predict.cli.environments import ENVIRONMENTS
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import torch
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli import main
 from hri_predict.cli.common import files, recordings
-from hri_predict.datasets.cmu_benchmark import MEAN_OVER
-from hri_predict.errors import ConfigError
+from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Shape, network_class_of
 from hri_predict.predictors.neural.settings import shipped_weights
@@ -226,7 +226,9 @@ def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path
 @pytest.mark.parametrize("more", [[], ["--benchmark", "cmu"]])
 def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, more, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    for module in [name for name in sys.modules if name.startswith("hri_predict.evaluation.fig")]:
+    for module in [
+        name for name in sys.modules if name.startswith("hri_predict.lab.evaluation.fig")
+    ]:
         monkeypatch.delitem(sys.modules, module)
     out = tmp_path / "judged"
     nowhere = ["--data", tmp_path / "none", "--predictor", "zero_velocity"]  # not looked at yet

@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from hri_predict.cli import main
-from hri_predict.evidence import chain
+from hri_predict.operation.evidence import chain
 from hri_predict.protocol.messages import Level
-from tests.hri_predict.evidence.test_keeper import Run
+from tests.hri_predict.operation.evidence.test_keeper import Run
 
 
 @pytest.fixture

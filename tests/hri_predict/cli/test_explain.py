@@ -10,9 +10,9 @@ from html.parser import HTMLParser
 import pytest
 from typer.testing import CliRunner
 
+from hri_predict.base.errors import HriPredictError
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.cli.commands import app
-from hri_predict.errors import HriPredictError
-from hri_predict.skeleton import CANONICAL
 from tests.hri_predict.explaining.made_up import advice, told, written
 
 HOSTILE = "<script>alert(1)</script>\"'&\x1b[31m"

@@ -19,9 +19,9 @@ import pytest
 from rich.console import Console
 
 from hri_drivers.wires.transport import PipeEnd, pipe
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.fleet import FRAME_LINES, _table, _Watch, fleet
-from hri_predict.errors import ConfigError
-from hri_predict.monitoring.fleet import CellRow, Fleet, RobotRow
+from hri_predict.operation.monitoring.fleet import CellRow, Fleet, RobotRow
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.keyed import Keyed, KeyedSender
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.listen import Printer, _settings, listen
-from hri_predict.errors import ConfigError
-from hri_predict.link import LinkSettings
+from hri_predict.contracts import registry
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason

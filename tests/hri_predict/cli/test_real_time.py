@@ -18,8 +18,8 @@ from typing import Any
 import pytest
 import yaml
 
-from hri_predict.clock import MonotonicClock
-from hri_predict.files import data_path
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.files import data_path
 from hri_predict.run import config as configuration
 from hri_sim.baseline_demo import BASELINE
 from hri_sim.controllers.cell import MockCell

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from hri_predict.base.errors import LinkError
+from hri_predict.base.files import data_path
 from hri_predict.cli.run import replay
-from hri_predict.errors import LinkError
-from hri_predict.files import data_path
 from hri_sim.baseline_demo import BASELINE
 from tests.hri_predict.recording.mcap.test_format1 import PATH
 

@@ -5,8 +5,8 @@ import os
 import pytest
 from typer.testing import CliRunner
 
+from hri_predict.base.errors import HriPredictError
 from hri_predict.cli.commands import app
-from hri_predict.errors import HriPredictError
 
 pytest.importorskip("viser", reason="the extra viewer is not installed")
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_sim.baseline_demo import BASELINE

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.commissioning import bench, echo
 from hri_predict.commissioning.echo import MeasuredElsewhere, Tap, judge_echo, measure_echo, times
-from hri_predict.peers import ControllerReport
+from hri_predict.contracts.cell import ControllerReport
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
 
 S = 1_000_000_000

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.commissioning.folder import State, load_state, save
 from hri_predict.commissioning.identity import identity_of
 from hri_predict.commissioning.report import read_report
-from hri_predict.errors import ConfigError
 from tests.hri_predict.commissioning.cells import load_cell
 from tests.hri_predict.commissioning.test_report import step
 

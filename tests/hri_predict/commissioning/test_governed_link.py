@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.commissioning.governed_link import GovernedLink, lowered
-from hri_predict.link import LinkCounters, Received
+from hri_predict.contracts.link import LinkCounters, Received
 from hri_predict.protocol.messages import Advice, Level, NodeState, RobotMode, RobotState, Status
 from hri_predict.protocol.reasons import Reason
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Region
 from hri_predict.commissioning.grid import BASE_M, Grid
-from hri_predict.errors import ConfigError
-from hri_predict.settings import Region
 
 ONE = np.array([[0.0, 0.0, 2.0]])
 coordinates = st.floats(-3, 3)

@@ -9,10 +9,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.files import data_path
 from hri_predict.commissioning.identity import MISSING, differences, flattened, identity_of
-from hri_predict.files import data_path
-from hri_predict.risk.zones.calibration import shipped_calibration
 from hri_predict.run import config as configuration
+from hri_predict.zones.calibration import shipped_calibration
 from tests.hri_predict.commissioning.cells import cell_data, load_cell, write_cell
 
 

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.commissioning.identity import Identity, versions
 from hri_predict.commissioning.report import (
     FileName,
@@ -19,8 +20,7 @@ from hri_predict.commissioning.report import (
     to_data,
     write_report,
 )
-from hri_predict.errors import ConfigError
-from hri_predict.evidence.chain import hash_of
+from hri_predict.operation.evidence.chain import hash_of
 
 AT = datetime(2026, 3, 4, 5, 6, tzinfo=UTC)
 IDENTITY = Identity(

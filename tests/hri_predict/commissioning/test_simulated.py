@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.commissioning.playback import circles_of
 from hri_predict.commissioning.simulated import (
     LANE_M,
@@ -16,9 +18,7 @@ from hri_predict.commissioning.simulated import (
     with_people,
     with_toucher,
 )
-from hri_predict.errors import ConfigError
 from hri_predict.run import assemble
-from hri_predict.skeleton import JOINTS
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
 
 REAL = [

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.commissioning import stopping
 from hri_predict.commissioning.stopping import (
     MeasuredStop,
@@ -15,7 +15,7 @@ from hri_predict.commissioning.stopping import (
     typed_stops,
     worst,
 )
-from hri_predict.link import Received
+from hri_predict.contracts.link import Received
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.run import assemble
 from tests.hri_predict.commissioning.cells import cell_data, load_cell

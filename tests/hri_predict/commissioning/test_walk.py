@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
+from hri_predict.base.errors import RecordingError
 from hri_predict.commissioning.compare import compare
 from hri_predict.commissioning.playback import grid_of, play, read_rows, write_rows
 from hri_predict.commissioning.walk import ADVICES, RECORDING, WalkPlan, judge_walk, walk
-from hri_predict.errors import RecordingError
-from hri_predict.evidence.chain import file_hash
+from hri_predict.operation.evidence.chain import file_hash
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
 from tests.hri_predict.commissioning.test_compare import ROW
 

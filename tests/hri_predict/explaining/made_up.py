@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from hri_predict.joint_map import load_joint_map
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.mcap.clocks import VirtualClocks
 from hri_predict.recording.mcap.items import Item

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import situation

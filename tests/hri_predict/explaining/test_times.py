@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import situation
 from hri_predict.explaining.times import NS, asked, dated, shown

@@ -5,7 +5,7 @@ import pytest
 
 import hri_predict
 from hri_predict import Acknowledge, Advisor, Level, Person, Reason, RobotMode, RobotState, Scene
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_sim.people.body import Body
 
 MS = 1_000_000

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import hri_predict
-from hri_predict.errors import ConfigError, PredictorError, RecordingError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.errors import ConfigError, PredictorError, RecordingError
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Scene
 from hri_predict.predictors.baselines import ZeroVelocity
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.recording import recording_of
-from hri_predict.scene import Scene
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 RATE_HZ = 30.0

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hri_predict
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording.recording import recording_of
 from hri_sim.people.body import Body
 

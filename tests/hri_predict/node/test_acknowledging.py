@@ -1,6 +1,6 @@
 """What an Acknowledge ends in the node: what was shown, once, after a pause."""
 
-from hri_predict.link import Received
+from hri_predict.contracts.link import Received
 from hri_predict.node.presses import QUIET_S
 from hri_predict.protocol.messages import Acknowledge, NodeState
 from hri_predict.protocol.reasons import Reason

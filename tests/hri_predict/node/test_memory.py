@@ -9,7 +9,7 @@ from typing import cast
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.node.listeners import Tick
 from hri_predict.node.memory import LONG_AGO_S, STUCK_S, Memory, StateSettings
 

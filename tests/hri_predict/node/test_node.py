@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.link import LinkCounters, Received
+from hri_predict.contracts.cell import ControllerReport
+from hri_predict.contracts.link import LinkCounters, Received
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.node.listeners import Listener
-from hri_predict.peers import ControllerReport
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import (
     Advice,
     Level,

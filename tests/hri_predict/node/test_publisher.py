@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.node.publisher import Publisher
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
     Advice,
@@ -20,8 +21,7 @@ from hri_predict.protocol.messages import (
     Zone,
 )
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.zones.types import Zones
-from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.zones.types import Zones
 
 MS = 1_000_000
 STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=1, predictor=0, cycle=0)

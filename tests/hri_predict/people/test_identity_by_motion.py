@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 
 J = len(JOINTS)
 SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.inferred import Inference
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 COCO = load_joint_map("coco17")

@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import Pose
-from hri_predict.skeleton import JOINTS
-from hri_predict.source import SourceSettings
 
 SHARED = Path(__file__).resolve().parents[3].parent / "shared"
 MS = 1_000_000

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 
 MS = 1_000_000
 PERIOD = 40 * MS

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 
 J = len(JOINTS)
 SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 import torch
 
-from hri_predict import registry
-from hri_predict.arrays import Floats
-from hri_predict.predictors.base import Predictor
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Predictor
 from hri_predict.predictors.neural.body import BODY, from_canonical
 from hri_predict.predictors.neural.body_frame import fill, neighbour_table
 from hri_predict.predictors.neural.network import (
@@ -18,7 +19,6 @@ from hri_predict.predictors.neural.network import (
 )
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
-from hri_predict.skeleton import CANONICAL
 from hri_sim.people.body import Body
 
 

@@ -7,8 +7,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
 from hri_predict.predictors.aggregation import (
     Aggregated,
     AggregatedOptions,

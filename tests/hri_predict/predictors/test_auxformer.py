@@ -5,12 +5,12 @@ from typing import Literal
 import pytest
 import torch
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
 from hri_predict.predictors.auxformer import AuxFormer
 from hri_predict.predictors.auxformer_attention import Attention, AuxFormerOptions
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, mpjpe
-from hri_predict.settings import validated
 
 HISTORY, HORIZON, JOINTS = 6, 7, len(BODY.joints)
 SMALL = {

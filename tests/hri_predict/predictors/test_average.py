@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts import registry
 from hri_predict.predictors.average import AveragePredictor, AverageSettings
 from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.run.config import predictor_settings

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL, make_skeleton
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
     ConstantVelocitySettings,
     ZeroVelocity,
     ZeroVelocitySettings,
 )
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL, make_skeleton
 
 LIMB = make_skeleton("limb", ["a", "b", "c", "d"], [-1, 0, 1, 2])
 

@@ -6,9 +6,9 @@ Causality needs no test of its own here: ``predict`` is given the history and no
 import numpy as np
 import pytest
 
-from hri_predict import registry
-from hri_predict.arrays import Bools, Floats
-from hri_predict.predictors.base import Predictor, PredictorSettings, checked
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Predictor, PredictorSettings, checked
 
 
 @pytest.fixture(params=registry.names("predictors"))

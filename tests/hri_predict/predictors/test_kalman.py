@@ -5,12 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.base.skeleton import CANONICAL, make_skeleton
 from hri_predict.predictors.kalman import (
     UNKNOWN_STD_M,
     ConstantAccelerationKalman,
     KalmanSettings,
 )
-from hri_predict.skeleton import CANONICAL, make_skeleton
 
 POINTS = make_skeleton("points", ["a", "b"], [-1, 0], bone_lengths=[0.0, 0.4])
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.mixer import Mixer, MixerOptions, cosine_matrix
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose, mpjpe
-from hri_predict.skeleton import make_skeleton
 
 SHAPE = Shape(skeleton=BODY, history_steps=12, horizon_steps=9, rate_hz=25.0)
 SMALL: dict[str, Any] = {"width": 16, "blocks": 1}

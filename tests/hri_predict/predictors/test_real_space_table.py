@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.arrays import Floats
-from hri_predict.predictors.base import Predictor
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import Skeleton, make_skeleton
+from hri_predict.contracts.predictor import Predictor
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
     ConstantVelocitySettings,
     ZeroVelocity,
     ZeroVelocitySettings,
 )
-from hri_predict.skeleton import Skeleton, make_skeleton
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 CMU = DATA / "cmu_mocap"

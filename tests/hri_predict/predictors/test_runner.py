@@ -4,11 +4,11 @@ import time
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.predictors.runner import PredictionRunner
 from hri_predict.protocol.reasons import Reason
-from hri_predict.skeleton import CANONICAL
 
 T, H, J = 5, 4, len(CANONICAL.joints)
 

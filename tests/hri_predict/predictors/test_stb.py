@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor, nn
 
+from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.stb import STB, GraphLayer, STBOptions, distillation
-from hri_predict.skeleton import make_skeleton
 
 CHAIN = make_skeleton("chain", list("abcd"), [-1, 0, 1, 2])
 SHAPE = Shape(skeleton=CHAIN, history_steps=5, horizon_steps=3, rate_hz=25.0)

@@ -6,7 +6,9 @@ from typing import Any
 import pytest
 import torch
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
 from hri_predict.predictors.trajectorycnn import (
@@ -16,8 +18,6 @@ from hri_predict.predictors.trajectorycnn import (
     TrajectoryCNNOptions,
     part_order,
 )
-from hri_predict.settings import validated
-from hri_predict.skeleton import make_skeleton
 
 SHAPE = Shape(skeleton=BODY, history_steps=6, horizon_steps=9, rate_hz=25.0)
 SMALL: dict[str, Any] = {"channels": 8, "blocks": 1}

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanReceiver, CanSender
 from hri_predict.protocol.messages import (
     Advice,

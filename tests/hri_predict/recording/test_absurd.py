@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
 from hri_predict.recording.formats import npz
-from hri_predict.scene import Person, Scene
 
 FRAMES = 5
 

@@ -7,12 +7,12 @@ import sys
 import numpy as np
 import pytest
 
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli import main
-from hri_predict.errors import RecordingError
 from hri_predict.recording import open_recording
 from hri_predict.recording.opening import opened
 from hri_predict.recording.recording import Recording
-from hri_predict.skeleton import JOINTS
 from tests.cases import CASES
 
 FILES = CASES / "files"

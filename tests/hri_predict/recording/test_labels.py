@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.recording.labels import MAX_ID, MAX_MARKERS, joined_labels, split_labels
 
 

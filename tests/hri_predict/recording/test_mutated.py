@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import WRITERS, write_recording
 from hri_predict.recording.naming import map_of_names
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS
 
 TOKENS = (b"nan", b"1e999", b"-1", b"99999999999", b"\t", b",", b"\n", b"", b"\0", b"\xff", b'"')
 EACH = 40

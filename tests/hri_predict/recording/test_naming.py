@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import load_joint_map, map_names
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.recording import open_recording
 from hri_predict.recording.naming import map_of_names, with_map
-from hri_predict.skeleton import JOINTS
 
 SHIPPED = [name for name in map_names() if name != "bvh"]
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.opening import opened
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"

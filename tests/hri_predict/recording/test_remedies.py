@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli import main
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.people.body.axes import all_axes
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.formats.rigid import zxy_degrees
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.opening import open_recording, opened
 from hri_predict.recording.recording import Recording
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 _WHO = Body(1.75)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.recording.rig import map_of_rig, plain, rig_table, sided
-from hri_predict.skeleton import CANONICAL
 
 RIGS: dict[str, tuple[str, dict[str, str | None]]] = {
     "CMU": (

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import WRITERS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.naming import map_of_names
-from hri_predict.scene import Person, Scene
 
 TOLERANCE_M = {"csv": 5.1e-7, "trc": 5.1e-8, "c3d": 2e-6, "amass": 2e-6, "pack": 2e-6, "mcap": 0}
 SEVERAL = ("csv", "trc", "c3d", "mcap")

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.joint_map import load_joint_map, map_names
+from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.shared_affix import without_shared
 

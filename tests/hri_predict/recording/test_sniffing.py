@@ -7,7 +7,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording import open_recording
 from hri_predict.recording.sniffing import seems
 

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from hri_predict.joint_map import load_joint_map, map_names
+from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.recording import open_recording, unused
 from hri_predict.recording.naming import map_of_names
 

@@ -7,22 +7,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.arrays import Floats
-from hri_predict.link import LinkSettings
+from hri_predict.base.arrays import Floats
+from hri_predict.base.settings import Pose, Region
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.base import Forecast
 from hri_predict.protocol.messages import Advice, OperatingMode, RobotMode, RobotState
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
-from hri_predict.risk.zones.calibration import Calibration
 from hri_predict.robots.model import RobotSettings, load_robot
-from hri_predict.robots.plausibility import StateCheck
+from hri_predict.robots.states.plausibility import StateCheck
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.settings import Pose, Region
-from hri_predict.skeleton import CANONICAL, JOINTS
+from hri_predict.zones.calibration import Calibration
 
 RATE_HZ, STEPS = 25.0, 25
 HISTORY = 6

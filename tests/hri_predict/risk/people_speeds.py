@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hri_predict.risk.zones.human_speed import HumanSpeeds
+from hri_predict.zones.human_speed import HumanSpeeds
 
 
 def speeds_of(*v_h: float, segments: int = 1) -> HumanSpeeds:

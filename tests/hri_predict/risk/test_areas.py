@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.settings import Region
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, approach_m
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.types import Zones
-from hri_predict.settings import Region
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.types import Zones
 from tests.hri_predict.risk.people_speeds import speeds_of
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]

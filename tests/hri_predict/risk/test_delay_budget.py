@@ -2,8 +2,8 @@
 
 import pytest
 
-from hri_predict.errors import ConfigError
-from hri_predict.link import LinkSettings
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.risk.delay_budget import DelayBudget
 
 FAST = LinkSettings(

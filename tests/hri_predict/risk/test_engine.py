@@ -8,9 +8,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import Capsules, capsule_distance
-from hri_predict.predictors.base import Forecast
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import CANONICAL, JOINTS, in_words
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.protocol.messages import Advice, Level, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
@@ -18,8 +20,6 @@ from hri_predict.risk.levels.demand import severity
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
-from hri_predict.settings import Region
-from hri_predict.skeleton import CANONICAL, JOINTS, in_words
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.risk.engine_cell import (
     MODEL,

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings

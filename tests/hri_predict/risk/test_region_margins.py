@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.settings import Region
-from hri_predict.skeleton import CANONICAL
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.risk.engine_cell import SETTINGS, Cell, body
 

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Region
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.settings import RobotSettings
-from hri_predict.settings import Region
 from tests.hri_predict.risk.engine_cell import ROBOT, Cell
 from tests.hri_predict.robots import mobile
 

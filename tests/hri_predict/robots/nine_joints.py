@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hri_predict.arrays import Floats
-from hri_predict.files import data_path
+from hri_predict.base.arrays import Floats
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import Pose
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
-from hri_predict.settings import Pose
 
 UR5E: dict[str, Any] = yaml.safe_load(data_path("robots", "ur5e.yaml").read_text())
 PLACED = Pose(xyz=[1.0, -2.0, 0.8], quaternion_xyzw=[0.0, 0.0, 0.6, 0.8])

@@ -12,13 +12,13 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
+from hri_predict.base.files import data_path
+from hri_predict.base.geometry import Capsules, capsule_distance, segment_distance
+from hri_predict.base.settings import Pose
 from hri_predict.cli.check.check import examine
-from hri_predict.files import data_path
-from hri_predict.geometry import Capsules, capsule_distance, segment_distance
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.run import config as configuration
-from hri_predict.settings import Pose
 
 ROBOTS: dict[str, dict[str, Any]] = {
     name: yaml.safe_load(data_path("robots", f"{name}.yaml").read_text())

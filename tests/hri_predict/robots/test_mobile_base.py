@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import BaseMotion
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.separation.terms import travel_m
+from hri_predict.risk.terms import travel_m
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.stopping import StoppingTable
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.settings import Pose
 from tests.hri_predict.robots.mobile import BASE, NOWHERE, Q, moving, settings_of, standing, state
 
 MS = 1_000_000

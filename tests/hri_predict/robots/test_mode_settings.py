@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
 from hri_predict.robots.model import RobotSettings
-from hri_predict.settings import validated
 
 ROBOT = {"name": "arm", "model": "ur5e", "room_from_robot": {}, "max_speed_m_s": 1.0}
 PLANNED = {"kind": "state", "plan": "pick_and_place"}

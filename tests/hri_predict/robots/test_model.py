@@ -12,11 +12,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RobotError
-from hri_predict.files import data_path
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import Pose
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
-from hri_predict.settings import Pose
 
 UR5E: dict[str, Any] = yaml.safe_load(data_path("robots", "ur5e.yaml").read_text())
 SHIPPED = sorted(p.stem for p in data_path("robots").glob("*.yaml"))

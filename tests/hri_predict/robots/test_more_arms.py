@@ -10,11 +10,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
-from hri_predict.files import data_path
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.arrays import Floats
+from hri_predict.base.files import data_path
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.settings import Pose
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
-from hri_predict.settings import Pose
 
 HALF = np.pi / 2
 UR_ALPHA = (HALF, 0, 0, HALF, -HALF, 0)

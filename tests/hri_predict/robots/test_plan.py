@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RobotError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RobotError
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.robots.model import RobotSettings, StateMotion, load_robot
 from hri_predict.robots.plan import OnPlan, Plan
 from hri_predict.robots.tracker import RobotTracker
 from hri_predict.robots.trajectory import Trajectory, load_trajectory
-from hri_predict.settings import Pose
 
 ROBOT = RobotSettings(
     name="arm",

@@ -9,8 +9,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
-from hri_predict.geometry import Capsules
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
@@ -202,7 +202,7 @@ def test_the_limits_of_a_rail_are_metres(
 
 
 def test_mistakes_name_the_unit(tmp_path: Path, robot: RobotModel) -> None:
-    from hri_predict.errors import RobotError
+    from hri_predict.base.errors import RobotError
     from hri_predict.robots.trajectory import load_trajectory
 
     start, end = [0.0] * 9, [2.5, *[0.0] * 8]

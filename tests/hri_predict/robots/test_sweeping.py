@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.base.settings import Pose
 from hri_predict.robots.body import ahead, sweeping
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.plan import Plan
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import Pose
 from tests.hri_predict.robots import mobile, nine_joints
 
 ARM = load_robot(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from hri_predict.errors import RobotError
+from hri_predict.base.errors import RobotError
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.tracker import RobotTracker
-from hri_predict.settings import Pose
 
 MS = 1_000_000
 CLAW = {"name": "claw", "a": [0, 0, 0], "b": [0, 0, 0.1], "radius": 0.05}

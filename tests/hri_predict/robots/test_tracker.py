@@ -9,15 +9,15 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
-from hri_predict.errors import RobotError
-from hri_predict.files import data_path
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import Pose
 
 MS = 1_000_000
 Q = (0.1, -1.2, 1.5, -1.8, -1.5, 0.2)

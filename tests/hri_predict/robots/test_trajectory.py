@@ -10,11 +10,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.errors import RobotError
-from hri_predict.files import data_path
+from hri_predict.base.errors import RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import Pose
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.trajectory import PEAK, Trajectory, load_trajectory
-from hri_predict.settings import Pose
 from tests.hri_predict.robots import mobile
 
 FILE: dict[str, Any] = yaml.safe_load(data_path("trajectories", "pick_and_place.yaml").read_text())

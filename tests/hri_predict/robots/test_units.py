@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hri_predict.errors import RobotError
-from hri_predict.files import data_path
+from hri_predict.base.errors import RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import Pose
 from hri_predict.robots.file import read_robot_file
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import Pose
 
 SHIPPED = sorted(path.stem for path in data_path("robots").glob("*.yaml"))
 SCALES = {"millimetres": 1000, "centimetres": 100, "inches": 1 / 0.0254}

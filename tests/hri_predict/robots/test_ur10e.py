@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from hri_predict.base.settings import Pose
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
-from hri_predict.settings import Pose
 
 
 def shipped(name: str) -> RobotModel:

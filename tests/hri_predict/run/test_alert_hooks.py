@@ -6,8 +6,8 @@ import time
 import pytest
 
 from hri_predict.run.session import Options, run
-from tests.hri_predict.alerting.servers import silent_server, web_server
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
+from tests.hri_predict.operation.alerting.servers import silent_server, web_server
 
 
 def cell(folder, *hooks):

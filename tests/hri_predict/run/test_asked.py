@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.errors import ConfigError
-from hri_predict.peers.zone_basis import ZoneBasis
+from hri_predict.base.errors import ConfigError
 from hri_predict.predictors.baselines import ConstantVelocitySettings, ZeroVelocitySettings
-from hri_predict.risk.zones.calibration import shipped_calibration
-from hri_predict.risk.zones.settings import CoverageSettings
 from hri_predict.run.asked import asked_predictors, basis_of, demand_use, demand_weights, fitting
+from hri_predict.run.zone_basis import ZoneBasis
+from hri_predict.zones.calibration import shipped_calibration
+from hri_predict.zones.settings import CoverageSettings
 
 CV = ConstantVelocitySettings(name="constant_velocity", rate_hz=25.0, horizon_s=1.2)
 ZERO = ZeroVelocitySettings(name="zero_velocity", rate_hz=25.0, horizon_s=1.2)

@@ -8,12 +8,12 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import models_in, validated
+from hri_predict.contracts import registry
 from hri_predict.robots.file import RobotFile, StoppingFile
 from hri_predict.run import config
 from hri_predict.run.config import NodeSettings
-from hri_predict.settings import models_in, validated
 
 CELL = """\
 rate_hz: 25

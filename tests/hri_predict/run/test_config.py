@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from hri_drivers.wires.transport import PipeEnd, pipe
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError
-from hri_predict.files import data_path
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 

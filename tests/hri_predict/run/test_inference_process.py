@@ -10,7 +10,7 @@ import threading
 import pytest
 import yaml
 
-from hri_predict.predictors.base import PredictorSettings
+from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
@@ -111,7 +111,7 @@ def test_in_virtual_time_the_predictor_runs_in_place(tmp_path, monkeypatch):
 def test_a_network_gets_a_process_where_there_is_a_core_for_it(
     settings, cores, expected, monkeypatch
 ):
-    monkeypatch.setattr("hri_predict.machine.realtime.usable_cores", lambda: set(range(cores)))
+    monkeypatch.setattr("hri_predict.base.machine.realtime.usable_cores", lambda: set(range(cores)))
     assert assemble.has_own_process(settings) is expected
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.messages import Advice, Pose, Status, Zone
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run import assemble

@@ -7,8 +7,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError, ConfigMistakes
-from hri_predict.files import line_of
+from hri_predict.base.errors import ConfigError, ConfigMistakes
+from hri_predict.base.files import line_of
 from hri_predict.run import config as configuration
 from hri_predict.run.mistakes import MAX_SHOWN
 

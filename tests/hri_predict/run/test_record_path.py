@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.files import data_path
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import data_path
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, run
 from hri_sim.baseline_demo import BASELINE

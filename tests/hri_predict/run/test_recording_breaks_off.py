@@ -9,8 +9,8 @@ import pytest
 import typer
 import yaml
 
+from hri_predict.base.files import data_path
 from hri_predict.cli.run import replay
-from hri_predict.files import data_path
 from hri_sim.baseline_demo import BASELINE
 
 TAKEN = 20_000  # bytes

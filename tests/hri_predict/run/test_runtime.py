@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
-from hri_predict.clock import MonotonicClock, VirtualClock
-from hri_predict.errors import LinkError, MachineError
-from hri_predict.machine import asleep
-from hri_predict.machine.realtime import RealtimeSettings
+from hri_predict.base.clock import MonotonicClock, VirtualClock
+from hri_predict.base.errors import LinkError, MachineError
+from hri_predict.base.machine import asleep
+from hri_predict.base.machine.realtime import RealtimeSettings
+from hri_predict.contracts.source import NOT_KNOWN_NS
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run.runtime import run_real_time, run_virtual
-from hri_predict.source import NOT_KNOWN_NS
 from tests.hri_predict.run.fakes import MS, Node, Source
 
 

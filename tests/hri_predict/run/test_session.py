@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Region
 from hri_predict.cli.run import BESIDE_THE_ROBOT, DEMO_S
-from hri_predict.errors import ConfigError
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import open_recording
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
-from hri_predict.settings import Region
 from hri_sim.baseline_demo import BASELINE
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"

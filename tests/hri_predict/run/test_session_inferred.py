@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level, NodeState, Zone
 from hri_predict.recording.formats.csv_table import write_csv
 from hri_predict.recording.recording import recording_of_one
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
-from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_sim.people.body import Body
 from tests.hri_predict.people.test_inferring import sent
 

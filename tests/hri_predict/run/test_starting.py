@@ -8,7 +8,7 @@ import pytest
 from hri_predict.protocol.messages import Level
 from hri_predict.run.runtime import stop_on_signals
 from hri_predict.run.starting import SlowStart, ended_by_signals
-from tests.hri_predict.monitoring.test_summary import tick_of
+from tests.hri_predict.operation.monitoring.test_summary import tick_of
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.run.config import NodeSettings
 from hri_predict.run.ticks import LEAVE_NS, CaptureTicks, FixedTicks, ticks_of
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from hri_predict.base.errors import LinkError
 from hri_predict.cli.check.check import examine
-from hri_predict.errors import LinkError
 from hri_predict.run.config import NodeSettings
 from hri_predict.run.ticks_told import race_notes, ticks_facts, ticks_line
 from hri_sim.baseline_demo import baseline_demo

@@ -3,14 +3,14 @@
 from dataclasses import replace
 from typing import Any
 
-from hri_predict.monitoring.fleet import Fleet
-from hri_predict.monitoring.fleet_changes import FleetChanges
-from hri_predict.monitoring.fleet_levels import tile
+from hri_predict.operation.monitoring.fleet import Fleet
+from hri_predict.operation.monitoring.fleet_changes import FleetChanges
+from hri_predict.operation.monitoring.fleet_levels import tile
 from hri_predict.protocol.keyed import KeyedSender, prefix
 from hri_predict.protocol.messages import Level, Message, NodeState, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.viewing.picture import Picture, empty_shapes
-from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
+from tests.hri_predict.operation.monitoring.said import CLEAR, OURS, RUNNING
 
 S = 1_000_000_000
 

@@ -10,7 +10,7 @@ import urllib.request
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.viewing import feed as feeds
 from hri_predict.viewing.feed import Feed, check_viser
 from tests.browser import wait_for

@@ -4,7 +4,7 @@ import re
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, capsule_distance
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.viewing.packing import STEPS, pair_facts, state_facts, steps_of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording import read_messages
 from hri_predict.run.session import Options, run
 from hri_predict.viewing import recorded as recorded_pictures

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.viewing import screen as screens
 from hri_predict.viewing.feed import OPERATOR, VIEWER, Feed
 from hri_predict.viewing.picture import Picture, empty_shapes, pack

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
 from hri_predict.cli.bench.bench import app
-from hri_predict.errors import ConfigError
-from hri_predict.settings import validated
 from hri_sim.bench.trackers import NOISES, TRACKERS, cases, walk
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 

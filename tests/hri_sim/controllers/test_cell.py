@@ -9,13 +9,13 @@ import pytest
 from hri_drivers.links.can.link import CanCodec, CanLinkSettings
 from hri_drivers.links.framed import SerialCodec
 from hri_drivers.links.serial.link import SerialLinkSettings
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError, RobotError
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings, load_robot
-from hri_predict.settings import Pose
 from hri_sim.controllers.brakes import deceleration_of
 from hri_sim.controllers.cell import MockCell
 

@@ -13,12 +13,12 @@ SCRIPT = """
 import json, time
 from dataclasses import asdict
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings
-from hri_predict.settings import Pose
+from hri_predict.base.settings import Pose
 from hri_sim.controllers.cell import MockCell
 
 arm = RobotSettings(name="arm", model="ur5e", room_from_robot=Pose(), max_speed_m_s=1.0)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.protocol.messages import Level, NodeState, OperatingMode, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run import config as configuration

@@ -18,13 +18,13 @@ import pytest
 from hri_drivers.links.can.link import CanCodec, CanLink, CanLinkSettings
 from hri_drivers.links.framed import SerialCodec
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, RobotState, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings
-from hri_predict.settings import Pose
 from hri_sim.controllers.cell import MockCell
 from hri_sim.controllers.process import job_for
 from hri_sim.controllers.station import posts

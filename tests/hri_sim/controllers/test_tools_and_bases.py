@@ -7,9 +7,10 @@ import pytest
 
 from hri_drivers.links.framed import SerialCodec
 from hri_drivers.links.serial.link import SerialLinkSettings
-from hri_predict.arrays import Floats
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, RobotState, Schema
 from hri_predict.protocol.reasons import Reason
@@ -17,7 +18,6 @@ from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.stopping import StoppingTable
 from hri_predict.robots.trajectory import load_trajectory
-from hri_predict.settings import Pose
 from hri_sim.controllers.brakes import Brakes, Drive
 from hri_sim.controllers.cell import MockCell
 from hri_sim.controllers.tools import Mounted, ToolChange, ToolChanger

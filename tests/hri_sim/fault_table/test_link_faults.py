@@ -11,12 +11,12 @@ import pytest
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.transport import pipe
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.settings import Pose
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings
-from hri_predict.settings import Pose
 from hri_sim.controllers.cell import MockCell
 from hri_sim.faults.injector import FaultyTransport
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from hri_predict.errors import ConfigError
-from hri_predict.link import LinkCounters
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.link import LinkCounters
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.fault_table.soak import SoakResult, _Posts, draw_faults, draw_lies, run_soak
 

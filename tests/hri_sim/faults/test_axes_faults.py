@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hri_predict.joint_map import load_joint_map
-from hri_predict.scene import Person, Scene
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_sim.faults.injector import FaultySource, parse_fault
 
 BODY = np.random.default_rng(2).uniform(-1, 2, (21, 3))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_sim.faults.injector import parse_fault
 
 

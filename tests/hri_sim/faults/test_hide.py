@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_sim.faults.injector import FaultySource
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 

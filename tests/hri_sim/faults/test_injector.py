@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_drivers.wires.transport import pipe
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.can import CanFrame
-from hri_predict.scene import Person, Scene
 from hri_sim.faults.injector import (
     LINK_FAULTS,
     SOURCE_FAULTS,

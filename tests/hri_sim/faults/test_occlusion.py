@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_sim.faults.occlusion import Occlusion
 from hri_sim.people.body import Body
 

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from hri_drivers.wires.transport import pipe
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanReceiver, CanSender
 from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState, Schema, Status
 from hri_predict.protocol.reception import OURS

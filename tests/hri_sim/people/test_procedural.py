@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
-from hri_predict.settings import Region, validated
-from hri_predict.skeleton import CANONICAL, JOINTS, PARENTS
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Region, validated
+from hri_predict.base.skeleton import CANONICAL, JOINTS, PARENTS
 from hri_sim.people.procedural import DEMO, ProceduralSettings, ProceduralSource, inside
 
 BUSY = {

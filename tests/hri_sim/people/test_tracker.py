@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import load_joint_map
-from hri_predict.settings import validated
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.people.tracker import Wander, delivered_by
 

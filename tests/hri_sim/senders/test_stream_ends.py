@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from hri_drivers.sources.live import LiveSource
-from hri_predict import registry
-from hri_predict.scene import Person, Scene
-from hri_predict.settings import validated
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts import registry
+from hri_predict.contracts.scene import Person, Scene
 from hri_sim.people.body import Body
 from hri_sim.senders.stream_ends import JsonEnd, MvnTcpEnd, MvnUdpEnd, SerialEnd, WebSocketEnd
 from hri_sim.senders.zenoh import ZenohEnd

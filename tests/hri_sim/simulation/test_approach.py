@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import load_joint_map
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, over_floor, together
 from hri_sim.simulation.motion import load_motion
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.skeleton import CANONICAL
 from hri_sim.referee import Contact, Referee, TruePeople
 from hri_sim.simulation.course import Course, CourseReferee, SharedTruth
 

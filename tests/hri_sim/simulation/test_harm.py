@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules
-from hri_predict.risk.contact.fixtures import PlaneFixture
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.risk.fixtures import PlaneFixture
 from hri_sim.referee import Referee
 from hri_sim.simulation.harm import NAMES, Bearable, Harm
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError, UnusableRecordingError
-from hri_predict.joint_map import load_joint_map
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.errors import ConfigError, UnusableRecordingError
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_sim.simulation.motion import load_motion
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.peers import OcclusionRequest
+from hri_predict.contracts.cell import OcclusionRequest
 from hri_predict.run import config as configuration
 from hri_sim.simulation import occluded
 from hri_sim.simulation.occluded import draw, play, simulate

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hri_predict.geometry import transform
+from hri_predict.base.geometry import transform
 from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.scenario import ENTER_M, _start_m, draw

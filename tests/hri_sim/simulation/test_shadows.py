@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.geometry import in_polygon
+from hri_predict.base.geometry import in_polygon
 from hri_sim.faults.occlusion import _crosses
 from hri_sim.simulation.shadows import shadows_of
 

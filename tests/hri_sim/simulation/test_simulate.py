@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError
-from hri_predict.peers import SimulationRequest
-from hri_predict.risk.zones.calibration import shipped_calibration
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.cell import SimulationRequest
 from hri_predict.run import config as configuration
+from hri_predict.zones.calibration import shipped_calibration
 from hri_sim.simulation import report, simulate
 from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
-from tests.hri_predict.machine.dask_processes import scheduler, worker
+from tests.hri_predict.base.machine.dask_processes import scheduler, worker
 
 
 def plan(motions, count):

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_sim.simulation.store import Store
 
 ROWS = {"outcomes": [{"index": 0, "contacts": 0}]}

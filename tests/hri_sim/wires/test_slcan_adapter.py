@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.links.can.transport import CanTransport
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanFrame
 from hri_sim.wires.slcan_adapter import FD_LENGTHS, SlcanAdapter, from_line, open_pty, to_line
 

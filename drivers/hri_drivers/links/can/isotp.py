@@ -13,8 +13,8 @@ from hri_drivers.links.bulk import Bulk
 from hri_drivers.links.codec import Codec, item_count
 from hri_drivers.links.slots import BULK, Budget, Slots
 from hri_drivers.wires.backoff import BackOff
-from hri_predict.errors import LinkError
-from hri_predict.link import LinkCounters
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.definition import BY_TYPE, MAX_ITEMS

@@ -20,9 +20,9 @@ from hri_drivers.links.configured import ConfiguredLink
 from hri_drivers.links.load import link_load
 from hri_drivers.links.slots import BULK
 from hri_drivers.wires.transport import Transport
-from hri_predict.clock import Clock
-from hri_predict.errors import LinkError
-from hri_predict.link import LinkCounters, LinkLoad
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import LinkCounters, LinkLoad
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.messages import Message, RobotState
 from hri_predict.protocol.own_frames import OwnFrames
@@ -149,7 +149,7 @@ class CanCodec:
 
 
 class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
-    """``hri_predict.link.Link`` over CAN; arguments as for ``ConfiguredLink``.
+    """``hri_predict.contracts.link.Link`` over CAN; arguments as for ``ConfiguredLink``.
 
     Raises:
         LinkError: a package that the interface needs is not installed, or see ``ConfiguredLink``.

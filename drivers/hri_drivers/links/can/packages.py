@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import can
 from can.interfaces import BACKENDS
 
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 
 _KERNEL = "or use interface socketcan: Linux has a driver for these adapters"
 _WINDOWS = "which there is for Windows alone; choose another interface"

@@ -13,7 +13,9 @@ from hri_drivers.links.configured import ConfiguredLinkSettings
 from hri_drivers.links.slots import BULK
 from hri_drivers.links.supervised import BULK_AHEAD_NS
 from hri_drivers.wires.serial import demand_serial_device
-from hri_predict.errors import ConfigError, LinkError
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.base.settings import Settings
 from hri_predict.protocol.can import (
     CLASSIC_BYTES,
     DEFAULT_BASE_ID,
@@ -22,8 +24,6 @@ from hri_predict.protocol.can import (
 )
 from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.wire import LinkKind, classic_bits, wire_bits
-from hri_predict.quantities.safe_side import Safety, harmless
-from hri_predict.settings import Settings
 
 OWN_ARGUMENTS = ("interface", "bustype", "channel", "bitrate", "fd", "data_bitrate")
 """Arguments of python-can's bus that have their own key here; the link's load depends on them."""

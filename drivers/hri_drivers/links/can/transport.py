@@ -12,7 +12,7 @@ from hri_drivers.links.can.errors import BUS_OFF, DOWN, BusHealth, why_not_on_bu
 from hri_drivers.links.can.opening import causes, first_line, open_bus, open_limit_s, remedy
 from hri_drivers.wires.serial import open_remedy
 from hri_drivers.wires.transport import TransportBusy
-from hri_predict.errors import LinkError, nearest
+from hri_predict.base.errors import LinkError, nearest
 from hri_predict.protocol.can import CanFrame
 
 SEND_TIMEOUT_S = 0.05

@@ -11,10 +11,10 @@ from pydantic import Field, field_validator, model_validator
 from hri_drivers.links.framed import BITS_PER_BYTE, FramedLink, FramedLinkSettings
 from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_serial_device
 from hri_drivers.wires.usb_ports import UsbDevice
-from hri_predict.errors import ConfigError, LinkError
-from hri_predict.link import LinkLoad
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.contracts.link import LinkLoad
 from hri_predict.protocol.wire import StateShape
-from hri_predict.quantities.safe_side import Safety, harmless
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 
@@ -82,7 +82,7 @@ class SerialLinkSettings(FramedLinkSettings):
 
 
 class SerialLink(FramedLink[SerialLinkSettings]):
-    """``hri_predict.link.Link`` over a serial line; arguments as for ``ConfiguredLink``."""
+    """``contracts.link.Link`` over a serial line; arguments as for ``ConfiguredLink``."""
 
     settings_model: ClassVar[type[SerialLinkSettings]] = SerialLinkSettings
     port_field: ClassVar[str] = "port"  # see ``Simulatable``

@@ -14,12 +14,12 @@ from hri_drivers.links.load import SCHEMA_HZ, padded_shapes
 from hri_drivers.wires.transport import Transport
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import CellSettings, ZenohSettings
-from hri_predict.link import MIN_STATUS_HZ, LinkCounters, LinkLoad
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.contracts.link import MIN_STATUS_HZ, LinkCounters, LinkLoad
 from hri_predict.protocol.keyed import ROOT, Keyed, KeyedReceiver, KeyedSender, prefix
 from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.wire import SIX_JOINTS, StateShape, wire_bits
-from hri_predict.quantities.safe_side import Safety, harmless
 
 OVERHEAD_BITS = 8 * 160
 """Largest overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap
@@ -113,7 +113,7 @@ def worst_bits(
 
 
 class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
-    """``hri_predict.link.Link`` over zenoh; arguments as for ``ConfiguredLink``."""
+    """``hri_predict.contracts.link.Link`` over zenoh; arguments as for ``ConfiguredLink``."""
 
     settings_model: ClassVar[type[ZenohLinkSettings]] = ZenohLinkSettings
 

@@ -28,8 +28,8 @@ from struct import Struct
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.source import SourceCounters
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts.source import SourceCounters
 
 DEFAULT_PORT = 9763  # [2.3]
 SEGMENTS = 23

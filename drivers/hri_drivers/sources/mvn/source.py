@@ -34,12 +34,12 @@ from hri_drivers.sources.mvn.codec import (
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_drivers.sources.tcp import ALLOW_UNAUTHENTICATED, StreamServer, check_exposure
 from hri_drivers.sources.udp_receiver import UdpReceiver
-from hri_predict.clock import Clock
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import METRES_PER_UNIT, JointMap
-from hri_predict.quantities.safe_side import Safety, harmless
-from hri_predict.settings import MAX_RATE_HZ, MIN_RATE_HZ
-from hri_predict.source import SourceCounters
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, JointMap
+from hri_predict.contracts.source import SourceCounters
 
 MAX_SENDERS = 8  # MVN connects once for each character
 TYPES = {"quaternion": QUATERNION, "euler": EULER}
@@ -189,7 +189,7 @@ def longest_limb(pose: Pose) -> float:
 
 
 class MvnSource(LiveSource):
-    """See ``hri_predict.source.Source``."""
+    """See ``hri_predict.contracts.source.Source``."""
 
     settings_model = MvnSettings
 

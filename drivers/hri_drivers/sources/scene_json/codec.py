@@ -31,11 +31,11 @@ import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from hri_drivers.sources.sent import SentPerson, SentScene
-from hri_predict.arrays import Floats
-from hri_predict.errors import HriPredictError, nearest
-from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
-from hri_predict.settings import Settings, validated
-from hri_predict.source import SourceCounters
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import HriPredictError, nearest
+from hri_predict.base.settings import Settings, validated
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.contracts.source import SourceCounters
 
 MOST_NAMED = 8
 """So many unknown joints are named."""

@@ -20,11 +20,11 @@ from hri_drivers.sources.tcp import (
     StreamServer,
     check_exposure,
 )
-from hri_predict.arrays import Floats
-from hri_predict.clock import Clock
-from hri_predict.discovery.services import ServiceSettings
-from hri_predict.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.source import SourceCounters
+from hri_predict.base.arrays import Floats
+from hri_predict.base.clock import Clock
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.contracts.source import SourceCounters
+from hri_predict.protocol.discovery.services import ServiceSettings
 
 DEFAULT_PORT = 9871
 MAX_LOST = 100_000
@@ -128,12 +128,12 @@ class SceneJsonSource(LiveSource):
 
     @property
     def stated(self) -> Floats | None:
-        """See ``hri_predict.source.StatesFrame``."""
+        """See ``hri_predict.contracts.source.StatesFrame``."""
         return self._reader.stated
 
 
 class JsonSource(SceneJsonSource):
-    """See ``hri_predict.source.Source``."""
+    """See ``hri_predict.contracts.source.Source``."""
 
     settings_model = JsonSettings
 

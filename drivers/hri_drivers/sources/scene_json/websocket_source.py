@@ -28,10 +28,10 @@ from hri_drivers.sources.tcp import (
     StreamServer,
     check_exposure,
 )
-from hri_predict.clock import Clock
-from hri_predict.errors import SourceError
-from hri_predict.quantities.safe_side import Safety, harmless
-from hri_predict.source import SourceCounters
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import SourceError
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.contracts.source import SourceCounters
 
 DEFAULT_PORT = 9872
 _DATA = (Opcode.TEXT, Opcode.BINARY, Opcode.CONT)
@@ -205,7 +205,7 @@ class WebSocketClient:
 
 
 class WebSocketSource(SceneJsonSource):
-    """See ``hri_predict.source.Source``."""
+    """See ``hri_predict.contracts.source.Source``."""
 
     settings_model = WebSocketSettings
 

@@ -8,8 +8,8 @@ import shlex
 import stat
 from pathlib import Path
 
-from hri_predict.errors import SourceError
-from hri_predict.files import refuse_named_pipe
+from hri_predict.base.errors import SourceError
+from hri_predict.base.files import refuse_named_pipe
 
 log = logging.getLogger(__name__)
 

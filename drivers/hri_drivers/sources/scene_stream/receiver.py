@@ -27,8 +27,8 @@ from hri_drivers.sources.scene_stream.codec import (
 )
 from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.sent import SentScene
-from hri_predict.joint_map import JointMap
-from hri_predict.source import SourceCounters
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.source import SourceCounters
 
 SILENT_NS = 1_000_000_000
 CONTRADICTED_NS = 1_000_000_000

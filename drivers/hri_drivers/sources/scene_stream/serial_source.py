@@ -18,9 +18,9 @@ from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
 from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_serial_device
 from hri_drivers.wires.usb_ports import UsbDevice
-from hri_predict.clock import Clock
-from hri_predict.quantities.safe_side import Safety, harmless
-from hri_predict.source import SourceCounters
+from hri_predict.base.clock import Clock
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.contracts.source import SourceCounters
 
 MAX_ENCODED = MAX_DATAGRAM + MAX_DATAGRAM // 254 + 1  # COBS adds one byte for each 254 begun
 
@@ -114,7 +114,7 @@ class FramedStream:
 
 
 class SerialSkeletonSource(LiveSource):
-    """See ``hri_predict.source.Source``."""
+    """See ``hri_predict.contracts.source.Source``."""
 
     settings_model = SerialSkeletonSettings
     stamps_utc = True

@@ -11,9 +11,9 @@ from hri_drivers.sources.live import LiveSettings, sender_joints
 from hri_drivers.sources.scene_stream.codec import MAX_JOINTS
 from hri_drivers.sources.scene_stream.key_file import read_key
 from hri_drivers.sources.scene_stream.receiver import SceneStream
-from hri_predict.errors import ConfigError
-from hri_predict.quantities.safe_side import LessSafe, Safety
-from hri_predict.source import SourceCounters
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.quantities.safe_side import LessSafe, Safety
+from hri_predict.contracts.source import SourceCounters
 
 
 class StreamSettings(LiveSettings):

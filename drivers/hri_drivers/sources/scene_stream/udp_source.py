@@ -15,8 +15,8 @@ from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
 from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
 from hri_drivers.sources.udp_receiver import UdpReceiver, is_loopback
-from hri_predict.clock import Clock
-from hri_predict.quantities.safe_side import Safety, harmless
+from hri_predict.base.clock import Clock
+from hri_predict.base.quantities.safe_side import Safety, harmless
 
 DEFAULT_PORT = 47_800
 

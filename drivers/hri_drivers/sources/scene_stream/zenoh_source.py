@@ -15,7 +15,7 @@ from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import CellSettings, is_local
-from hri_predict.clock import Clock
+from hri_predict.base.clock import Clock
 from hri_predict.protocol.keyed import SCENE, prefix
 
 

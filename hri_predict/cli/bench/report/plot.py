@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write
 from hri_predict.cli.bench.report.rows import Row
 from hri_predict.cli.bench.report.saved import Sections
 from hri_predict.cli.common import need_plots
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write
 
 ENDINGS = (".png", ".svg")
 MOST_ROWS = 14  # of a panel of medians; the largest ones
@@ -104,7 +104,7 @@ def _height(rows: Sequence[Row]) -> float:
 
 def _lines(ax: Any, rows: Sequence[Row]) -> None:
     """One line for each series: the median, dashed the 99th percentile."""
-    from hri_predict.evaluation.figures import COLOURS
+    from hri_predict.lab.evaluation.figures import COLOURS
 
     names = list(dict.fromkeys(row.series for row in rows))
     for k, name in enumerate(names):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 
 
 @dataclass(frozen=True, kw_only=True)

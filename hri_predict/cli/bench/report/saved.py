@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write
 from hri_predict.cli.bench.report.rows import Row
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write
 
 FORMAT = "hri-predict bench 1"
 _REMEDY = "make one with hri-predict bench --save FILE"

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from typing import Any
 
-from hri_predict import registry
 from hri_predict.cli.bench.report.rows import Row, Scope
 from hri_predict.cli.bench.sections import runs
+from hri_predict.contracts import registry
 
 _FIXED = "fixed"
 _STAGES = {"wait": "wait", "inference": "inference", "node": "node", "link": "link", "total": "age"}

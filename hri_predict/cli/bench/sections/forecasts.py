@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from hri_predict import registry
 from hri_predict.cli.bench import predictors as bench
 from hri_predict.cli.bench.report.rows import Row, Scope, measured
-from hri_predict.predictors.base import Predictor
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Predictor
 
 _LEAST = 5  # forecasts
 _FLOOR = "floor: the network's operations over the rate that this core reaches in a large product"

@@ -8,10 +8,10 @@ import resource
 import sys
 from pathlib import Path
 
-from hri_predict import registry
+from hri_predict.base.settings import validated
 from hri_predict.cli.bench.predictors import _walk
 from hri_predict.cli.common import predictor_settings
-from hri_predict.settings import validated
+from hri_predict.contracts import registry
 
 
 def resident_mib() -> float:

@@ -9,11 +9,12 @@ from unittest import mock
 
 import numpy as np
 
-from hri_predict import registry
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.bench.report.rows import Row, Scope, measured
 from hri_predict.cli.bench.risk import TITLE, risk_calls
 from hri_predict.cli.bench.sections.samples import messages
-from hri_predict.clock import VirtualClock
+from hri_predict.contracts import registry
 from hri_predict.people.ring_buffer import RingBuffer
 from hri_predict.protocol.can import CanReceiver, CanSender
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
@@ -21,7 +22,6 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.runtime import run_virtual
 from hri_predict.run.session import VIRTUAL_START_NS
-from hri_predict.skeleton import JOINTS
 
 _STAGES = ("zones", "separation", "levels")
 _LONG = ("Zone", "Pose")  # they go over classic CAN by ISO-TP alone

@@ -3,8 +3,8 @@
 from functools import lru_cache
 from typing import Any
 
-from hri_predict import registry
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts import registry
 
 RATE_HZ = 25.0
 

@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from hri_predict import registry
+from hri_predict.base.clock import VirtualClock
 from hri_predict.cli.bench.report.rows import Row, Scope, exponent, measured
-from hri_predict.clock import VirtualClock
-from hri_predict.joint_map import load_joint_map
+from hri_predict.contracts import registry
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hri_predict import registry
 from hri_predict.cli.bench.report.rows import Row, Scope
+from hri_predict.contracts import registry
+from hri_predict.contracts.cell import SimulationRequest
 from hri_predict.node.listeners import Tick
-from hri_predict.peers import SimulationRequest
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
 

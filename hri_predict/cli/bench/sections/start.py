@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from hri_predict import registry
+from hri_predict.base.errors import LinkError
 from hri_predict.cli.bench.report.rows import Row, Scope
 from hri_predict.cli.bench.sections import runs
-from hri_predict.errors import LinkError
+from hri_predict.contracts import registry
 
 _START_S = 5.0
 _RESIDENT_MIB = {"baseline": 300.0, "network": 700.0}

@@ -7,9 +7,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hri_predict.machine.lateness import load, wake_ups
-from hri_predict.machine.realtime import RealtimeSettings
-from hri_predict.machine.survey import survey
+from hri_predict.base.machine.lateness import load, wake_ups
+from hri_predict.base.machine.realtime import RealtimeSettings
+from hri_predict.base.machine.survey import survey
 from hri_predict.run.config import Config
 
 MEASURED_S = 2.0

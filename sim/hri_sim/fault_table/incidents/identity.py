@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
-from hri_predict.skeleton import JOINTS
 from hri_sim.fault_table.incident import Incident
 
 _HIDES_S = 5.0

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
-from hri_predict.skeleton import JOINTS
 from hri_sim.fault_table.incident import Incident
 
 _DOOR = [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol.messages import Level
 from hri_predict.robots.model import RobotModel
-from hri_predict.skeleton import CANONICAL
 from hri_sim.referee import body_capsules
 from hri_sim.simulation.bodies import Bodies
 from hri_sim.simulation.cell import Cell

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.evaluation.figures import COLOURS, Figure, write_png
+from hri_predict.lab.evaluation.figures import COLOURS, Figure, write_png
 from hri_sim.simulation.results.report import METRICS, Judged, Metric
 
 _MARKERS = "osD^vP*h"  # hollow, so that markers at the same place stay visible

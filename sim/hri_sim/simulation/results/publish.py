@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import atomic_write
-from hri_predict.peers import SimulationReport
-from hri_predict.peers.zone_basis import ZoneBasis
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write
+from hri_predict.contracts.cell import SimulationReport
+from hri_predict.run.zone_basis import ZoneBasis
 from hri_sim.simulation.results.report import (
     Judged,
     Row,

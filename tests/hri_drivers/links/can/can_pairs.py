@@ -15,7 +15,7 @@ import isotp
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.profile4 import Profile4Receiver
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty

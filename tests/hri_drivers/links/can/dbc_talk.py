@@ -18,7 +18,7 @@ import cantools
 import numpy as np
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.can import CanFrame, CanSender
 from hri_predict.protocol.messages import (
     Advice,

@@ -19,9 +19,9 @@ from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
 from hri_drivers.wires.backoff import FIRST_S, LAST_S
 from hri_drivers.wires.transport import pipe
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.cli.listen import listen
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError, LinkError
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (

@@ -18,8 +18,8 @@ import pytest
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import GARBAGE_LIMIT, CanTransport
 from hri_drivers.wires.transport import TransportBusy
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.reasons import Reason

@@ -7,7 +7,7 @@ import pytest
 
 from hri_drivers.links.can.opening import open_limit_s, remedy
 from hri_drivers.links.can.packages import demand_packages
-from hri_predict.errors import LinkError
+from hri_predict.base.errors import LinkError
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from can.interfaces import BACKENDS
 from hri_drivers.links.can.link import CanLink
 from hri_drivers.links.can.packages import demand_packages
 from hri_drivers.links.can.settings import CanLinkSettings
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
 
 
 def link(interface: str) -> CanLinkSettings:

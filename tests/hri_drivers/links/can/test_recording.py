@@ -12,7 +12,7 @@ import pytest
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.can import CanFrame, CanSender
 from hri_predict.protocol.messages import (
     Acknowledge,

@@ -9,7 +9,7 @@ from can.interfaces.slcan import slcanBus
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.wires.transport import pipe
-from hri_predict.clock import VirtualClock
+from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanFrame, CanSender
 from hri_predict.protocol.messages import NodeState, Status
 from hri_predict.protocol.own_frames import PAIR_NS

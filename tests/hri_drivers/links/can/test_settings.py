@@ -12,8 +12,8 @@ from pydantic import ValidationError
 
 from hri_drivers.links.can.link import CanLink
 from hri_drivers.links.can.settings import CanLinkSettings, check_together, id_filters
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.check.check import examine
-from hri_predict.errors import ConfigError
 from hri_predict.protocol.wire import classic_bits
 from hri_predict.run import config as configuration
 

@@ -10,8 +10,8 @@ import yaml
 from hri_drivers.links.can import opening
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
 from hri_predict.run import config as configuration
 from tests.hri_drivers.links.can.can_pairs import eventually
 from tests.silent_server import SilentServer, started

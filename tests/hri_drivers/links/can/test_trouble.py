@@ -21,8 +21,8 @@ from hri_drivers.links.can import errors as can_errors
 from hri_drivers.links.can.errors import BusHealth, why_not_on_bus
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_drivers.links.can.transport import CanTransport
-from hri_predict.clock import MonotonicClock, VirtualClock
-from hri_predict.errors import LinkError
+from hri_predict.base.clock import MonotonicClock, VirtualClock
+from hri_predict.base.errors import LinkError
 from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.reasons import Reason

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.serial import SerialTransport
 from hri_drivers.wires.usb_ports import UsbDevice
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.messages import Advice, Level, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialReceiver, SerialSender

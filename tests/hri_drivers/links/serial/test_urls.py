@@ -17,9 +17,9 @@ from serial.rfc2217 import PortManager
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.wires.serial import SerialTransport
 from hri_drivers.wires.transport import TransportBusy
-from hri_predict.clock import MonotonicClock
-from hri_predict.errors import LinkError
-from hri_predict.link import check_load
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.errors import LinkError
+from hri_predict.contracts.link import check_load
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import SerialReceiver, SerialSender

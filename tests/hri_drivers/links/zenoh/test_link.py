@@ -17,8 +17,8 @@ from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_drivers.wires.transport import pipe
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session, session_config
-from hri_predict.clock import MonotonicClock, VirtualClock
-from hri_predict.errors import ConfigError, LinkError
+from hri_predict.base.clock import MonotonicClock, VirtualClock
+from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.protocol.keyed import Keyed, KeyedReceiver, KeyedSender
 from hri_predict.protocol.messages import (
     Acknowledge,

@@ -20,7 +20,7 @@ from hri_drivers.sources.mvn.codec import (
     add_segments,
     parse,
 )
-from hri_predict.source import SourceCounters
+from hri_predict.contracts.source import SourceCounters
 from hri_sim.senders import mvn as mvn_sender
 
 BODY = np.arange(SEGMENTS * 3, dtype=np.float64).reshape(SEGMENTS, 3) / 8  # exact in 32 bits

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict import registry
-from hri_predict.arrays import Floats
-from hri_predict.errors import ConfigError, SourceError
-from hri_predict.scene import Scene
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, SourceError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts import registry
+from hri_predict.contracts.scene import Scene
 from hri_sim.people.body import Body
 from hri_sim.senders import mvn as mvn_sender
 

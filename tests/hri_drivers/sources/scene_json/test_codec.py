@@ -23,8 +23,8 @@ from hri_drivers.sources.scene_json.codec import (
     SceneReader,
 )
 from hri_drivers.sources.sent import SentPerson, SentScene
-from hri_predict.joint_map import load_joint_map
-from hri_predict.source import SourceCounters
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.source import SourceCounters
 
 JOINTS = load_joint_map("canonical").source_joints
 

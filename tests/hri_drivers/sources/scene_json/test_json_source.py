@@ -10,10 +10,10 @@ import pytest
 
 from hri_drivers.sources import tcp as stream_receiver
 from hri_drivers.sources.scene_json.codec import LineSplitter
-from hri_predict import registry
-from hri_predict.errors import ConfigError, SourceError
-from hri_predict.settings import validated
-from hri_predict.source import SourceCounters
+from hri_predict.base.errors import ConfigError, SourceError
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
+from hri_predict.contracts.source import SourceCounters
 
 pytestmark = pytest.mark.realtime
 

@@ -15,8 +15,8 @@ from websockets.typing import Origin
 
 from hri_drivers.sources.scene_json.codec import MAX_BYTES
 from hri_drivers.sources.scene_json.websocket_source import WebSocketSettings
-from hri_predict.errors import ConfigError, SourceError
-from hri_predict.settings import validated
+from hri_predict.base.errors import ConfigError, SourceError
+from hri_predict.base.settings import validated
 
 pytestmark = pytest.mark.realtime
 

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from hri_drivers.sources.scene_stream.key_file import read_key
-from hri_predict.errors import SourceError
+from hri_predict.base.errors import SourceError
 from tests.hri_drivers.sources.scene_streaming import SECRET
 
 

@@ -8,7 +8,7 @@ from hri_drivers.sources.scene_stream.codec import encode
 from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.sent import SentScene
-from hri_predict.source import SourceCounters
+from hri_predict.contracts.source import SourceCounters
 from tests.hri_drivers.sources.scene_streaming import KEY, MS, UTC, S, joint_map, names, same, scene
 
 

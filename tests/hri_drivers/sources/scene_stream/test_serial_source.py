@@ -16,8 +16,8 @@ from hri_drivers.sources.scene_stream.key_file import read_key
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import MAX_ENCODED, FramedStream, framed
 from hri_drivers.sources.sent import SentPerson, SentScene
-from hri_predict.joint_map import load_joint_map
-from hri_predict.source import SourceCounters
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.source import SourceCounters
 from hri_sim.wires.pty import open_pty
 
 MAP = load_joint_map("canonical")

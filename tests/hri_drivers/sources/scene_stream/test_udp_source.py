@@ -9,9 +9,9 @@ import pytest
 
 from hri_drivers.sources.scene_stream.codec import encode
 from hri_drivers.sources.scene_stream.udp_source import UdpSettings
-from hri_predict.errors import ConfigError, SourceError
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.errors import ConfigError, SourceError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
 from tests.hri_drivers.sources.scene_streaming import KEY, SECRET, hri_sender, person, scene
 
 pytestmark = pytest.mark.realtime

@@ -15,9 +15,9 @@ from pydantic import ValidationError
 from hri_drivers.sources.scene_stream.zenoh_source import ZenohSource, ZenohSourceSettings
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
-from hri_predict.clock import MonotonicClock
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.contracts.scene import Scene
 from hri_predict.protocol.keyed import Keyed
-from hri_predict.scene import Scene
 
 SENDER_FILE = Path(__file__).parents[4] / "drivers" / "python" / "hri_sender.py"
 POSE = {"xyz": [0, 0, 1], "quaternion_xyzw": [0, 0, 0, 1]}

@@ -5,9 +5,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.cli.bench import bench
 from hri_predict.cli.bench.report.rows import Row, Section
-from hri_predict.errors import ConfigError, LinkError
 
 
 def section(*p50: float) -> Section:

@@ -5,8 +5,8 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.bench.bench import app
-from hri_predict.errors import ConfigError
 
 
 @pytest.mark.realtime

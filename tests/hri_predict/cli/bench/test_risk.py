@@ -3,7 +3,7 @@
 from hri_predict.cli.bench import risk as bench_risk
 from hri_predict.risk.separation.nearest import BodiesInTime
 from hri_predict.risk.types import Assessment
-from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.zones.body_zones import BodyZones
 
 
 def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):

@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from hri_predict.cli.check.calibration import calibration_lines, calibration_notes, facts_of
-from hri_predict.risk.zones.calibration import (
-    SiteParts,
-    UsedRecording,
-    load_calibration,
-    save_text,
-)
-from tests.hri_predict.risk.conftest import calibration_of
+from hri_predict.zones.calibration import SiteParts, UsedRecording, load_calibration, save_text
+from tests.hri_predict.zones.conftest import calibration_of
 
 TODAY = date(2026, 6, 2)
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.check.check import check, examine
 from hri_predict.cli.run import run
-from hri_predict.errors import ConfigError
 from hri_predict.run import config as configuration
 
 UNUSED = "  mode: {mode}\n  coverage: {{calibration: mine.calibration.json}}\n"

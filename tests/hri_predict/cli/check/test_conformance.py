@@ -8,12 +8,12 @@ import time
 
 import pytest
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.cli.check import conformance
 from hri_predict.cli.check.conformance import ending_within
-from hri_predict.errors import ConfigError
-from hri_predict.files import data_path
-from hri_predict.predictors.base import Forecast
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.predictors.baselines import ZeroVelocity
 
 

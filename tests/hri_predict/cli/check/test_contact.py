@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import yaml
 
+from hri_predict.base.files import data_path
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.check.check import check
 from hri_predict.cli.check.contact import (
     contact_facts,
     contact_notes,
     unseen_ends_note,
 )
-from hri_predict.files import data_path
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run import config as configuration
-from hri_predict.skeleton import JOINTS
 from tests.hri_predict.risk.contact.cell import HYBRID, MODEL
 from tests.hri_predict.risk.contact.cell import ROBOT as ARM
 

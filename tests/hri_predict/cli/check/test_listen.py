@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.check import listen as listen_module
 from hri_predict.cli.check.listen import refusals, remedy, show, size_remedy
-from hri_predict.geometry import transform
-from hri_predict.joint_map import METRES_PER_UNIT, load_joint_map
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, load_joint_map
 from hri_predict.people.body.axes import all_axes
 from hri_predict.people.body.posture_watch import Verdict
-from hri_predict.settings import Pose
-from hri_predict.skeleton import JOINTS
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.people.body import Body
 

@@ -11,12 +11,12 @@ import pytest
 
 from hri_drivers.sources.scene_json.json_source import JsonSettings, JsonSource
 from hri_drivers.sources.scene_json.websocket_source import WebSocketSettings, WebSocketSource
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.check import listen
-from hri_predict.geometry import transform
-from hri_predict.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.people.body.axes import all_axes
-from hri_predict.settings import Pose
-from hri_predict.skeleton import JOINTS
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.people.body import Body
 

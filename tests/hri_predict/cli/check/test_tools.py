@@ -8,9 +8,9 @@ import pytest
 import yaml
 from rich.console import Console
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.check.check import examine
 from hri_predict.cli.check.tools import WORST, tool_tables
-from hri_predict.errors import ConfigError
 from hri_predict.run import config as configuration
 
 TOOLS = [

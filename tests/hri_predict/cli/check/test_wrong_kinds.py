@@ -2,8 +2,8 @@
 
 import pytest
 
+from hri_predict.base.errors import HriPredictError
 from hri_predict.cli.check.check import examine
-from hri_predict.errors import HriPredictError
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, run
 from tests.silent_server import cell_with

@@ -6,8 +6,8 @@ import sys
 import pytest
 import yaml
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.commission.answers import Answers, ask_points, asked, read_answers
-from hri_predict.errors import ConfigError
 
 
 def read(folder, data):

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.cli.register import points
 from hri_predict.cli.register.points import Tool, ask, point_from, tool_of
 from hri_predict.cli.register.register import register
-from hri_predict.errors import ConfigError
-from hri_predict.files import data_path
-from hri_predict.link import Received
+from hri_predict.contracts.link import Received
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.run import assemble
 from hri_sim.baseline_demo import baseline_demo

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.run import config as configuration
 from hri_sim.senders.live_ends import free_udp_port
 from tests.hri_predict.cli.register.touching_sender import TRUTH

@@ -5,6 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from hri_predict.base.clock import VirtualClock
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.register.sight import (
     LEAST_SIGHTS,
     Sensor,
@@ -12,11 +15,8 @@ from hri_predict.cli.register.sight import (
     choose_joint,
     place_of,
 )
-from hri_predict.clock import VirtualClock
-from hri_predict.errors import ConfigError
-from hri_predict.joint_map import load_joint_map
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 
 J = len(JOINTS)
 WRIST = JOINTS.index("r_wrist")

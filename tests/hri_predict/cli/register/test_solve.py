@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import Pose
 from hri_predict.cli.register.solve import quaternion, solve
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import transform
-from hri_predict.settings import Pose
 
 quaternions = (
     st.lists(st.floats(-1, 1), min_size=4, max_size=4)

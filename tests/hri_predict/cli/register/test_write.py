@@ -2,9 +2,9 @@
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path, load_yaml
 from hri_predict.cli.register.write import with_pose, write_pose
-from hri_predict.errors import ConfigError
-from hri_predict.files import data_path, load_yaml
 from hri_predict.run import config as configuration
 
 POSE = ([1.0, -2.0, 2.4], [0.0, 0.6, 0.0, 0.8])

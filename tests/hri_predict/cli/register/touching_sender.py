@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.joint_map import load_joint_map
-from hri_predict.settings import Pose
-from hri_predict.skeleton import JOINTS
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_sim.people.body import Body
 
 TRUTH = Pose(xyz=[-1.5, 0.4, 2.2], quaternion_xyzw=[-0.0393, 0.2466, 0.0149, 0.9682])

@@ -123,7 +123,7 @@ def test_a_recording_named_twice_is_refused(cli, tmp_path):
 
 def test_a_cluster_that_is_not_there_is_one_line(cli, small, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra 'cluster'")
-    monkeypatch.setattr("hri_predict.machine.cluster.CONNECT_S", 0.3)
+    monkeypatch.setattr("hri_predict.base.work.cluster.CONNECT_S", 0.3)
     status, text, err = cli(*small, "--cluster", "tcp://127.0.0.1:9")
     assert (status, text) == (2, "")
     assert "no Dask scheduler answers there" in err

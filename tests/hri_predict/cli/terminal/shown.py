@@ -4,9 +4,9 @@ import io
 
 from rich.console import Console, RenderableType
 
-from hri_predict import registry
+from hri_predict.base.clock import VirtualClock
 from hri_predict.cli.terminal.view import TerminalView
-from hri_predict.clock import VirtualClock
+from hri_predict.contracts import registry
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run import assemble

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from hri_predict.base.geometry import Capsules
 from hri_predict.cli.terminal.plan import FARTHEST_M, Extent, Plan
-from hri_predict.geometry import Capsules
 
 
 def rows_of(plan):

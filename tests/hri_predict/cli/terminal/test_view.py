@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 
 from hri_predict.cli.terminal.view import trouble
-from hri_predict.source import SourceCounters
+from hri_predict.contracts.source import SourceCounters
 from tests.hri_predict.cli.terminal.shown import demo, view_after
 
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.markup import Markup, tag, text
 from hri_predict.commissioning.identity import File
 from hri_predict.commissioning.page.page import page_of
 from hri_predict.commissioning.report import (
@@ -24,7 +25,6 @@ from hri_predict.commissioning.report import (
     TouchedPoint,
     Walk,
 )
-from hri_predict.markup import Markup, tag, text
 from tests.hri_predict.commissioning.test_report import IDENTITY, report, step
 
 TAGS = {

@@ -15,14 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hri_predict.arrays import Bools, Floats
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.people.body.posture_watch import PostureWatch, Verdict
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 from hri_predict.recording import open_recording
-from hri_predict.settings import Region
-from hri_predict.skeleton import CANONICAL, JOINTS
 
 RATE_HZ = 30.0
 COCO = np.array([load_joint_map("coco17").mapped[i] for i in range(len(JOINTS))])

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.calibration.inferred import read_poses
-from hri_predict.datasets.splits import in_pack, split
-from hri_predict.joint_map import load_joint_map, map_names
+from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.lab.calibration.inferred import read_poses
+from hri_predict.lab.datasets.splits import in_pack, split
 from hri_predict.people.body.inferred import Inference
-from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"

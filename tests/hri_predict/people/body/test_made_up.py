@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Sent
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.opening import open_recording
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 RATE_HZ = 30

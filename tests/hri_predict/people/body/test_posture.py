@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.people.body.posture import Posture, posture_of, shows_down
-from hri_predict.settings import Pose
-from hri_predict.skeleton import CANONICAL, JOINTS
 from hri_sim.people.body import Body
 
 J = len(JOINTS)

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.posture_watch import PostureWatch, Verdict
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Seen
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person
-from hri_predict.settings import Region
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 J = len(JOINTS)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 J = len(JOINTS)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hri_predict.joint_map import METRES_PER_UNIT
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 SEEN = np.ones(len(JOINTS), bool)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.unseen import at_origin, out_of_reach
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 
 _WHO = Body(1.75)

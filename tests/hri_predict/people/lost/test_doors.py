@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.settings import Exit
-from hri_predict.scene import Person
-from hri_predict.settings import Region
-from hri_predict.skeleton import JOINTS
 
 J = len(JOINTS)
 ALL = np.ones(J, bool)

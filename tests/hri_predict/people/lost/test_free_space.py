@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.lost.free_space import CELL_M, MOST_PLACES, FreeSpace
-from hri_predict.scene import Person
-from hri_predict.settings import Region
-from hri_predict.skeleton import JOINTS
 
 MS = 1_000_000
 PERIOD = 40 * MS

@@ -3,11 +3,11 @@ import json
 import numpy as np
 import pytest
 
+from hri_predict.base.settings import Region
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.lost.lost_people import match_places
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person
-from hri_predict.settings import Region
-from hri_predict.skeleton import JOINTS
 
 MS = 1_000_000
 RATE = 25.0

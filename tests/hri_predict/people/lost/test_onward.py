@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.lost.onward import speeding
-from hri_predict.scene import Person
-from hri_predict.skeleton import JOINTS
 
 J = len(JOINTS)
 ALL = np.ones(J, bool)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.lost.remembered import lost_as_data, lost_from_data
-from hri_predict.skeleton import JOINTS
 
 PLACES = [[1.0, 2.0, 0.5], None, [1.1, 2.0, 1.0], *[None] * (len(JOINTS) - 3)]
 DATA = [{"id": 4, "ago_s": 2.5, "speed_m_s": 3.0, "positions": PLACES}]

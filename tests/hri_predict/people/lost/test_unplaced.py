@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.reasons import Reason
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS
 
 J = len(JOINTS)
 SHAPE = np.random.default_rng(7).uniform([-0.2, -0.4, 0.0], [0.2, 0.4, 1.8], (J, 3))

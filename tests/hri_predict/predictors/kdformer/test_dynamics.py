@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.predictors.kdformer.dynamics import (
     GRAVITY,
     Dynamics,
@@ -14,7 +15,6 @@ from hri_predict.predictors.kdformer.dynamics import (
 )
 from hri_predict.predictors.kdformer.rotations import KinematicTree
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.skeleton import CANONICAL
 
 RATE = 25.0
 STEPS = 15

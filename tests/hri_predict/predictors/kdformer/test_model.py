@@ -6,14 +6,14 @@ import pytest
 import torch
 from pydantic import ValidationError
 
-from hri_predict.errors import PredictorError
+from hri_predict.base.errors import PredictorError
+from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.kdformer.model import KDFormer, KDFormerOptions
 from hri_predict.predictors.kdformer.rotations import matrix
 from hri_predict.predictors.kdformer.transformer import Attention, scalar_attention
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.cmu_skeleton import CMU38
 from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
-from hri_predict.skeleton import make_skeleton
 
 T, H = 6, 3
 POSITIONS = Shape(skeleton=BODY, history_steps=T, horizon_steps=H, rate_hz=25.0)

@@ -5,7 +5,8 @@ import math
 import pytest
 import torch
 
-from hri_predict.errors import PredictorError
+from hri_predict.base.errors import PredictorError
+from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.kdformer.rotations import (
     KinematicTree,
     between,
@@ -19,7 +20,6 @@ from hri_predict.predictors.kdformer.rotations import (
     shortest,
 )
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.skeleton import make_skeleton
 
 TREE = KinematicTree(BODY)
 

@@ -11,8 +11,8 @@ import pytest
 import torch
 from torch import nn
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
 from hri_predict.predictors.neural.network import (
@@ -24,7 +24,7 @@ from hri_predict.predictors.neural.network import (
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.predictors.neural.settings import NeuralSettings
-from hri_predict.risk.zones.calibration import identity
+from hri_predict.zones.calibration import identity
 
 pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed")
 

@@ -12,9 +12,11 @@ import torch
 import yaml
 from torch import nn
 
-from hri_predict import registry
+from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL, make_skeleton
 from hri_predict.cli.check import predictors as listing
-from hri_predict.errors import ConfigError, PredictorError
+from hri_predict.contracts import registry
 from hri_predict.predictors.neural import settings as neural
 from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
 from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
@@ -23,8 +25,6 @@ from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weigh
 from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL, make_skeleton
 
 
 class Drift(Network):

@@ -11,12 +11,12 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from hri_predict import registry
-from hri_predict.errors import ConfigError, HriPredictError, PredictorError
+from hri_predict.base.errors import ConfigError, HriPredictError, PredictorError
+from hri_predict.base.skeleton import CANONICAL, make_skeleton
+from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
 from hri_predict.predictors.neural.weights import load_weights, read_header, save_weights
-from hri_predict.skeleton import CANONICAL, make_skeleton
 
 CARD = {"data": "of this test", "validation_mm": [1.5, 2.5]}
 

@@ -6,12 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from hri_predict import registry
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts import registry
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
-from hri_predict.settings import validated
-from hri_predict.skeleton import CANONICAL
 
 J = len(CANONICAL.joints)
 
@@ -19,8 +19,8 @@ ODD = '''
 import logging, os, time
 from pathlib import Path
 import numpy as np
-from hri_predict.predictors.base import Forecast, PredictorSettings
-from hri_predict.skeleton import CANONICAL
+from hri_predict.contracts.predictor import Forecast, PredictorSettings
+from hri_predict.base.skeleton import CANONICAL
 
 class OddSettings(PredictorSettings):
     does: str = "good"

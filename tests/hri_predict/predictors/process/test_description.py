@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
+from hri_predict.base.skeleton import CANONICAL, Segment, make_skeleton
 from hri_predict.predictors.process.description import Description
-from hri_predict.skeleton import CANONICAL, Segment, make_skeleton
 
 STICK = make_skeleton(
     "stick",

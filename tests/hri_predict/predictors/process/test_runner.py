@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import HriPredictError
+from hri_predict.base.errors import HriPredictError
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.process import runner as module
 from hri_predict.predictors.process.remote import Job

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import PredictorError
-from hri_predict.predictors.base import Forecast
+from hri_predict.base.errors import PredictorError
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.predictors.process.shared import SharedWindows, Sizes, bytes_of, create, set_size
 
 SIZES = Sizes(people=3, history=4, horizon=5, joints=2)

@@ -5,12 +5,12 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import HriPredictError
+from hri_predict.base.errors import HriPredictError
+from hri_predict.base.settings import validated
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, Window
 from hri_predict.predictors.sinn.model import SINN, SINNOptions
 from hri_predict.predictors.sinn.start import Start, gated, least_squares_slope
-from hri_predict.settings import validated
 
 SHAPE = Shape(skeleton=BODY, history_steps=12, horizon_steps=10, rate_hz=25.0)
 

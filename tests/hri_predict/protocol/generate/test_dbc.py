@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from cantools.database import Database
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_table, needed_parts
 from hri_predict.protocol.fields import MAX_ROBOTS

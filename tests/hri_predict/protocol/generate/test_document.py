@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.protocol.generate.document import BLOCKS, renewed
 from hri_predict.protocol.generate.examples import EXAMPLES
 from hri_predict.protocol.messages import Advice, Level

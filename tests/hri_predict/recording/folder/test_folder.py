@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.errors import ConfigError, RecordingError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.settings import validated
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Scene
 from hri_predict.recording import Recorder, RecordingInfo, open_recording, read_messages
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.recording.folder.retention import own_files
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap import file as mcap_file
 from hri_predict.recording.mcap.clocks import Reading
-from hri_predict.scene import Scene
-from hri_predict.settings import validated
 
 INFO = RecordingInfo(joint_map=load_joint_map("canonical"), rate_hz=25.0, declares_noise=True)
 MONDAY_NS = int(datetime(2026, 3, 9, 14, 3, 7, tzinfo=UTC).timestamp()) * 10**9

@@ -17,13 +17,13 @@ PROGRAM = """
 import sys, time
 from pathlib import Path
 import numpy as np
-from hri_predict.clock import MonotonicClock
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import SystemClocks
-from hri_predict.scene import Person, Scene
+from hri_predict.contracts.scene import Person, Scene
 
 clock = MonotonicClock()
 joint_map = load_joint_map("canonical")

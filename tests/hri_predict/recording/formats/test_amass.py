@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording import open_recording
 from hri_predict.recording.formats.amass import SMPL
-from hri_predict.skeleton import JOINTS
 
 
 @pytest.fixture

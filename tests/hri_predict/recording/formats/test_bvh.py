@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording import open_recording
 from hri_predict.recording.formats.bvh import forward_kinematics
 from hri_predict.recording.formats.bvh_text import parse_bvh
-from hri_predict.skeleton import JOINTS
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 

@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import JOINTS, PARENTS
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.formats.rigid import follow, zxy_degrees
 from hri_predict.recording.naming import map_of_names
-from hri_predict.scene import Person, Scene
-from hri_predict.skeleton import JOINTS, PARENTS
 
 bvhio = pytest.importorskip("bvhio", reason="compares with bvhio, which is not installed")
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.formats.c3d_parameters import BLOCK, pack_parameters
 from hri_predict.recording.naming import map_of_names
-from hri_predict.scene import Person, Scene
 
 LABELS = ["LWrist", "RWrist", "C7"]
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording import open_recording
 
 HEAD = "time_s,waist_x,waist_y,waist_z,head_x,head_y,head_z"

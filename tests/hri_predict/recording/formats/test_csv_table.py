@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording import bounded, open_recording
-from hri_predict.skeleton import JOINTS
 
 
 @pytest.fixture

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording import open_recording, placed
 from hri_predict.recording.formats import npz
 from hri_predict.recording.formats.npz import read_arrays
 from hri_predict.recording.recording import action_of, start_of
-from hri_predict.settings import Pose
-from hri_predict.skeleton import JOINTS
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 WALKING = DATA / "cmu_mocap" / "test" / "walking_1.npz"

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.geometry import Capsules
-from hri_predict.joint_map import load_joint_map
-from hri_predict.link import Received
-from hri_predict.predictors.base import Forecast
+from hri_predict.base.geometry import Capsules
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.messages import (
     Advice,
     Level,
@@ -20,8 +21,7 @@ from hri_predict.protocol.messages import (
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import Recorder, RecordingInfo
-from hri_predict.risk.zones.types import Zones
-from hri_predict.scene import Person, Scene
+from hri_predict.zones.types import Zones
 
 JOINTS = 6
 

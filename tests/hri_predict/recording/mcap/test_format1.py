@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
 from hri_predict.recording import moment, open_recording, read_messages, recording_info
 
 PATH = Path(__file__).parent / "format1.mcap"

@@ -16,7 +16,7 @@ import pytest
 import yaml
 from mcap.reader import make_reader
 
-from hri_predict.files import data_path
+from hri_predict.base.files import data_path
 from hri_predict.recording import moment, read_messages, recording_info
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, run

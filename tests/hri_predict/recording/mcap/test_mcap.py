@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from hri_predict.errors import RecordingError
-from hri_predict.link import Received
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.messages import (
     Acknowledge,
     RobotMode,
@@ -25,7 +26,6 @@ from hri_predict.recording.mcap.format import scene_from_dict, scene_to_dict, to
 from hri_predict.recording.mcap.items import Rates
 from hri_predict.recording.mcap.places import OneFile
 from hri_predict.recording.rig import map_of_rig
-from hri_predict.scene import Person, Scene
 from tests.hri_predict.recording.mcap.made_up import JOINTS
 from tests.hri_predict.recording.mcap.made_up import info as _info
 from tests.hri_predict.recording.mcap.made_up import record as _record

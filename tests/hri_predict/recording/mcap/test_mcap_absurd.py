@@ -8,11 +8,11 @@ import pytest
 import zstandard
 from mcap.records import Chunk
 
-from hri_predict.errors import RecordingError
-from hri_predict.joint_map import load_joint_map
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
 from hri_predict.recording.mcap import reader as mcap_reader
-from hri_predict.scene import Person, Scene
 
 JOINTS = 6
 INFO = RecordingInfo(joint_map=load_joint_map("assembly_arms"), rate_hz=30.0, declares_noise=True)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hri_predict.errors import RecordingError
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording.opening import open_recording
-from hri_predict.skeleton import JOINTS
 from hri_sim.people.body import Body
 from tests.cases import CASES
 from tests.hri_predict.recording.test_possible import written

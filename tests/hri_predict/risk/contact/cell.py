@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hri_predict.geometry import Capsules
-from hri_predict.link import LinkSettings
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.risk.contact.judge import RUNGS
 from hri_predict.risk.contact.judges import contact_judges, segment_limits
 from hri_predict.risk.contact.limits import FOLLOWS
@@ -14,12 +16,10 @@ from hri_predict.risk.levels.advice import asked_of
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.types import Zones
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.settings import Pose
-from hri_predict.skeleton import CANONICAL
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.types import Zones
 from tests.hri_predict.risk.people_speeds import speeds_of
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])

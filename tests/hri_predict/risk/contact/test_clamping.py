@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.contact.clamping import robot_gaps
 from hri_predict.risk.contact.judges import contact_judges
@@ -14,8 +16,6 @@ from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.robots.model import load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.settings import Pose
-from hri_predict.skeleton import CANONICAL
 from tests.hri_predict.risk.contact.cell import (
     BUDGET,
     CONSTANTS,

@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.advice import Levels
-from hri_predict.skeleton import CANONICAL
 from tests.hri_predict.risk.contact.cell import (
     HYBRID,
     MODEL,

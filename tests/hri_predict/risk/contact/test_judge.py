@@ -7,22 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError, RobotError
-from hri_predict.files import data_path
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.files import data_path
+from hri_predict.base.geometry import Capsules, capsule_distance
+from hri_predict.base.settings import Pose
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.contact.clamping import thickness_m
-from hri_predict.risk.contact.fixtures import floor
 from hri_predict.risk.contact.judge import MAX_BESIDE, RUNGS, ContactJudge
 from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.contact.limits import FOLLOWS
-from hri_predict.risk.separation.terms import travel_m
+from hri_predict.risk.fixtures import floor
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import travel_m
 from hri_predict.robots.model import load_robot
 from hri_predict.robots.tracker import RobotNow
-from hri_predict.settings import Pose
-from hri_predict.skeleton import CANONICAL
 from tests.hri_predict.risk.contact.cell import (
     CONSTANTS,
     HYBRID,

@@ -6,10 +6,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
-from hri_predict.files import data_path
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.risk.contact.limits import NEVER, RegionLimits, SegmentLimits, load_table
-from hri_predict.skeleton import CANONICAL
 
 TABLE = load_table(None, None)
 BY_FORCE = 1e3  # cm2: so large that pressure never binds

@@ -10,7 +10,7 @@ from hri_predict import load_predictor
 from hri_predict.protocol.messages import Level
 from hri_predict.risk.levels.demand import severity
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.zones.calibration import load_calibration, shipped_calibration
+from hri_predict.zones.calibration import load_calibration, shipped_calibration
 from tests.hri_predict.risk.engine_cell import HISTORY, RATE_HZ, Cell, body
 
 NOISE_M = 0.02

@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.latches import MAX_LATCH_ID, LatchIds, recall, remembered
 from hri_predict.risk.levels.machine import LevelMachine
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.settings import validated
 from tests.hri_predict.risk.levels.test_machine import CLEAR, MAX, SETTINGS, SLOW, STOP, TICK_NS
 
 

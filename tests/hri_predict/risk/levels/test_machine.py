@@ -12,8 +12,8 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand, combined, demand_of, severity
 from hri_predict.risk.levels.machine import LevelMachine
 from hri_predict.risk.separation.now import judge_iso
-from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import Finding
 from hri_predict.robots.stopping import StoppingCurve
 
 MAX = 1.0

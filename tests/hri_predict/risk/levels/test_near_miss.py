@@ -7,8 +7,8 @@ import pytest
 
 from hri_predict.risk.levels.near_miss import near_misses
 from hri_predict.risk.separation.stage import Findings, RobotFindings
-from hri_predict.risk.separation.terms import Finding
-from hri_predict.risk.zones.body_zones import BodyZones
+from hri_predict.risk.terms import Finding
+from hri_predict.zones.body_zones import BodyZones
 
 BODIES = cast(
     BodyZones, SimpleNamespace(zones=SimpleNamespace(ids=(7, 8), segments=("head", "l_hand")))

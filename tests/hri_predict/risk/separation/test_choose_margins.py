@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hri_predict.risk.separation.terms import protective_distance
 from hri_predict.risk.settings import RiskSettings
+from hri_predict.risk.terms import protective_distance
 
 PAGE = (Path(__file__).parents[4] / "docs" / "guides" / "choose-margins.md").read_text(
     encoding="utf-8"

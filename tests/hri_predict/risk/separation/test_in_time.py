@@ -4,15 +4,12 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.risk.separation.in_time import Course, TimeByTime, farthest
 from hri_predict.risk.separation.nearest import (
     NearestInTime,
 )
-from hri_predict.risk.separation.terms import (
-    Finding,
-    travel_m,
-)
+from hri_predict.risk.terms import Finding, travel_m
 from hri_predict.robots.stopping import StoppingCurve
 from tests.hri_predict.risk.separation.curves import constant
 

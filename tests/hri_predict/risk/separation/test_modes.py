@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.errors import ConfigError
-from hri_predict.geometry import Capsules, horizontal_distance
-from hri_predict.link import LinkSettings
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import Capsules, horizontal_distance
+from hri_predict.base.settings import Pose
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.delay_budget import DelayBudget
@@ -20,13 +21,12 @@ from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.now import judge_fixed
 from hri_predict.risk.separation.receding import link_distances, receding_steps
 from hri_predict.risk.separation.stage import Separation
-from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.types import Zones
+from hri_predict.risk.terms import Finding
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.settings import Pose
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.types import Zones
 from tests.hri_predict.risk.people_speeds import speeds_of
 
 READY = np.array([0.0, -1.2, 1.5, -1.8, -1.57, 0.0])

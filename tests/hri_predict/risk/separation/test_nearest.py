@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.geometry import Capsules, capsule_distance
+from hri_predict.base.geometry import Capsules, capsule_distance
 from hri_predict.risk.separation.nearest import (
     BodiesInTime,
     Courses,

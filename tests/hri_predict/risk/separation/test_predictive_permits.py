@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.geometry import Capsules
-from hri_predict.link import LinkSettings
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.settings import Pose
+from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.delay_budget import DelayBudget
@@ -17,13 +18,12 @@ from hri_predict.risk.levels.advice import asked_of
 from hri_predict.risk.levels.demand import Demand, severity
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
-from hri_predict.risk.separation.terms import Finding
 from hri_predict.risk.settings import RiskSettings
-from hri_predict.risk.zones.body_zones import BodyZones
-from hri_predict.risk.zones.types import Zones
+from hri_predict.risk.terms import Finding
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.tracker import RobotNow, RobotTracker
-from hri_predict.settings import Pose
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.types import Zones
 from tests.hri_predict.risk.people_speeds import speeds_of
 
 # -- demands ---------------------------------------------------------------------------------------

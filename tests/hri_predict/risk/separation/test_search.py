@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.arrays import Floats
+from hri_predict.base.arrays import Floats
 from hri_predict.risk.separation import search
 
 SIZES = st.tuples(*(st.integers(1, n) for n in (3, 4, 4, 3, 3)))

@@ -7,11 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.risk.permitted import by_standard, person_travel
 from hri_predict.risk.separation.now import judge_iso
-from hri_predict.risk.separation.permitted import by_standard, person_travel
-from hri_predict.risk.separation.terms import (
-    protective_distance,
-)
+from hri_predict.risk.terms import protective_distance
 from hri_predict.robots.stopping import StoppingCurve
 from tests.hri_predict.risk.separation.curves import constant
 

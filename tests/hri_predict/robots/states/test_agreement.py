@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings, load_robot
-from hri_predict.robots.plausibility import HELD_S
+from hri_predict.robots.states.plausibility import HELD_S
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.robots.trajectory import load_trajectory
 from tests.hri_predict.robots import mobile

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hri_predict.errors import RobotError
-from hri_predict.geometry import segment_distance
+from hri_predict.base.errors import RobotError
+from hri_predict.base.geometry import segment_distance
+from hri_predict.base.settings import Pose
 from hri_predict.robots.file import read_robot_file
 from hri_predict.robots.model import RobotModel, RobotSettings, load_robot
 from hri_predict.robots.urdf import convert as converter
 from hri_predict.robots.urdf.tree import read_chain
-from hri_predict.settings import Pose
 from tests.hri_predict.robots.urdf.small_urdf import CHAIN, CORNERS, STOP, URDF, run, stl
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.errors import ConfigError
+from hri_predict.base.errors import ConfigError
 from hri_predict.run.review.less_safe import less_safe_settings
 from tests.hri_predict.run.review.cells import cell
 

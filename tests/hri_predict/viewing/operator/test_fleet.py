@@ -15,7 +15,7 @@ from hri_predict.viewing.fleet_feed import FLEET
 from hri_predict.viewing.operator.fleet_state import FleetState
 from hri_predict.viewing.operator.server import Server
 from tests.browser import CHROMIUM, Browser, wait_for
-from tests.hri_predict.monitoring.said import CLEAR, OURS, RUNNING
+from tests.hri_predict.operation.monitoring.said import CLEAR, OURS, RUNNING
 from tests.hri_predict.viewing.many import Cells, forty
 from tests.hri_predict.viewing.shown import Shown
 

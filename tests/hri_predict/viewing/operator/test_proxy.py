@@ -6,8 +6,8 @@ import time
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.screens.options import published
-from hri_predict.errors import ConfigError
 from hri_predict.viewing.operator.server import Server
 from hri_predict.viewing.operator.state import State
 from tests.hri_predict.viewing.operator.test_page import ask, picture

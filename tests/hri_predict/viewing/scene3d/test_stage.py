@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.skeleton import CANONICAL
+from hri_predict.base.skeleton import CANONICAL
 from hri_predict.viewing.levels import COLOURS, FORECAST, GREY, LOST, PERSON
 from hri_predict.viewing.packing import bodies_of
 from hri_predict.viewing.picture import Picture, empty_shapes

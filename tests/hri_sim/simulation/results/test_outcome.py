@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hri_predict.geometry import Capsules
-from hri_predict.peers import ControllerReport
+from hri_predict.base.geometry import Capsules
+from hri_predict.contracts.cell import ControllerReport
 from hri_predict.protocol.messages import Level
 from hri_sim.simulation.course import Course
 from hri_sim.simulation.episode import Log

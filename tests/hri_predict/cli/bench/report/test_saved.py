@@ -4,9 +4,9 @@ import json
 
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.bench.report import saved
 from hri_predict.cli.bench.report.rows import Row
-from hri_predict.errors import ConfigError
 
 MACHINE = {"processor": "x", "cores": 2, "governor": "unknown", "yardstick_us": 100.0}
 

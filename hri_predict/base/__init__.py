@@ -1,0 +1,1 @@
+"""Values, files and the machine: what every room needs, and nothing of the domain."""

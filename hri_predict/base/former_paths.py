@@ -1,0 +1,49 @@
+"""Import paths of release 0.1 that packages of others may still use; gone after release 0.2."""
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+FORMER = {
+    "hri_predict.arrays": "hri_predict.base.arrays",
+    "hri_predict.clock": "hri_predict.base.clock",
+    "hri_predict.errors": "hri_predict.base.errors",
+    "hri_predict.geometry": "hri_predict.base.geometry",
+    "hri_predict.settings": "hri_predict.base.settings",
+    "hri_predict.skeleton": "hri_predict.base.skeleton",
+    "hri_predict.joint_map": "hri_predict.contracts.joint_map",
+    "hri_predict.link": "hri_predict.contracts.link",
+    "hri_predict.registry": "hri_predict.contracts.registry",
+    "hri_predict.scene": "hri_predict.contracts.scene",
+    "hri_predict.source": "hri_predict.contracts.source",
+    "hri_predict.predictors.base": "hri_predict.contracts.predictor",
+}
+"""Former path -> the module's path today."""
+
+
+class _Finder(MetaPathFinder, Loader):
+    """Finds a module under its former path; the import system asks it last."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        return ModuleSpec(fullname, self) if fullname in FORMER else None
+
+    def exec_module(self, module: ModuleType) -> None:
+        former = module.__name__
+        warnings.warn(
+            f"{former} is now {FORMER[former]}; the former path ends after release 0.2",
+            DeprecationWarning,
+            stacklevel=2,
+        )
+        sys.modules[former] = import_module(FORMER[former])
+
+
+def install() -> None:
+    """Let former paths be imported, with a ``DeprecationWarning``. A second call does nothing."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.append(_Finder())

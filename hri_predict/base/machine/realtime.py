@@ -1,0 +1,134 @@
+"""What the system can do for a loop in time: a priority, cores of its own, memory that stays.
+
+All of it is optional, and what the system does not permit is one warning with the remedy: a node
+that is less steady is better than none. The priority goes to the thread that runs the loop, and to
+no other: threads and processes that it starts later begin without it.
+
+Linux: sched(7), sched_setscheduler(2), mlockall(2).
+"""
+
+import contextlib
+import ctypes
+import logging
+import os
+from collections.abc import Iterator
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from hri_predict.base.settings import Settings
+
+log = logging.getLogger(__name__)
+
+Core = Annotated[int, Field(ge=0, le=1023)]
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
+GUIDE = "docs/guides/realtime.md"
+
+
+class RealtimeSettings(Settings):
+    """What the loop asks of the system (``realtime:`` in the configuration); by default nothing."""
+
+    priority: int | None = Field(
+        None, ge=1, le=98, description="SCHED_FIFO priority of the loop's thread"
+    )
+    cpus: tuple[Core, ...] = Field((), description="cores that the loop's thread may use")
+    inference_cpus: tuple[Core, ...] = Field(
+        (), description="cores that the predictor's process may use"
+    )
+    lock_memory: bool = Field(
+        False, description="keep the memory of the node and of its predictor from being swapped out"
+    )
+
+    @model_validator(mode="after")
+    def _apart(self) -> Self:
+        shared = sorted(set(self.cpus) & set(self.inference_cpus))
+        if shared:
+            raise ValueError(
+                f"core {shared[0]} is in cpus and in inference_cpus: the loop would wait for the "
+                f"predictor; keep them apart"
+            )
+        return self
+
+
+def can_have_process() -> bool:
+    """Whether a process of its own for the predictor would find a core beside the loop's."""
+    return hasattr(os, "memfd_create") and len(usable_cores()) > 1
+
+
+def usable_cores() -> set[int]:
+    """The cores that this process may use."""
+    if not hasattr(os, "sched_getaffinity"):
+        return set(range(os.cpu_count() or 1))
+    return os.sched_getaffinity(0)
+
+
+@contextlib.contextmanager
+def steady(settings: RealtimeSettings) -> Iterator[None]:
+    """Give the calling thread what ``settings`` ask for, and take it back at the end.
+
+    Call it last, when all other threads run already. What cannot be had is logged.
+    """
+    if settings.lock_memory:
+        _warn("lock_memory", lock_memory())
+    cores = usable_cores()
+    if settings.cpus:
+        _warn("cpus", _pin(set(settings.cpus)))
+    if settings.priority is not None:
+        _warn("priority", set_fifo(settings.priority))
+    try:
+        yield
+    finally:
+        if settings.priority is not None:
+            with contextlib.suppress(OSError, AttributeError):
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        if settings.cpus:
+            _pin(cores)
+
+
+def set_fifo(priority: int) -> str:
+    """Run the calling thread under SCHED_FIFO; return what prevents it, with the remedy, or ""."""
+    try:
+        # reset on fork: whatever this thread starts begins without the priority
+        policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
+    except PermissionError:
+        return (
+            f"the system does not permit SCHED_FIFO {priority}; give LimitRTPRIO={priority} in the "
+            f"service's unit, or rtprio in /etc/security/limits.conf"
+        )
+    except (OSError, AttributeError) as error:
+        return f"SCHED_FIFO cannot be had: {error}; leave realtime.priority out"
+    return ""
+
+
+def lock_memory() -> str:
+    """Lock this process's memory; return what prevents it, with the remedy, or "".
+
+    Memory that is taken later is locked when it is first used: locking whole stacks of threads and
+    unused reserves of libraries would take gigabytes.
+    """
+    try:
+        library = ctypes.CDLL(None, use_errno=True)
+        done = library.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
+    except (OSError, AttributeError) as error:
+        return f"memory cannot be locked: {error}; leave realtime.lock_memory out"
+    if done == 0:
+        return ""
+    return (
+        f"memory cannot be locked: {os.strerror(ctypes.get_errno())}; give LimitMEMLOCK=infinity "
+        f"in the service's unit, or memlock in /etc/security/limits.conf"
+    )
+
+
+def _pin(cores: set[int]) -> str:
+    try:
+        os.sched_setaffinity(0, cores)
+    except (OSError, AttributeError) as error:
+        there = ", ".join(map(str, sorted(usable_cores())))
+        return f"cores {sorted(cores)} cannot be had ({error}); this process may use: {there}"
+    return ""
+
+
+def _warn(key: str, problem: str) -> None:
+    if problem:
+        log.warning("realtime.%s: %s (%s)", key, problem, GUIDE)

@@ -1,0 +1,394 @@
+"""Validated settings: the base of all configuration models, and validation of YAML data.
+
+Each source, predictor, robot and link has its own model beside its code, derived from ``Settings``.
+"""
+
+import itertools
+import math
+import reprlib
+import unicodedata
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import date
+from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+
+import numpy as np
+import yaml
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, ErrorDetails
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, expected_shape, nearest
+from hri_predict.base.files import load_yaml, yaml_problem
+from hri_predict.base.geometry import crosses_itself, is_in_polygon
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.base.quantities.units import meant, phrase, unit_at
+
+
+class Settings(BaseModel):
+    """Base of every settings model: unknown keys are refused, values are immutable and finite.
+
+    Truth is no number: YAML reads ``yes`` as true, and pydantic would take that for 1.
+
+    Attributes:
+        safety: by key, the side on which a value is less safe than the default (``safe_side``).
+    """
+
+    safety: ClassVar[Safety] = {}
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, validate_default=True
+    )
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _truth_is_no_number(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        result = handler(data)
+        for key in data if isinstance(data, dict) else ():
+            if _took_truth_for_a_number(data[key], getattr(result, key, None)):
+                raise ValueError(f"{key}: true and false (yes, no, on, off in YAML) are no numbers")
+        return result
+
+
+class Abbreviated(Settings):
+    """A block that may be written as one text, which is then the value of its first key."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_text(cls, data: Any) -> Any:
+        first = next(iter(cls.model_fields))
+        if not isinstance(data, str | dict | cls):
+            raise ValueError(f"give a string, which is its '{first}', or keys and values")
+        return {first: data} if isinstance(data, str) else data
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        reference = handler(core_schema)
+        found = handler.resolve_ref_schema(reference)
+        block = dict(found)
+        found.clear()
+        found |= {"anyOf": [{"type": "string", "minLength": 1}, block]}
+        return reference
+
+
+def _took_truth_for_a_number(given: Any, taken: Any) -> bool:
+    if isinstance(given, bool):
+        return isinstance(taken, int | float) and not isinstance(taken, bool)
+    if isinstance(given, dict) and isinstance(taken, dict):
+        return any(_took_truth_for_a_number(given.get(key), taken[key]) for key in taken)
+    if isinstance(given, list | tuple) and isinstance(taken, list | tuple):
+        return any(map(_took_truth_for_a_number, given, taken))
+    return False
+
+
+S = TypeVar("S", bound=Settings)
+
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
+MAX_COORDINATE_M = 1000.0
+"""Of what a source reports. With such a limit products of coordinates stay accurate."""
+MAX_ROOM_M = 100.0
+"""Of places in a configuration: a cell whose origin is farther away was written in another unit."""
+MIN_SPEED_M_S = 0.01
+"""Nothing slower is configured: ISO 10218-1 has 0.25 m/s as reduced speed, and what moves by less
+than 1 mm/s counts as standing (``robots.stopping``)."""
+MIN_HUMAN_M_S = 1.2
+"""No person is assumed to be slower: people at work walk at 1.2 to 1.4 m/s in comfort (R. Bohannon,
+Age and Ageing 26 (1997) 15). ISO 13855 has 1.6 m/s for everybody."""
+MAX_PAYLOAD_KG = 5000.0
+"""The strongest arms of catalogues carry 2.3 t (FANUC M-2000iA/2300)."""
+MAX_ANGLE_RAD = 2 * math.pi
+"""Of a fixed angle: whoever writes degrees is told so."""
+Radians = Annotated[float, Field(ge=-MAX_ANGLE_RAD, le=MAX_ANGLE_RAD)]
+"""An angle of something that does not turn."""
+Metres = Annotated[float, Field(ge=-MAX_ROOM_M, le=MAX_ROOM_M)]
+"""A coordinate of a configuration."""
+MIN_SIDE_M = 0.01
+"""Of a region: no tracker tells whether somebody is in a smaller one."""
+Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
+Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
+
+
+MAX_NAME, MAX_NAME_BYTES = 64, 128  # file names have 255 bytes in all
+
+
+def name_problem(name: str) -> str | None:
+    """Why nothing may be called ``name``, with the remedy; ``None``: it may.
+
+    Names stand in file names, topics, keys, labels and pages, and people read them aloud. So they
+    have letters and digits of any language, and between them what none of these gives a meaning.
+    """
+    if len(name) > MAX_NAME or len(name.encode("utf-8", "replace")) > MAX_NAME_BYTES:
+        return f"a name has at most {MAX_NAME} characters and {MAX_NAME_BYTES} bytes; shorten it"
+    ends = name[:1] + name[-1:]
+    plain = all(c in " _-.()" or unicodedata.category(c)[0] in "LMN" for c in name)
+    if not plain or not ends or ends[0] in " -." or ends[-1] in " .":
+        return (
+            "a name has letters, digits, spaces and _ - . ( ), and begins with a letter or digit; "
+            "call it otherwise"
+        )
+    return None
+
+
+def _named(value: str) -> str:
+    if problem := name_problem(value):
+        raise ValueError(problem)
+    return value
+
+
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), AfterValidator(_named)]
+"""What the user calls a robot, a tool, a zone, a link; see ``name_problem``."""
+
+
+class Pose(Settings):
+    """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
+
+    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="where its origin is, m")
+    quaternion_xyzw: Quaternion = Field(
+        [0.0, 0.0, 0.0, 1.0], description="how it is turned: a unit quaternion [x, y, z, w]"
+    )
+
+    @field_validator("quaternion_xyzw")
+    @classmethod
+    def _unit(cls, value: list[float]) -> list[float]:
+        norm = math.hypot(*value)
+        if abs(norm - 1.0) > 0.01:
+            raise ValueError(f"must be a unit quaternion [x, y, z, w]; its length is {norm:.3g}")
+        return [v / norm for v in value]
+
+    def matrix(self) -> Floats:
+        """(4, 4) homogeneous transform."""
+        x, y, z, w = self.quaternion_xyzw
+        transform = np.eye(4)
+        transform[:3, :3] = [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+        transform[:3, 3] = self.xyz
+        return transform
+
+
+class Region(Settings):
+    """A prism: a polygon on the floor between two heights, room frame, metres."""
+
+    polygon: Annotated[list[Point], Field(min_length=3)] = Field(
+        description="corners on the floor in order, [x, y] each, m"
+    )
+    z_min: Metres = Field(0.0, description="its lower end, m")
+    z_max: Metres = Field(3.0, description="its upper end, m")
+
+    safety: ClassVar[Safety] = harmless("z_min", "z_max")
+
+    @model_validator(mode="after")
+    def _has_volume(self) -> Self:
+        if not self.z_max >= self.z_min + MIN_SIDE_M:
+            raise ValueError(f"z_max must be above z_min, by {MIN_SIDE_M:g} m at least")
+        xy = np.asarray(self.polygon)
+        area = 0.5 * float(
+            np.sum(xy[:, 0] * np.roll(xy[:, 1], -1) - np.roll(xy[:, 0], -1) * xy[:, 1])
+        )
+        if abs(area) < MIN_SIDE_M**2:
+            raise ValueError("polygon has no area; give its corners in order, in metres")
+        if crosses_itself(self.polygon):
+            raise ValueError("polygon crosses itself; give its corners in order")
+        return self
+
+    def contains(self, point: Floats) -> bool:
+        """Whether ``point`` (3,) lies in the prism."""
+        x, y, z = point.tolist()
+        return self.z_min <= z <= self.z_max and is_in_polygon(x, y, self.polygon)
+
+
+def validated(model: type[S], data: Any, where: str) -> S:
+    """Validate ``data`` against ``model``; ``where`` names the file and key it came from.
+
+    Raises:
+        ConfigError: one line naming the first wrong key and the remedy.
+    """
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = mistakes(error, model, data)[0]
+        at = ": ".join(part for part in (where, first.path) if part)
+        raise ConfigError(f"{at}: {first.text}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """A wrong key or value.
+
+    Attributes:
+        keys: the way to it in the data, such as ``("robots", 0, "name")``.
+        text: what is wrong, and the remedy.
+    """
+
+    keys: tuple[str | int, ...]
+    text: str
+
+    @property
+    def path(self) -> str:
+        """The keys as written in messages: ``robots.0.name``."""
+        return ".".join(map(str, self.keys))
+
+
+def mistakes(error: ValidationError, model: type[BaseModel], data: Any) -> list[Mistake]:
+    """Everything that validating ``data`` against ``model`` found, in the order of the keys."""
+    found: dict[tuple[str | int, ...], Mistake] = {}
+    tried: set[tuple[str | int, ...]] = set()  # where other members of a union failed, too
+    for each in error.errors():
+        keys, member = _keys_of(each["loc"], data, each["type"] == "missing")
+        if member and keys not in found:
+            tried.add(keys)
+        if keys not in found:
+            found[keys] = Mistake(keys, _text(each, model))
+    return [m for keys, m in found.items() if not (keys in tried and _has_more(keys, found))]
+
+
+def _has_more(keys: tuple[str | int, ...], found: Iterable[tuple[str | int, ...]]) -> bool:
+    return any(len(other) > len(keys) and other[: len(keys)] == keys for other in found)
+
+
+def _keys_of(
+    loc: tuple[int | str, ...], data: Any, missing: bool
+) -> tuple[tuple[str | int, ...], bool]:
+    """The keys of an error's place, and whether it ends with the name of a union's member."""
+    keys: list[str | int] = []
+    at = data
+    for part in loc:
+        if (isinstance(at, dict) and part in at) or (
+            isinstance(at, list) and isinstance(part, int) and part < len(at)
+        ):
+            keys.append(part)
+            at = at[part]  # type: ignore[index]
+    if missing:
+        keys.append(loc[-1])
+    return tuple(keys), not missing and bool(loc) and (not keys or keys[-1] != loc[-1])
+
+
+def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
+    """What is wrong at one place, what belongs there, and the remedy."""
+    loc = found["loc"]
+    if found["type"] == "extra_forbidden":
+        known = sorted({key for m in _models_at(model, loc[:-1]) for key in m.model_fields})
+        return f"unknown key{nearest(str(loc[-1]), known)} (known: {', '.join(known)})"
+    about, unit = _about(model, loc)
+    if found["type"] == "missing":
+        return f"required key is missing; add it{about}"
+    message = found["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    fields = {name: f for m in _models_at(model, loc) for name, f in m.model_fields.items()}
+    keys = sorted(fields, key=lambda name: not fields[name].is_required())  # required first
+    if (expected := expected_shape(found["type"], keys)) is not None:
+        got = "nothing" if found["input"] is None else _echo(found["input"])
+        return f"{expected}; got {got}{about}"
+    if isinstance(found["input"], dict):  # of the whole block; its value adds nothing
+        return message
+    if found["type"] == "string_type" and isinstance(found["input"], bool | int | float | date):
+        message += ", so put it in quotes"  # no, on, 12 and 2026-01-01 are no text in YAML
+    return f"{message}; got {_echo(found['input'])}{about}{_hint(found, unit)}"
+
+
+def _hint(found: ErrorDetails, unit: str) -> str:
+    """What a number beyond its greatest value would be in the right unit; empty for others."""
+    greatest = found.get("ctx", {}).get("le")
+    if found["type"] == "greater_than_equal":  # the other end of a range around 0
+        greatest = -found["ctx"]["ge"] if found["ctx"]["ge"] < 0 else None
+    if greatest is None or not isinstance(found["input"], int | float):
+        return ""
+    try:
+        number = float(found["input"])
+    except OverflowError:  # an integer beyond all floats, in no unit
+        return ""
+    hint = meant(number, unit)
+    return f"; {hint}" if hint else ""
+
+
+def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[str, str]:
+    """What the key is, in brackets, and its unit; empty where a field has no description."""
+    for end in range(len(loc), 0, -1):
+        key = str(loc[end - 1])
+        for owner in _models_at(model, loc[: end - 1]):
+            field = owner.model_fields.get(key)
+            if field is not None:
+                said = field.description or ""
+                return f" ({phrase(key, said)})" if said else "", unit_at(key, said)
+    return "", ""
+
+
+def set_key(data: dict[str, Any], change: str) -> None:
+    """Set one ``key.key=value`` of the command line, its value written as in YAML.
+
+    Raises:
+        ConfigError: it is not written so; one line with the remedy.
+    """
+    keys, equals, text = change.partition("=")
+    path = keys.strip().split(".")
+    if not equals or not all(path):
+        raise ConfigError(f"--set {change}: write it as key=value, such as train.epochs=20")
+    try:
+        value = load_yaml(text)
+    except (yaml.YAMLError, RecursionError) as error:
+        why = yaml_problem(error)
+        raise ConfigError(f"--set {change}: its value is not valid YAML{why}; quote it") from error
+    at: Any = data
+    for key, after in itertools.pairwise(path):
+        empty: Any = [] if after.isdecimal() else {}
+        at = _entry(at, key) if isinstance(at, list) else at.setdefault(key, empty)
+        if not isinstance(at, dict) and not (isinstance(at, list) and _entry(at, after)):
+            raise ConfigError(f"--set {change}: '{key}' has no keys; see the configuration")
+    at[path[-1]] = value
+
+
+def _entry(entries: list[Any], index: str) -> Any:
+    """The entry of a list at ``index``, or ``None``."""
+    return entries[int(index)] if index.isdecimal() and int(index) < len(entries) else None
+
+
+def _echo(value: Any) -> str:
+    """A wrong value as short text, limited in depth and width."""
+    try:
+        got = reprlib.repr(value)
+    except ValueError:  # an integer of thousands of digits has no decimal text
+        got = type(value).__name__
+    return got if len(got) < 60 else got[:57] + "..."
+
+
+def _models_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[type[BaseModel]]:
+    """The models that ``loc`` leads to from ``model``: several where it ends in a union."""
+    found = [model]
+    for part in loc:
+        if isinstance(part, int):
+            continue
+        fields = [m.model_fields[part] for m in found if part in m.model_fields]
+        if fields:
+            found = [inner for field in fields for inner in models_in(field.annotation)]
+        else:  # a union's tag, or a key of a mapping
+            found = [m for m in found if m.__name__ == part or _is_tagged(m, part)] or found
+    return found
+
+
+def _is_tagged(model: type[BaseModel], tag: str) -> bool:
+    """Whether a member of a union is the one for ``tag``."""
+    fields = model.model_fields.values()
+    return any(get_args(field.annotation) == (tag,) for field in fields)
+
+
+def models_in(annotation: Any) -> list[type[BaseModel]]:
+    """The models that a field's type names, wherever in it."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for part in get_args(annotation) for m in models_in(part)]

@@ -1,0 +1,1 @@
+"""Who does offline work: this process, several processes, or a cluster."""

@@ -1,0 +1,186 @@
+"""Who does offline work: this process, several processes, or a cluster's workers.
+
+A task is a function of a module and plain arguments, such as one recording or one episode. Tasks
+know nothing of each other, and each computes with one thread: whoever does them, and in whatever
+order, the results are the same.
+"""
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Self, TypeVar
+
+from hri_predict.base.errors import ConfigError
+
+log = logging.getLogger(__name__)
+
+R = TypeVar("R")
+
+MOST_DEATHS = 3
+"""Processes that may end early before the work is given up: a task may be what ends them."""
+_ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_SAID_BEFORE = "hri_predict.recording.unused"  # its warnings: the starting process gave them
+
+
+class Workers(ABC):
+    """Somebody who does tasks. Use it in a ``with`` block, which ends what it started.
+
+    Attributes:
+        count: how many tasks are done at a time.
+    """
+
+    count: int = 1
+
+    @abstractmethod
+    def each(
+        self, function: Callable[..., R], tasks: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, R]]:
+        """Yield (place, result) of each task when it is done, in any order.
+
+        Args:
+            function: of a module, so that another process finds it by its name.
+            tasks: the arguments of each call.
+
+        Raises:
+            HriPredictError: what a task raised, or nobody is left who could do the tasks.
+        """
+
+    def in_order(
+        self,
+        function: Callable[..., R],
+        tasks: Sequence[tuple[Any, ...]],
+        on_done: Callable[[], None] = lambda: None,
+    ) -> list[R]:
+        """The results in the tasks' order; ``on_done`` is called when each is done.
+
+        Raises:
+            HriPredictError: see ``each``.
+        """
+        found: dict[int, R] = {}
+        for place, result in self.each(function, tasks):
+            found[place] = result
+            on_done()
+        return [found[place] for place in range(len(tasks))]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """End what was started. Safe to call twice."""
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Compute with one thread meanwhile: sums of several threads depend on their number."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+class ThisProcess(Workers):
+    """Does one task after the other, here."""
+
+    def each(
+        self, function: Callable[..., R], tasks: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, R]]:
+        """See ``Workers``."""
+        for place, arguments in enumerate(tasks):
+            with one_thread():
+                result = function(*arguments)
+            yield place, result
+
+    def close(self) -> None:
+        """Nothing was started."""
+
+
+class Processes(Workers):
+    """Several processes of this machine, started when they are first needed.
+
+    The tasks of a process that was ended (for lack of memory, say) run again, in new processes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._pool: ProcessPoolExecutor | None = None
+
+    def each(
+        self, function: Callable[..., R], tasks: Sequence[tuple[Any, ...]]
+    ) -> Iterator[tuple[int, R]]:
+        """See ``Workers``."""
+        left = dict(enumerate(tasks))
+        deaths = 0
+        while left:
+            try:
+                yield from self._those_done(function, left)
+            except BrokenProcessPool as error:
+                self.close()
+                deaths += 1
+                if deaths == MOST_DEATHS:
+                    raise ConfigError(
+                        f"--jobs: a process ended too early, {deaths} times, perhaps for lack of "
+                        "memory; run again with fewer jobs, and with --resume if you gave --out"
+                    ) from error
+                log.warning("a process ended too early; %d tasks run again", len(left))
+
+    def _those_done(
+        self, function: Callable[..., R], left: dict[int, tuple[Any, ...]]
+    ) -> Iterator[tuple[int, R]]:
+        """Yield what is done, and take it from ``left``."""
+        pool = self._pool or self._started()
+        waiting = {pool.submit(function, *task): place for place, task in left.items()}
+        try:
+            while waiting:
+                done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in done:
+                    place, result = waiting.pop(future), future.result()
+                    del left[place]
+                    yield place, result
+        finally:
+            for future in waiting:
+                future.cancel()
+
+    def _started(self) -> ProcessPoolExecutor:
+        for variable in _ONE_THREAD:  # the processes inherit it; here the libraries have started
+            os.environ.setdefault(variable, "1")
+        context = multiprocessing.get_context("spawn")
+        self._pool = ProcessPoolExecutor(self.count, context, initializer=_begin)
+        return self._pool
+
+    def close(self) -> None:
+        """End the processes; tasks that have not begun never do."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
+
+
+def _begin() -> None:
+    """Set up a process: one thread, a quiet end, and an end with the process that started it."""
+    import torch
+
+    torch.set_num_threads(1)
+    logging.getLogger(_SAID_BEFORE).setLevel(logging.ERROR)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

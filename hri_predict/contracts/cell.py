@@ -1,0 +1,390 @@
+"""Contracts of the parts that run without hardware, ``hri_sim``; the registry finds them.
+
+A *cell* is what stands at the other ends of simulated links; *faults* are injected into a source or
+a link, and tabulated; *simulations* run the closed loop; ``benches`` measure. One package provides
+all of them, but the node knows only these contracts.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.clock import Clock
+from hri_predict.base.settings import Settings
+from hri_predict.contracts.link import LinkSettings, Transport
+from hri_predict.contracts.source import Source
+from hri_predict.robots.model import RobotModel, RobotSettings
+
+Bodies = Mapping[int, tuple[Floats, Bools]]
+"""Person's id -> (J, 3) canonical joints in the room, and (J,) which of them are known."""
+Joints = Mapping[str, tuple[Floats, Floats]]
+"""Robot's name -> (N,) joint positions and velocities, rad and rad/s."""
+
+
+# -- cells
+
+
+@dataclass(slots=True, kw_only=True)
+class ControllerReport:
+    """What a controller experienced. Times are in seconds of its own clock.
+
+    Attributes:
+        name, role, robot: the link's name, the controller's role, the robot's name.
+        ended: how it ended: ``ok``, or ``killed`` (then nothing below was reported).
+        messages, bytes: good messages received; all bytes received.
+        crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
+        schema_mismatches: Schema messages of another version or hash.
+        schema_trouble: the last such Schema that it heard, and the one that it was built for.
+        timeouts: times that the node fell silent.
+        stale: times that the newest advice was, or became, too old.
+        max_age_s: greatest age of an advice at its receipt, as carried.
+        max_gap_s: longest time between two good advices.
+        round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
+        round_trips: each of the newest of them, (the counter that was echoed, seconds), where the
+            controller was asked to keep them.
+        slowdowns: times that it went from full speed to a lower limit.
+        stops: times that it had to stop while it was allowed to move.
+        states_sent, acknowledges_sent, write_errors: messages sent, and failed writes.
+        stop_causes: cause -> number of stops.
+        events: [seconds, cause, limit] of each change between running, slow and stopped (at most
+            1000), seconds since its start, the limit in m/s.
+    """
+
+    name: str
+    role: str
+    robot: str
+    ended: str = "ok"
+    messages: int = 0
+    bytes: int = 0
+    crc_errors: int = 0
+    counter_errors: int = 0
+    malformed: int = 0
+    incomplete: int = 0
+    schema_mismatches: int = 0
+    schema_trouble: str = ""
+    timeouts: int = 0
+    stale: int = 0
+    max_age_s: float = 0.0
+    max_gap_s: float = 0.0
+    round_trip_p50_s: float | None = None
+    round_trip_max_s: float | None = None
+    round_trips: list[tuple[int, float]] = field(default_factory=list)
+    slowdowns: int = 0
+    stops: int = 0
+    states_sent: int = 0
+    acknowledges_sent: int = 0
+    write_errors: int = 0
+    stop_causes: dict[str, int] = field(default_factory=dict)
+    events: list[tuple[float, str, float]] = field(default_factory=list)
+
+
+class TruePeople(Protocol):
+    """Where everybody truly is, from a copy of the source that has no faults."""
+
+    def open(self, start_ns: int) -> None:
+        """Start, at the same time as the node's own copy."""
+
+    def at(self, now_ns: int) -> Bodies:
+        """Everybody's true place at ``now_ns``."""
+
+
+class Referee(Protocol):
+    """Compares true people with true robots; the node never sees any of it.
+
+    Attributes:
+        contacts, contacts_standing: touches of a moving robot, and of a standing robot.
+        min_separation_m: smallest distance; ``None`` while nobody was seen.
+    """
+
+    @property
+    def contacts(self) -> int: ...  # noqa: D102
+
+    @property
+    def contacts_standing(self) -> int: ...  # noqa: D102
+
+    @property
+    def min_separation_m(self) -> float | None: ...  # noqa: D102
+
+    def observe(self, now_ns: int, people: Bodies, robots: Joints, /) -> None:
+        """Judge the time since the last observation."""
+
+
+class Cell(Protocol):
+    """Controllers, robots and wires at the other ends of all simulated links.
+
+    Real time: ``start`` ... ``stop``. Virtual clock: ``transports``, then ``step`` whenever
+    ``next_ns`` says, then ``stop``.
+    """
+
+    def start(self) -> Mapping[str, str]:
+        """Start in real time; returns link name -> the device for the node to open.
+
+        Raises:
+            LinkError: a controller did not start; says why.
+        """
+
+    def transports(self) -> Mapping[str, Transport[Any]]:
+        """Build all for the virtual clock; return link name -> the node's end of its wire."""
+
+    def next_ns(self) -> int | None:
+        """When the next step is due; ``None``: never."""
+
+    def step(self, now_ns: int) -> None:
+        """Do what is due."""
+
+    def robot_truth(self, now_ns: int) -> Joints:
+        """Where every simulated robot truly is."""
+
+    def referee(self, robots: Sequence[RobotModel], /) -> Referee:
+        """A referee for these robots; it must be fed with ``robot_truth``."""
+
+    def true_people(self, source: Source, /) -> TruePeople:
+        """Where everybody in ``source`` truly is; nothing else may poll ``source``."""
+
+    def stop(self) -> Sequence[ControllerReport]:
+        """End all controllers; returns their reports, link by link. Safe to call twice."""
+
+
+class CellClass(Protocol):
+    """A kind of cell: entry point group ``hri_predict.cells``.
+
+    Attributes:
+        settings_model: of a link's ``simulate:`` block.
+    """
+
+    @property
+    def settings_model(self) -> type[Settings]: ...  # noqa: D102
+
+    def __call__(
+        self,
+        *,
+        links: Sequence[LinkSettings],
+        robots: Sequence[RobotSettings],
+        base_dir: Path | None,
+        clock: Clock,
+        factor: float = 1.0,
+    ) -> Cell:
+        """Check everything; nothing is started yet.
+
+        Args:
+            links: the links that have a ``simulate:`` block.
+            robots: all configured robots.
+            base_dir: the configuration's folder, where relative paths start.
+            clock: the node's.
+            factor: node seconds per wall second.
+
+        Raises:
+            ConfigError, RobotError: a ``simulate:`` block or a file is wrong.
+        """
+
+
+# -- faults
+
+
+class SourceFaults(Protocol):
+    """Puts faults between a source and the node: entry point ``source``.
+
+    Attributes:
+        kinds: the settings of each kind of fault.
+    """
+
+    @property
+    def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
+
+    def __call__(self, inner: Source, faults: Sequence[dict[str, Any]], /, seed: int) -> Source:
+        """Return ``inner`` with ``faults`` as they stand in the configuration.
+
+        Raises:
+            ConfigError: a fault of unknown kind or with a wrong key.
+        """
+
+
+class LinkFaults(Protocol):
+    """Puts faults between a link and its wire: entry point ``link``.
+
+    Faults that damage units know the units of the shipped links: bytes, CAN frames, keyed payloads.
+
+    Attributes:
+        kinds: the settings of each kind of fault.
+    """
+
+    @property
+    def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
+
+    def __call__(
+        self, *, inner: Transport[Any], faults: Sequence[dict[str, Any]], clock: Clock, seed: int
+    ) -> Transport[Any]:
+        """Return ``inner`` with ``faults`` as they stand in the configuration.
+
+        Raises:
+            ConfigError: a fault of unknown kind or with a wrong key.
+        """
+
+
+class FaultParser(Protocol):
+    """Reads a fault from the command line: entry point ``parse``."""
+
+    def __call__(self, text: str, /) -> dict[str, Any]:
+        """``kind[@start[+duration]][:parameter=value,...]`` as it would stand in a configuration.
+
+        Raises:
+            ConfigError: wrong form, unknown kind or parameter.
+        """
+
+
+@dataclass(kw_only=True)
+class FaultOutcome:
+    """What was measured of one fault; a row of the fault table."""
+
+    fault: str
+    expected: str
+    acts: str
+    limit_ms: float | None
+    measured_ms: float | None
+    reason: str
+    clear_while_near: int
+    recovered_ms: float | None
+    fine: bool
+    counted: dict[str, int] = field(default_factory=dict)
+
+
+class FaultTable(Protocol):
+    """Tries each fault alone: entry point ``table``."""
+
+    def __call__(self, only: str | None = None, /) -> Iterator[FaultOutcome]:
+        """Run every case whose name contains ``only``; yield each when it is done."""
+
+
+class Soak(Protocol):
+    """Runs for hours with random faults: entry point ``soak``."""
+
+    def __call__(self, hours: float, seed: int, speed: float | None, /) -> dict[str, object]:
+        """Return the result as plain data; ``fine`` says whether all conditions held.
+
+        Args:
+            hours: of node time.
+            seed: random seed of the faults.
+            speed: node seconds per second; ``None``: as fast as possible, on the virtual clock.
+        """
+
+
+# -- simulations
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationRequest:
+    """The settings of a simulation; see ``hri-predict simulate``.
+
+    Predictors are ``NAME`` or ``NAME=WEIGHTS``. A calibration is that of the predictor that it was
+    made for.
+    """
+
+    config: Path
+    predictors: tuple[str, ...] = ()
+    calibrations: tuple[Path, ...] = ()
+    modes: tuple[str, ...] = ()
+    coverages: tuple[float, ...] = ()
+    motions: tuple[str, ...] = ()
+    joint_map: str | None = None
+    tracker: str | None = None
+    noise_m: float | None = None
+    wander_m: float | None = None
+    episodes: int = 2000
+    seed: int = 0
+    people: int = 1
+    jobs: int = 1
+    cluster: str | None = None
+    out: Path | None = None
+    resume: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionRequest:
+    """Episodes with people whom cameras lose; see ``hri-predict simulate --occlude``."""
+
+    config: Path
+    predictor: str | None = None
+    modes: tuple[str, ...] = ("predictive", "iso", "fixed")
+    rates_hz: tuple[float, ...] = (8.0, 15.0, 30.0)
+    episodes: int = 2000
+    first: int = 0
+    seed: int = 0
+    cameras: int = 1
+    free_space: bool = False
+    occlude: bool = True
+    jobs: int = 1
+    cluster: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionRow:
+    """The result of one episode in one mode.
+
+    Attributes:
+        index, mode: the episode's index and mode.
+        contacts, contacts_standing: touches of a moving and of a standing robot.
+        permitted: mean speed limit, as a share of the robot's highest speed.
+        lost: share of the ticks in which somebody was lost.
+    """
+
+    index: int
+    mode: str
+    contacts: int
+    contacts_standing: int
+    permitted: float
+    lost: float
+
+
+class ReportTable(Protocol):
+    """A table of texts: one row per line, the first column names it."""
+
+    @property
+    def title(self) -> str: ...  # noqa: D102
+
+    @property
+    def columns(self) -> Sequence[str]: ...  # noqa: D102
+
+    @property
+    def rows(self) -> Sequence[Sequence[str]]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationReport:
+    """The result of a simulation, as shown and written.
+
+    Attributes:
+        tables, notes: for people.
+        json: the same for programs.
+        files: the files written.
+        disagreements: one line for each episode with a different result in the whole node.
+    """
+
+    tables: Sequence[ReportTable]
+    notes: Sequence[str]
+    json: str
+    files: Sequence[Path]
+    disagreements: Sequence[str]
+
+
+class ClosedLoop(Protocol):
+    """Lets people approach a robot that obeys, again and again: entry point ``closed_loop``."""
+
+    def run(
+        self, request: SimulationRequest, progress: Callable[[int, int], None], /
+    ) -> SimulationReport:
+        """Run (or finish) a simulation; ``progress`` gets the number done and the total.
+
+        Raises:
+            HriPredictError: it cannot start; one line with the remedy.
+        """
+
+
+class Occluded(Protocol):
+    """Plays episodes with people whom cameras lose: entry point ``occluded``."""
+
+    def __call__(
+        self, request: OcclusionRequest, progress: Callable[[int, int], None], /
+    ) -> Iterator[OcclusionRow]:
+        """Yield each row when its episode is done."""

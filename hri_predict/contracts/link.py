@@ -1,0 +1,385 @@
+"""The contract of a link to a robot controller, and what every kind of link shares.
+
+A kind of link is a class: ``LinkClass`` says what the node asks of the class, ``Link`` what it asks
+of an object. ``Simulatable``, ``ChecksTogether`` and ``ObservesFleet`` are abilities that a class
+may have or lack. ``hri-predict conformance link:NAME`` checks the contract on any kind.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
+
+from pydantic import Field
+
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import LinkError
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.settings import Name, Settings
+from hri_predict.protocol.keyed import Keyed
+from hri_predict.protocol.messages import Advice, Message, Status
+from hri_predict.protocol.reception import ReceiveCounters
+from hri_predict.protocol.wire import StateShape
+
+MIN_SILENCE_S = 0.01
+"""No controller stops after less silence: it hears from the node once a cycle, at most every 10 ms,
+and a shorter one would make the delays seem shorter than they are."""
+MIN_DELAY_S = 0.0001
+"""No wire is faster: an 8-byte frame takes 0.11 ms at 1 Mbit/s, and drivers take longer."""
+MIN_REACTION_S = 0.001
+"""No controller begins to brake sooner: the fastest have cycles of 1 ms."""
+MIN_STATUS_HZ = 10.0
+"""Status goes out at least so often, even where the node's cycle is longer."""
+
+
+class LinkSettings(Settings):
+    """What every link has in common (an entry of ``links:`` in the configuration)."""
+
+    name: Name = Field(description="its own name, for messages and alerts")
+    kind: str = Field(description="kind of wire")
+    robots: list[str] | None = Field(None, description="robots advised on this link; default all")
+    delay_s: float = Field(
+        0.005,
+        ge=MIN_DELAY_S,
+        le=1,
+        description="one-way delay of the link at worst, its wire being free",
+    )
+    silence_timeout_s: float = Field(
+        0.15,
+        ge=MIN_SILENCE_S,
+        le=2,
+        description="after how much silence the controller stops by itself",
+    )
+    reaction_s: float = Field(
+        0.05,
+        ge=MIN_REACTION_S,
+        le=2,
+        description="from a frame's receipt until the controller begins to brake",
+    )
+    reserved_load: float = Field(
+        0.3, ge=0, lt=1, description="fraction of the wire kept free for others"
+    )
+    zones: bool = Field(True, description="whether Zone and Pose are sent on it")
+    simulate: dict[str, Any] | None = Field(
+        None, description="a mock controller at the other end; see hri_sim.controllers.controller"
+    )
+    faults: list[dict[str, Any]] = Field(
+        [], description="faults to inject; see hri_sim.faults.injector"
+    )
+
+    safety: ClassVar[Safety] = harmless("reserved_load", "zones") | {
+        "delay_s": LessSafe(
+            below="the robot is expected to hear each advice {more:.2g} s sooner; if it does not, a"
+            " person comes 1.6 m/s times that nearer"
+        ),
+        "silence_timeout_s": LessSafe(
+            below="the controller is expected to stop {more:.2g} s sooner after the node fell "
+            "silent; if it does not, a person comes 1.6 m/s times that nearer"
+        ),
+        "reaction_s": LessSafe(
+            below="the controller is expected to brake {more:.2g} s sooner; if it does not, a "
+            "person comes 1.6 m/s times that nearer"
+        ),
+    }
+
+    def resolved(self, base_dir: Path) -> Self:
+        """The same with its files found from ``base_dir``, where the configuration lies."""
+        return self
+
+    @property
+    def blocking_s(self) -> float:
+        """How long an Advice may find the wire taken by what is not urgent, at worst."""
+        return 0.0
+
+    @property
+    def notes(self) -> list[str]:
+        """What whoever checks the configuration should know of this link, one line each."""
+        return []
+
+
+@dataclass(slots=True, kw_only=True)
+class LinkCounters:
+    """What happened on a link since start; nothing is lost silently."""
+
+    messages_sent: int = 0
+    bytes_sent: int = 0
+    messages_received: int = 0
+    bytes_received: int = 0
+    superseded: int = 0  # newer one took a slot before the older was written
+    decimated: int = 0  # Zone or Pose without room on the wire; what such a link does not send
+    crc_errors: int = 0
+    counter_errors: int = 0  # repeated, lost or out of order
+    malformed: int = 0  # right CRC, wrong length, id or values
+    incomplete: int = 0  # a multi-frame message whose parts do not belong together
+    ignored: int = 0  # frames of other senders, which are not ours to judge
+    unexpected: int = 0  # with ids that only a node sends: our own frames that came back
+    foreign: int = 0  # with ids that only this node sends, but from somebody else
+    overrun: int = 0  # received, but not taken in time; the oldest RobotState goes first
+    bus_errors: int = 0  # error frames that the CAN controller reported
+    error_passive: int = 0  # times that it became error-passive
+    bus_off: int = 0  # times that it left the bus
+    write_errors: int = 0
+    disconnects: int = 0
+    reconnects: int = 0
+
+
+U = TypeVar("U")
+"""A unit of the wire: what goes onto it, and comes off it, at once."""
+
+
+class Transport(Protocol[U]):
+    """A wire that carries units: ``bytes`` on serial, ``CanFrame`` on CAN.
+
+    One thread may write while another reads; ``open`` and ``close`` are called by nobody else at
+    the same time. After ``close``, ``open`` may be called again.
+    """
+
+    def open(self) -> None:
+        """Open the device.
+
+        Raises:
+            LinkError: one line that names the port or interface and the remedy.
+        """
+
+    def write(self, unit: U) -> None:
+        """Write one unit, in bounded time.
+
+        Raises:
+            LinkError: the device is lost; as a ``hri_drivers.wires.transport.TransportBusy``, the
+                wire takes nothing now, try again later.
+        """
+
+    def read(self, timeout_s: float) -> list[U]:
+        """Return what has come, waiting at most ``timeout_s``; empty if nothing came.
+
+        Raises:
+            LinkError: the device is lost.
+        """
+
+    def close(self) -> None:
+        """Close the device; never raises, safe to call twice."""
+
+
+R = TypeVar("R", contravariant=True)
+
+
+class Receiver(Protocol[R]):
+    """Decodes the units of one wire, whatever comes: nothing that it is fed makes it raise.
+
+    Units that are ``bytes`` are a stream: the receiver finds the messages wherever it was cut.
+    """
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """What was received, and what was refused and why."""
+
+    def feed(self, unit: R, /) -> list[Message]:
+        """Messages that this unit completes, oldest first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A message that came from a controller, with its time of receipt (node's clock)."""
+
+    message: Message
+    received_ns: int
+
+
+class Link(Protocol):
+    """A connection to a controller.
+
+    ``post`` and ``take`` never block. In real time ``start`` runs a supervised thread that owns the
+    device; on the virtual clock the thread is not started and ``service`` is called instead.
+
+    Attributes:
+        name: as configured.
+        counters: see ``LinkCounters``.
+        connected: whether the device is open now.
+        on_sent: called with (name, bytes, time) after each unit written, where set.
+        last_error: one line about the newest trouble, ``None`` if there was none.
+        foreign_ns: when a second sender was last proved: two whole frames, within half a second,
+            with ids which only this node sends, and that this node did not send
+            (``counters.foreign``); ``None`` if there was none. An echo of the node's own frame is
+            not one. A link that sends nothing hears no such frame.
+    """
+
+    name: str
+    counters: LinkCounters
+    connected: bool
+    last_error: str | None
+    foreign_ns: int | None
+    on_sent: Callable[[str, bytes, int], None] | None
+
+    def start(self) -> None:
+        """Open the device and begin; a device that is absent at start is a ``LinkError``."""
+
+    def post(self, message: Message) -> None:
+        """Put a message into its newest-wins slot."""
+
+    def take(self) -> list[Received]:
+        """Return what was received since the last call, oldest first."""
+
+    def service(self, now_ns: int) -> None:
+        """Write what is posted and read what has come, now and in this thread."""
+
+    def stop(self) -> None:
+        """Write what is posted, then close. Safe to call twice."""
+
+
+@dataclass(slots=True, kw_only=True)
+class LinkLoad:
+    """How full a link is: worst-case seconds of wire per second.
+
+    Attributes:
+        name: the link's.
+        load: fraction of the wire taken by Status, Advice, Schema and what the controller sends.
+        spare: fraction left for Zone and Pose after ``reserved_load``.
+        details: message name -> fraction.
+        rate_hz, bitrate: what it was computed for.
+        bitrates: bit rates that this kind of link may have, ascending.
+    """
+
+    name: str
+    load: float
+    spare: float
+    details: dict[str, float] = field(default_factory=dict)
+    rate_hz: float = 0.0
+    bitrate: int = 0
+    bitrates: tuple[int, ...] = ()
+
+
+S = TypeVar("S", bound=LinkSettings)
+
+
+class LinkClass(Protocol[S, U]):
+    """What the node asks of a kind of link: a class whose objects are ``Link``.
+
+    ``SerialLink`` is a ``LinkClass[SerialLinkSettings, bytes]``. Whoever has a class from the
+    registry knows neither: settings that its ``settings_model`` made, and units that its transport
+    gave, are for the same class alone.
+    """
+
+    @property
+    def settings_model(self) -> type[S]:
+        """The model that validates an entry of ``links:`` of this kind."""
+
+    def __call__(
+        self,
+        settings: S,
+        clock: Clock,
+        transport: Transport[U] | None = None,
+        /,
+        *,
+        rate_hz: float = 25.0,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> Link:
+        """Make a link; nothing is opened yet.
+
+        Args:
+            settings: validated by ``settings_model``, and ``resolved``.
+            clock: the node's.
+            transport: the wire, if not the configured device (a pipe, a fault injector).
+            rate_hz: the node's cycle, from which the room for Zone and Pose follows.
+            robots: indices of the robots that are advised on this link.
+            shapes: what each of them has, in the same order; if left out, six joints on a base
+                that stands.
+
+        Raises:
+            LinkError: the settings name no device, and no transport is given.
+        """
+
+    def make_transport(self, settings: S, /) -> Transport[U]:
+        """The configured device, not yet open.
+
+        Raises:
+            LinkError: the settings name no device.
+        """
+
+    def receiver(self, settings: S, /) -> Receiver[U]:
+        """What decodes this link's units, for whoever only listens."""
+
+    def load(
+        self,
+        settings: S,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+        /,
+    ) -> LinkLoad:
+        """How full the wire will be, at worst; the node refuses what does not fit.
+
+        Raises:
+            LinkError: this kind of wire cannot carry the RobotState of one of these robots.
+        """
+
+
+AnyLinkClass = LinkClass[LinkSettings, object]
+"""A kind of link by its name alone, as the registry gives it."""
+
+
+@runtime_checkable
+class Simulatable(Protocol):
+    """A kind of link at whose other end a mock controller can be (``simulate:``).
+
+    Attributes:
+        port_field: the field of its settings that names the device; the simulated cell opens a
+            pseudo-terminal, or a bus of its own, and puts its name there.
+    """
+
+    port_field: str
+
+
+@runtime_checkable
+class ChecksTogether(Protocol):
+    """A kind of link of which several can disturb each other."""
+
+    def check_together(self, links: Sequence[Any], /) -> None:
+        """Refuse settings, all of this kind, whose links would disturb each other.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+
+
+@runtime_checkable
+class ObservesFleet(Protocol):
+    """A kind of link on which one program can hear the links of all cells."""
+
+    def observer(self, settings: Any, site: str | None, /) -> Transport[Keyed]:
+        """What hears the Status, Advice and Schema of all cells of one site, or of all sites."""
+
+
+def check_load(load: LinkLoad, rate_key: str = "rate_hz") -> None:
+    """Refuse a link that cannot carry what must always fit.
+
+    Args:
+        load: the link's.
+        rate_key: of the configuration; it sets ``load.rate_hz``.
+
+    Raises:
+        LinkError: one line with the load and what would fit.
+    """
+    if load.spare >= 0:
+        return
+    reserved = 1.0 - load.load - load.spare
+    remedies = _remedies(load, 1.0 - reserved, rate_key)
+    raise LinkError(
+        f"link '{load.name}': {load.load:.0%} load and {reserved:.0%} reserved_load do not fit; "
+        f"{' or '.join(remedies)}"
+    )
+
+
+def _remedies(load: LinkLoad, room: float, rate_key: str) -> Sequence[str]:
+    remedies = []
+    per_cycle = sum(load.details[message.__name__] for message in (Status, Advice))
+    rate_hz = load.rate_hz * (room - (load.load - per_cycle)) / per_cycle
+    if rate_hz >= MIN_STATUS_HZ:
+        remedies.append(f"lower {rate_key} from {load.rate_hz:g} to {int(rate_hz)}")
+    needed = load.bitrate * load.load / room
+    faster = next((b for b in load.bitrates if b >= needed and b > load.bitrate), None)
+    if faster is not None:
+        remedies.append(f"raise the bit rate from {load.bitrate} to {faster}")
+    if load.load <= 1.0:
+        remedies.append(f"lower reserved_load to {int((1.0 - load.load) * 100) / 100:g}")
+    return remedies or ["use a faster kind of link, or fewer robots on this one"]

@@ -1,0 +1,173 @@
+"""Sources, predictors, links and peers by name; third parties join by entry point.
+
+A package adds, say, a predictor by an entry point in the group ``hri_predict.predictors``; nothing
+is imported until its name is asked for, so a missing library never breaks what does not need it.
+What a name must stand for is said by the contracts: ``source``, ``predictors.base`` and ``link``
+for the parts that anybody may bring, ``peers`` for what ``hri_sim`` brings.
+"""
+
+import contextlib
+import sys
+from collections.abc import Iterator
+from functools import lru_cache
+from importlib import metadata
+from typing import Any, Literal, overload
+
+from hri_predict.base.errors import ConfigError, HriPredictError, nearest
+from hri_predict.contracts import benches
+from hri_predict.contracts import cell as peers
+from hri_predict.contracts.link import AnyLinkClass, LinkSettings
+from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
+from hri_predict.contracts.source import AnySourceClass, SourceSettings
+
+PartKind = Literal["sources", "predictors", "links"]
+"""What anybody may bring, and ``hri-predict conformance`` checks."""
+Kind = PartKind | Literal["predictor_settings", "cells", "faults", "simulations"]
+
+_SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
+
+
+def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
+    return _scanned(kind, tuple(sys.path))
+
+
+@lru_cache
+def _scanned(kind: Kind, _path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
+    """What the packages on the path register: each scan reads all of their files."""
+    return {e.name: e for e in metadata.entry_points(group=f"hri_predict.{kind}")}
+
+
+def names(kind: Kind) -> list[str]:
+    """Names registered under ``kind``, sorted."""
+    return sorted(_entry_points(kind))
+
+
+def is_ours(kind: Kind, name: str) -> bool:
+    """Whether this package brings what is registered as ``name``, not a third party."""
+    dist = _entry_points(kind)[name].dist
+    return dist is not None and dist.name == "hri-predict"
+
+
+@overload
+def load(kind: Literal["sources"], name: str) -> AnySourceClass: ...
+@overload
+def load(kind: Literal["predictors"], name: str) -> AnyPredictorClass: ...
+@overload
+def load(kind: Literal["links"], name: str) -> AnyLinkClass: ...
+@overload
+def load(kind: Literal["cells"], name: str) -> peers.CellClass: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["source"]) -> peers.SourceFaults: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["link"]) -> peers.LinkFaults: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["parse"]) -> peers.FaultParser: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["table"]) -> peers.FaultTable: ...
+@overload
+def load(kind: Literal["faults"], name: Literal["soak"]) -> peers.Soak: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["closed_loop"]) -> peers.ClosedLoop: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["occluded"]) -> peers.Occluded: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["links"]) -> benches.LinkBench: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["fleet"]) -> benches.FleetBench: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["fleet_page"]) -> benches.FleetPageBench: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["trackers"]) -> benches.TrackerBench: ...
+@overload
+def load(kind: Literal["simulations"], name: Literal["node"]) -> benches.NodeBench: ...
+def load(kind: Kind, name: str) -> Any:
+    """Import and return what is registered as ``name``.
+
+    Raises:
+        ConfigError: nothing has this name (lists those there are), it cannot be imported (names
+            the extra or package that is missing), or it is no class with a ``settings_model``.
+    """
+    points = _entry_points(kind)
+    if name not in points:
+        raise ConfigError(
+            f"unknown {kind[:-1]} '{name}'{nearest(name, points)}; "
+            f"there are: {', '.join(sorted(points))}"
+        )
+    try:
+        part = points[name].load()
+    except ImportError as error:
+        raise ConfigError(
+            f"{kind[:-1]} '{name}' needs a package that is not installed: {error.name or error}; "
+            f"{_remedy(points[name])}"
+        ) from error
+    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+        raise ConfigError(
+            f"{kind[:-1]} '{name}' cannot be loaded: {_said(error)}; "
+            f"mend the package that brings it"
+        ) from error
+    base = _SETTINGS.get(kind)
+    model = getattr(part, "settings_model", None)
+    if base is not None and not (
+        isinstance(part, type) and isinstance(model, type) and issubclass(model, base)
+    ):
+        raise ConfigError(
+            f"{kind[:-1]} '{name}' is not a class whose settings_model derives from "
+            f"{base.__name__}; mend the package that brings it"
+        )
+    return part
+
+
+def predictor_settings(name: str) -> type[PredictorSettings]:
+    """The settings model of a predictor, without importing the predictor where that can be.
+
+    The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
+    libraries that only they need, such as torch. A name that is not there is loaded.
+
+    Raises:
+        ConfigError: see ``load``; or what is registered is no ``PredictorSettings``.
+    """
+    point = _entry_points("predictor_settings").get(name)
+    if point is None or name not in _entry_points("predictors"):
+        return load("predictors", name).settings_model
+    try:
+        model = point.load()
+    except (Exception, SystemExit) as error:  # a third party's module may fail in any way
+        raise ConfigError(
+            f"settings of predictor '{name}' cannot be loaded: {_said(error)}; "
+            f"mend the package that brings it"
+        ) from error
+    if not (isinstance(model, type) and issubclass(model, PredictorSettings)):
+        raise ConfigError(
+            f"settings of predictor '{name}' are no class that derives from PredictorSettings; "
+            f"mend the package that brings it"
+        )
+    return model
+
+
+@contextlib.contextmanager
+def building(what: str) -> Iterator[None]:
+    """Wrap the construction of a source, predictor or link, which may come from a third party.
+
+    Raises:
+        HriPredictError: its own error, or one that names the failure.
+    """
+    try:
+        yield
+    except HriPredictError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigError(
+            f"{what} cannot be built: {_said(error)}; correct it or its settings"
+        ) from error
+
+
+def _said(error: BaseException) -> str:
+    """The kind of an error and the first line of its text."""
+    return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+
+
+def _remedy(point: metadata.EntryPoint) -> str:
+    """What to install: the extras that the entry point names after its object, ``[fleet]``."""
+    if not point.extras or point.dist is None:
+        return "install it with pip"
+    return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"

@@ -1,0 +1,39 @@
+"""What a source saw at one capture: all people in the room, or nobody."""
+
+from dataclasses import dataclass
+
+from hri_predict.base.arrays import Bools, Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Person:
+    """One skeleton of one person at one time, in the joint order of its source.
+
+    Attributes:
+        id: the source's number for this body, 0..65535; a key, never a position in a list.
+        positions: (J_source, 3) metres in the room's frame; NaN where not observed.
+        observed: (J_source,) which joints were observed.
+    """
+
+    id: int
+    positions: Floats
+    observed: Bools
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scene:
+    """What a source saw at one capture.
+
+    Attributes:
+        stamp_ns: the source's time stamp of the capture, nanoseconds of the *source's* clock.
+            ``people`` aligns it with the node's clock; from there on it is a ``capture_ns``.
+        sequence: the source's own counter, advancing by one per capture; gaps are losses.
+        sees_room: whether the source saw the room. ``True`` with no people says "nobody is here";
+            ``False`` says "I cannot tell".
+        people: everybody seen.
+    """
+
+    stamp_ns: int
+    sequence: int
+    sees_room: bool
+    people: tuple[Person, ...]

@@ -1,0 +1,1 @@
+"""Offline work: from recordings to trained, calibrated and evaluated predictors."""

@@ -1,0 +1,202 @@
+"""Presences: the unbroken times that one person was seen in a recording.
+
+**As other trackers would deliver them**: most recordings come from optical motion capture, with 120
+captures a second and noise below a millimetre. Zones that were calibrated on these alone would be
+too small for a camera's tracker, and its every capture would look like a surprise. So a calibration
+also sees each recording once as ``as_tracked`` draws it: slower, noisier, with gaps, and half of
+them with stamps that come late. The truth keeps noise and lateness, because the node compares its
+zones with captures that have them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.errors import UnusableRecordingError
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.recording.opening import opened
+from hri_predict.recording.recording import Recording, names_of
+
+Used = TypeVar("Used")
+
+LEAST_RATE_HZ = 20.0
+
+FASTEST_HZ = 35.0
+"""Captures are thinned to at most so many a second before noise is added."""
+EVERY = (1, 1, 2, 3, 4)
+"""The tracker delivers every such capture of those."""
+WHITE_M, SLOW_M = (0.0, 0.02), (0.0, 0.02)
+"""Ranges of the standard deviations of each coordinate: of noise that is new in each capture, and
+of noise that wanders."""
+WANDERS_S = 0.3
+"""Correlation time of the latter."""
+LATE_S = 0.03
+"""Half of the trackers stamp each capture late, by a time drawn evenly up to their own most; this
+is the largest of those."""
+LOST = 0.03
+"""Share of the captures that are not delivered, and of the joints that are not observed in one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Presence:
+    """One person's unbroken presence in a recording, on canonical joints.
+
+    Attributes:
+        stamps_ns: (F,) captures.
+        positions: (F, J, 3) metres; 0 where not observed.
+        observed: (F, J).
+        rate_hz: nominal captures per second.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    positions: Floats
+    observed: Bools
+    rate_hz: float
+
+    def only(self, captures: Ints) -> "Presence":
+        """Some of the captures alone, at their own mean rate."""
+        stamps = self.stamps_ns[captures]
+        span_s = float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
+        rate_hz = (len(stamps) - 1) / span_s if span_s > 0 else self.rate_hz
+        return Presence(stamps, self.positions[captures], self.observed[captures], rate_hz)
+
+
+def presences_of(recording: Recording) -> list[Presence]:
+    """Every person of a recording, split at gaps that are not bridged.
+
+    Raises:
+        UnusableRecordingError: it has too few captures per second.
+    """
+    if recording.rate_hz < LEAST_RATE_HZ:
+        raise UnusableRecordingError(
+            f"recording {recording.path}: {recording.rate_hz:.3g} captures per second are too few "
+            f"to show what happened between two steps; give one of {LEAST_RATE_HZ:g} or more"
+        )
+    people: dict[int, list[tuple[int, Floats, Bools]]] = {}
+    for scene in recording.scenes:
+        for person in scene.people:
+            samples = people.setdefault(person.id, [])
+            if not samples or scene.stamp_ns > samples[-1][0]:
+                joints, seen = recording.joint_map.map(person.positions, person.observed)
+                seen = seen & np.isfinite(joints).all(-1)
+                samples.append((scene.stamp_ns, np.where(seen[:, None], joints, 0.0), seen))
+    found = []
+    for samples in people.values():
+        samples = [s for s in samples if s[2].any()]
+        stamps = np.array([s[0] for s in samples], dtype=np.int64)
+        breaks = np.flatnonzero(np.diff(stamps) > gap_ns(recording.rate_hz)) + 1
+        parts = [p for p in np.split(np.arange(len(samples)), breaks) if p.size]
+        found += [
+            Presence(
+                stamps[part],
+                np.stack([samples[i][1] for i in part]),
+                np.stack([samples[i][2] for i in part]),
+                recording.rate_hz,
+            )
+            for part in parts
+        ]
+    return found
+
+
+def gap_ns(rate_hz: float) -> int:
+    """The longest gap between captures that is bridged, as in the node's people stage."""
+    return round(1e9 * max(0.1, 2.5 / rate_hz))
+
+
+def as_tracked(presence: Presence, seed: int) -> tuple[Presence, Ints]:
+    """Return the presence with noise, and which of its captures the tracker delivers.
+
+    Args:
+        presence: as recorded.
+        seed: decides everything that is drawn.
+    """
+    rng = np.random.default_rng(seed)
+    thinned = np.arange(0, len(presence.stamps_ns), max(1, round(presence.rate_hz / FASTEST_HZ)))
+    stamps, positions = presence.stamps_ns[thinned], presence.positions[thinned]
+    shape = positions.shape
+    white = rng.uniform(*WHITE_M) * rng.standard_normal(shape)
+    slow = rng.uniform(*SLOW_M) * _wandering(rng, stamps, shape)
+    observed = presence.observed[thinned] & (rng.random(shape[:2]) >= LOST)
+    every = int(rng.choice(EVERY))
+    delivered = np.arange(0, len(stamps), every)
+    delivered = delivered[rng.random(len(delivered)) >= LOST]
+    rate_hz = presence.rate_hz / max(1, round(presence.rate_hz / FASTEST_HZ))
+    late_ns = 1e9 * LATE_S * max(0.0, rng.uniform(-1.0, 1.0))
+    stamps = _rising(stamps + np.round(late_ns * rng.random(len(stamps))).astype(np.int64))
+    noisy = np.where(observed[..., None], positions + white + slow, 0.0)
+    return Presence(stamps, noisy, observed, rate_hz), delivered
+
+
+def _rising(stamps: Ints) -> Ints:
+    """The stamps, each a microsecond after the one before it at least."""
+    apart = 1000 * np.arange(len(stamps))
+    found: Ints = np.maximum.accumulate(stamps - apart) + apart
+    return found
+
+
+def _wandering(rng: np.random.Generator, stamps: Ints, shape: tuple[int, ...]) -> Floats:
+    """(F, J, 3) noise of deviation 1 whose correlation falls by 1/e in ``WANDERS_S``."""
+    found = rng.standard_normal(shape)
+    kept = np.exp(-np.diff(stamps) * 1e-9 / WANDERS_S)
+    for i, share in enumerate(kept, 1):
+        found[i] = share * found[i - 1] + np.sqrt(1.0 - share**2) * found[i]
+    return found
+
+
+def of_each(
+    entries: Sequence[Path | Recording],
+    use: Callable[[str, Recording, Sequence[Presence]], list[Used]],
+    *,
+    joint_map: JointMap | None,
+    nobody: str,
+    on_recording: Callable[[str], None],
+    on_left_out: Callable[[str], None],
+) -> tuple[list[Used], list[str]]:
+    """What ``use`` makes of each recording, and a line for each that is left out.
+
+    Args:
+        entries: files, or recordings in memory.
+        use: name, recording, presences -> what is used of it; nothing leaves it out.
+        joint_map: the user's own for the files' joints; default: found by their names.
+        nobody: why a recording of which nothing is used is left out.
+        on_recording: called with the name of each recording when it is done.
+        on_left_out: called with one line for each recording that is left out.
+
+    Raises:
+        RecordingError: a file cannot be read, or cannot be true.
+    """
+    found: list[Used] = []
+    left_out: list[str] = []
+    names = names_of([e.path if isinstance(e, Recording) else e for e in entries])
+    for entry, name in zip(entries, names, strict=True):
+        used, problem = of_one(entry, lambda *its: use(name, *its), joint_map, nobody)  # noqa: B023
+        if problem:
+            left_out.append(problem)
+            on_left_out(f"{problem}; left out")
+        found += used
+        on_recording(name)
+    return found, left_out
+
+
+def of_one(
+    entry: Path | Recording,
+    use: Callable[[Recording, Sequence[Presence]], list[Used]],
+    joint_map: JointMap | None,
+    nobody: str,
+) -> tuple[list[Used], str]:
+    """What is used of one recording, and why it is left out, or ""; see ``of_each``.
+
+    Raises:
+        RecordingError: it cannot be read, or cannot be true.
+    """
+    try:
+        recording = opened(entry, joint_map)
+        used = use(recording, presences_of(recording))
+    except UnusableRecordingError as error:
+        return [], str(error)
+    return used, "" if used else f"recording {recording.path}: {nobody}"

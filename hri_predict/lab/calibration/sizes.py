@@ -1,0 +1,171 @@
+"""How large zones are: volumes of the body's segments, by method.
+
+Every method is applied to the same windows: calibrated zones as run, balls that grow at the
+standard's speeds (1.6 and 2 m/s) from where the body was seen, and the limits of what bodies can
+do.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts.predictor import Predictor
+from hri_predict.lab.calibration.coverage import run_zones
+from hri_predict.lab.calibration.scores import Scores
+from hri_predict.zones.calibration import Calibration
+from hri_predict.zones.reach import BodyReach
+from hri_predict.zones.settings import CoverageSettings, HumanLimits
+
+BALLS_M_S = (1.6, 2.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sizes:
+    """Mean volumes in cubic metres. K horizons, B body parts.
+
+    Attributes:
+        parts: names of the body parts.
+        steps: (K,) horizon steps.
+        by_method: method -> (K, B) mean volume of a part's zones over all windows, summed over its
+            segments.
+        windows: number of windows.
+    """
+
+    parts: tuple[str, ...]
+    steps: tuple[int, ...]
+    by_method: Mapping[str, Floats]
+    windows: int
+
+    def relative(self, method: str, to: str) -> Floats:
+        """(K, B + 1) a method's volume relative to another's, the whole body last; NaN if empty."""
+        own, other = (_with_body(self.by_method[m]) for m in (method, to))
+        return np.divide(own, other, out=np.full_like(own, np.nan), where=other > 0)
+
+
+def _with_body(volumes: Floats) -> Floats:
+    return np.concatenate([volumes, volumes.sum(1, keepdims=True)], axis=1)
+
+
+def measure_sizes(
+    *,
+    scores: Sequence[Scores],
+    methods: Mapping[str, tuple[Sequence[Scores], Calibration, Predictor]],
+    settings: CoverageSettings,
+    steps: Sequence[int],
+    limits: HumanLimits | None = None,
+) -> Sizes:
+    """Volumes around the windows of ``scores``.
+
+    Args:
+        scores: give the windows; segments with an unseen joint do not count.
+        methods: name -> a predictor's scores of the same recordings, its calibration, and itself.
+        settings: level and question; with or without the self-check.
+        steps: horizon steps.
+        limits: see ``HumanLimits``.
+    """
+    skeleton = next(iter(methods.values()))[2].skeleton
+    rate_hz = next(iter(methods.values()))[2].rate_hz
+    reach = BodyReach.of(limits or HumanLimits(), skeleton, rate_hz)
+    sums: dict[str, Floats] = {}
+    counts = np.zeros(len(skeleton.segments))
+    for index, entry in enumerate(scores):
+        seen = _whole_segments(entry, skeleton)  # (W, S)
+        counts += seen.sum(0)
+        last = entry.history[:, -1]
+        for speed in BALLS_M_S:
+            radius = speed * np.asarray(steps)[None, :, None] / rate_hz
+            centre = np.repeat(last[:, None], len(steps), axis=1)
+            _add(
+                sums=sums,
+                name=f"{speed:g} m/s",
+                centre=centre,
+                radius=np.broadcast_to(radius, centre.shape[:3]),
+                seen=seen,
+                skeleton=skeleton,
+            )
+        centre, radius = _reached(entry, reach, steps, rate_hz)
+        _add(
+            sums=sums,
+            name="physical reach",
+            centre=centre,
+            radius=radius,
+            seen=seen,
+            skeleton=skeleton,
+        )
+        for name, (own, calibration, predictor) in methods.items():
+            spheres = [
+                b
+                for b, _ in run_zones(
+                    entry=own[index],
+                    calibration=calibration,
+                    settings=settings,
+                    predictor=predictor,
+                    limits=limits,
+                )
+            ]
+            mid = np.stack([b.mid[0][list(steps)] for b in spheres])
+            radius = np.stack([b.radius[0][list(steps)] for b in spheres])
+            _add(sums=sums, name=name, centre=mid, radius=radius, seen=seen, skeleton=skeleton)
+    mean = {m: total / np.maximum(counts, 1) for m, total in sums.items()}
+    parts = tuple(dict.fromkeys(s.part for s in skeleton.segments))
+    of = np.array([parts.index(s.part) for s in skeleton.segments])
+    by_part = {
+        m: np.stack([v[:, of == b].sum(1) for b in range(len(parts))], axis=1)
+        for m, v in mean.items()
+    }
+    return Sizes(parts, tuple(steps), by_part, sum(len(s.origin_ns) for s in scores))
+
+
+def _reached(
+    entry: Scores, reach: BodyReach, steps: Sequence[int], rate_hz: float
+) -> tuple[Floats, Floats]:
+    """The limits of what bodies can do by each step: unbounded spheres, cut."""
+    last = entry.history[:, -1]
+    until = np.repeat(np.asarray(steps, float)[None] / rate_hz, len(last), axis=0)
+    shape = (len(last), len(steps), last.shape[1])
+    mid = np.broadcast_to(last[:, None], (*shape, 3))
+    velocity = reach.velocity(entry.history, entry.observed)
+    mid, radius = reach.cut_by_motion(
+        mid,
+        np.full(shape, 1e6),
+        last=last,
+        velocity=velocity,
+        since=until - 1 / rate_hz,
+        until=until,
+    )
+    return reach.cut_by_bones(mid, radius, last=last, seen=entry.observed[:, -1])
+
+
+def _whole_segments(entry: Scores, skeleton: Skeleton) -> Bools:
+    """(W, S) whether both ends were seen."""
+    now = entry.observed[:, -1]
+    ends = np.array([(s.joint_a, s.joint_b) for s in skeleton.segments])
+    result: Bools = now[:, ends[:, 0]] & now[:, ends[:, 1]]
+    return result
+
+
+def _add(
+    *,
+    sums: dict[str, Floats],
+    name: str,
+    centre: Floats,
+    radius: Floats,
+    seen: Bools,
+    skeleton: Skeleton,
+) -> None:
+    """Add the volumes of every segment's capsule, (K, S) in all."""
+    ends = np.array([(s.joint_a, s.joint_b) for s in skeleton.segments])
+    own = np.array([s.radius for s in skeleton.segments])
+    length = np.linalg.norm(centre[:, :, ends[:, 0]] - centre[:, :, ends[:, 1]], axis=-1)
+    r = np.maximum(radius[:, :, ends[:, 0]], radius[:, :, ends[:, 1]]) + own
+    total = np.where(seen[:, None], capsule_volume(length, r), 0.0).sum(0)
+    sums[name] = sums.get(name, 0.0) + total
+
+
+def capsule_volume(length: Floats, radius: Floats) -> Floats:
+    """Volume of a capsule, pi r^2 l + 4/3 pi r^3, cubic metres."""
+    result: Floats = np.pi * radius**2 * (length + 4.0 / 3.0 * radius)
+    return result

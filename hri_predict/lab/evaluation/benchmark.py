@@ -1,0 +1,290 @@
+"""Evaluation as in the papers: error per action under one protocol of a benchmark.
+
+A forecaster sees the history of each window and nothing else: (N, n_in, J, 3) in, (N, n_out, J, 3)
+out, in the benchmark's own units. No frame after the window's origin reaches it.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, PredictorError, RecordingError
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.lab.datasets import cmu_benchmark, human36m
+from hri_predict.lab.datasets.cmu_benchmark import from_model, to_model
+from hri_predict.lab.datasets.euler import euler_error
+from hri_predict.lab.evaluation.published import ErrorKind, Windows
+from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.predictors.neural.network import Network
+
+Name = Literal["cmu", "human36m"]
+Forecaster = Callable[[Floats], Floats]
+
+_FRAMES = (1, 3, 7, 9, 13, 24)
+"""Future frames, from 0, behind the papers' columns 80, 160, 320, 400, 560 and 1000 ms."""
+_KD_FRAMES = (0, 2, 6, 8, 12, 23)
+"""The frames that KD-Former's paper reads under the same headings."""
+_NOMINAL_MS = {1: 80, 3: 160, 7: 320, 9: 400, 13: 560, 24: 1000}
+_BATCH = 128
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """What is evaluated, and how.
+
+    Attributes:
+        windows: all windows of each test recording, or the ones that papers draw.
+        n_out: frames predicted; with ``windows`` all, 10 and 25 are different sets of windows.
+        error: mean per joint position error, or KD-Former's error of Euler angles.
+    """
+
+    benchmark: Name
+    windows: Windows
+    n_out: int
+    error: ErrorKind = "mpjpe"
+
+    @property
+    def n_in(self) -> int:
+        """Frames observed: 10, and 50 where exponential maps are predicted."""
+        return 50 if self.error == "euler" else 10
+
+    @property
+    def readings(self) -> tuple[tuple[int, ...], ...]:
+        """Future frames that tables show; the Euler error is also read where its paper does."""
+        frames = tuple(f for f in _FRAMES if f < self.n_out)
+        if self.error == "mpjpe":
+            return (frames,)
+        return frames, tuple(f for f in _KD_FRAMES if f < self.n_out)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the errors."""
+        if self.error == "euler":
+            return "rad"
+        return "benchmark mm" if self.benchmark == "cmu" else "mm"
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Joints that forecasters predict."""
+        if self.benchmark == "human36m":
+            return human36m.HUMAN22
+        return CMU25 if self.error == "mpjpe" else CMU38
+
+
+def nominal_ms(frame: int) -> int:
+    """The benchmark's name for a future frame: milliseconds at 25 frames per second."""
+    return _NOMINAL_MS.get(frame, 40 * (frame + 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ActionTests:
+    """An action's test windows: (N, n_in, J, 3) and (N, n_out, J, 3) of ``Protocol.skeleton``.
+
+    Positions are in the benchmark's mm, x left, y up, z forward; rotations as stored.
+    """
+
+    action: str
+    history: Floats
+    future: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Score:
+    """A forecaster's error on one action.
+
+    Attributes:
+        windows: number of windows.
+        errors: (n_out,) mean error at each future frame.
+        joints: (n_out, J) mean error of each predicted joint; ``None`` for the Euler error.
+    """
+
+    windows: int
+    errors: Floats
+    joints: Floats | None
+
+
+def open_tests(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
+    """Yield each action's test windows.
+
+    Raises:
+        ConfigError: no such recordings below ``directory``, or no such choice of windows.
+        RecordingError: a recording cannot be read or is too short.
+    """
+    if protocol.benchmark == "human36m":
+        yield from _human36m(protocol, directory)
+        return
+    root = cmu_benchmark.data_root(directory)
+    names = cmu_benchmark.benchmark_names(root, "test")
+    if not names:
+        raise ConfigError(
+            f"--data {directory}: no test recording of the CMU benchmark (test/basketball_1.npz, "
+            f"...) there; check the folder"
+        )
+    for name in names:
+        clip = cmu_benchmark.read_clip(root, name)
+        values = clip.expmaps if protocol.error == "euler" else clip.positions()[:, MOVING]
+        where = f"recording {root / name}.npz"
+        with _named(where):
+            starts = cmu_benchmark.windows_of(
+                protocol.windows, len(values), protocol.n_in, protocol.n_out
+            )
+            _check_long_enough(protocol, [len(values)], len(starts))
+        yield ActionTests(
+            clip.action, *cmu_benchmark.cut(values, starts, protocol.n_in, protocol.n_out)
+        )
+
+
+def _human36m(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
+    if protocol.error == "euler":
+        raise ConfigError("--error euler: Human3.6M is evaluated on positions alone; use mpjpe")
+    for action, takes in human36m.read_test_takes(directory).items():
+        with _named(f"recordings {directory}: {human36m.TEST_SUBJECT}/{action}_*.txt"):
+            starts = human36m.windows_of(protocol.windows, takes, protocol.n_in, protocol.n_out)
+            frames = [len(take.positions) for take in takes]
+            _check_long_enough(protocol, frames, sum(map(len, starts)))
+        parts = [
+            cmu_benchmark.cut(t.positions[:, human36m.SCORED], s, protocol.n_in, protocol.n_out)
+            for t, s in zip(takes, starts, strict=True)
+        ]
+        yield ActionTests(action, *(np.concatenate(part) for part in zip(*parts, strict=True)))
+
+
+@contextlib.contextmanager
+def _named(where: str) -> Iterator[None]:
+    """Name the recording in an error."""
+    try:
+        yield
+    except RecordingError as error:
+        raise RecordingError(f"{where}: {error}") from error
+
+
+def _check_long_enough(protocol: Protocol, frames: Sequence[int], windows: int) -> None:
+    if windows == 0:
+        raise RecordingError(
+            f"{' and '.join(map(str, frames))} frames at the nominal rate are too few for a "
+            f"window of {protocol.n_in} + {protocol.n_out}; leave it out"
+        )
+
+
+def score(protocol: Protocol, forecaster: Forecaster, test: ActionTests) -> Score:
+    """Evaluate a forecaster on one action.
+
+    Raises:
+        PredictorError: the forecast is of the wrong shape, or not finite.
+    """
+    predicted = forecaster(test.history.copy())
+    if predicted.shape != test.future.shape or not np.isfinite(predicted).all():
+        raise PredictorError(
+            f"forecast of {test.action} has shape {predicted.shape} or is not finite; expected "
+            f"finite numbers of shape {test.future.shape}; leave it out, or give it other weights"
+        )
+    if protocol.error == "euler":
+        error = np.asarray(euler_error(predicted, test.future))
+        return Score(len(test.history), error.mean(0), None)
+    joints = np.linalg.norm(predicted - test.future, axis=-1)
+    counted = joints
+    if protocol.benchmark == "cmu":
+        counted = cmu_benchmark.joint_errors(predicted, test.future)
+    return Score(len(test.history), counted.mean((0, 2)), joints.mean(0))
+
+
+def judge(
+    protocol: Protocol,
+    directory: Path,
+    forecasters: Mapping[str, Forecaster],
+    on_action: Callable[[str], None] = lambda _: None,
+) -> dict[str, dict[str, Score]]:
+    """Evaluate forecasters on the same windows; scores by forecaster and action.
+
+    Args:
+        protocol: what is evaluated.
+        directory: folder of the recordings.
+        forecasters: by name.
+        on_action: called with the name of each action before its evaluation.
+
+    Raises:
+        ConfigError, RecordingError, PredictorError: see ``open_tests`` and ``score``.
+    """
+    scores: dict[str, dict[str, Score]] = {name: {} for name in forecasters}
+    for tests in open_tests(protocol, directory):
+        on_action(tests.action)
+        for name, forecaster in forecasters.items():
+            try:
+                scores[name][tests.action] = score(protocol, forecaster, tests)
+            except PredictorError as error:
+                raise PredictorError(f"predictor {name}: {error}") from error
+    return scores
+
+
+def mean_over(protocol: Protocol, actions: Mapping[str, Score]) -> Floats:
+    """(n_out,) mean over the five comparable actions (Human3.6M: all); NaN if one is missing."""
+    names = cmu_benchmark.MEAN_OVER if protocol.benchmark == "cmu" else tuple(actions)
+    if not all(name in actions for name in names):
+        return np.full(protocol.n_out, np.nan)
+    result: Floats = np.mean([actions[name].errors for name in names], axis=0)
+    return result
+
+
+def zero_velocity(n_out: int) -> Forecaster:
+    """The last observed frame, repeated."""
+    return lambda history: np.repeat(history[:, -1:], n_out, axis=1)
+
+
+def constant_velocity(n_out: int) -> Forecaster:
+    """The last observed frame, moved on by the last difference every frame."""
+
+    def forecast(history: Floats) -> Floats:
+        ahead = np.arange(1.0, n_out + 1)[:, None, None]
+        step = history[:, -1:] - history[:, -2:-1]
+        result: Floats = history[:, -1:] + ahead * step
+        return result
+
+    return forecast
+
+
+def network_forecaster(protocol: Protocol, network: Network, where: str) -> Forecaster:
+    """A trained network as a forecaster; steps before the window count as unobserved.
+
+    Raises:
+        PredictorError: it works on other joints, in the room's frame, or predicts too few frames.
+    """
+    shape, wanted = network.shape, protocol.skeleton
+    if shape.skeleton.joints != wanted.joints or not shape.framed:
+        raise PredictorError(
+            f"{where}: predicts skeleton {shape.skeleton.name}; this benchmark needs "
+            f"{wanted.name} in its own frame; give weights that were trained for it"
+        )
+    if shape.horizon_steps < protocol.n_out:
+        raise PredictorError(
+            f"{where}: predicts {shape.horizon_steps} frames, fewer than --n-out "
+            f"{protocol.n_out}; give weights of a longer horizon"
+        )
+
+    def forecast(history: Floats) -> Floats:
+        values = history if protocol.error == "euler" else to_model(history)
+        parts = [values[i : i + _BATCH] for i in range(0, len(values), _BATCH)]
+        predicted = np.concatenate([_predict(network, part) for part in parts])
+        predicted = predicted[:, : protocol.n_out]
+        return predicted if protocol.error == "euler" else from_model(predicted)
+
+    return forecast
+
+
+@torch.no_grad()
+def _predict(network: Network, history: Floats) -> Floats:
+    """(B, n_in, J, 3) to (B, H, J, 3); the history is padded or cut at its start to fit."""
+    steps = network.shape.history_steps
+    newest = torch.from_numpy(np.ascontiguousarray(history[:, -steps:], dtype=np.float32))
+    missing = steps - newest.shape[1]
+    padding = newest.new_zeros(len(newest), missing, *newest.shape[2:])
+    observed = torch.ones(len(newest), steps, newest.shape[2], dtype=torch.bool)
+    observed[:, :missing] = False
+    window, frame = network.enter(torch.cat([padding, newest], dim=1), observed)
+    result: Floats = frame.leave(network(window)).double().numpy()
+    return result

@@ -1,0 +1,55 @@
+"""What was measured under one benchmark protocol, and what papers print for it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
+from hri_predict.lab.evaluation.benchmark import Protocol, Score
+from hri_predict.lab.evaluation.published import Published, comparable
+
+MEAN = "mean"
+
+
+@dataclass(frozen=True, slots=True)
+class BenchmarkResult:
+    """What was measured under one protocol.
+
+    Attributes:
+        scores: by method and action; the methods that were asked for come first.
+        asked: methods that were asked for; the others are baselines.
+        cards: cards of the evaluated weights by method; baselines have none.
+    """
+
+    protocol: Protocol
+    scores: Mapping[str, Mapping[str, Score]]
+    asked: tuple[str, ...]
+    cards: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def actions(self) -> tuple[str, ...]:
+        """Actions that were evaluated."""
+        return tuple(next(iter(self.scores.values())))
+
+    @property
+    def averaged(self) -> tuple[str, ...]:
+        """Actions of the mean, all with the same weight."""
+        return MEAN_OVER if self.protocol.benchmark == "cmu" else self.actions
+
+    @property
+    def printed(self) -> list[Published]:
+        """What papers print for this very protocol."""
+        if self.protocol.benchmark != "cmu":
+            return []
+        return comparable(self.protocol.windows, self.protocol.n_out, self.protocol.error)
+
+
+def printed_at(entry: Published, action: str, frame: int, averaged: Sequence[str]) -> float | None:
+    """The printed error of an action, or of the mean if all its actions are printed."""
+    if action != MEAN:
+        return entry.at(action, frame)
+    values = [entry.at(name, frame) for name in averaged]
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if len(known) == len(values) else None

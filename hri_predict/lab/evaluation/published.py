@@ -1,0 +1,74 @@
+"""Numbers printed in papers, as data: method, paper, table, protocol (``published.yaml``)."""
+
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from hri_predict.base.files import load_yaml
+from hri_predict.base.settings import Settings, validated
+
+_FILE = Path(__file__).with_name("published.yaml")
+
+Windows = Literal["all", "8-seeds", "80-seeds"]
+ErrorKind = Literal["mpjpe", "euler"]
+
+
+class Published(Settings):
+    """A method's printed errors under one protocol on the CMU benchmark.
+
+    Attributes:
+        columns: future frames of the errors, from 0.
+        errors: by action, the error at each column; ``None`` where it is not printed.
+    """
+
+    method: str
+    paper: str
+    table: str
+    windows: Windows
+    n_in: int = 10
+    n_out: Literal[10, 25]
+    error: ErrorKind
+    columns: list[int] = Field(min_length=1)
+    errors: dict[str, list[float | None]]
+    note: str = ""
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Published":
+        for action, errors in self.errors.items():
+            if len(errors) != len(self.columns):
+                raise ValueError(f"{action}: must have as many errors as columns")
+        return self
+
+    def at(self, action: str, frame: int) -> float | None:
+        """The printed error at a future frame, or ``None``."""
+        if action not in self.errors or frame not in self.columns:
+            return None
+        return self.errors[action][self.columns.index(frame)]
+
+
+class _File(Settings):
+    published: list[Published]
+
+
+@cache
+def published() -> tuple[Published, ...]:
+    """All printed numbers."""
+    text = _FILE.read_text(encoding="utf-8")
+    return tuple(validated(_File, {"published": load_yaml(text)}, str(_FILE)).published)
+
+
+def comparable(windows: str, n_out: int, error: str) -> list[Published]:
+    """The printed numbers of one protocol alone.
+
+    Seeded windows are the same for 10 and 25 frames, so their length does not matter. The set of
+    all windows of a recording differs between 10 and 25 frames.
+    """
+    return [
+        entry
+        for entry in published()
+        if entry.windows == windows
+        and entry.error == error
+        and (entry.n_out == n_out or windows != "all")
+    ]

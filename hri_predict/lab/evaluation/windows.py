@@ -1,0 +1,235 @@
+"""Forecast origins and their windows, as the running node would have had them.
+
+An origin is a capture: a window ends at a person's newest capture. Origins lie on a grid of 25 Hz
+that starts with the recording, each at the capture nearest to its grid position. Each has 15 steps
+of history and as much future as is evaluated. Origins are the same for every predictor: one with a
+longer history finds its earlier steps unobserved where the recording has none. (The oldest of the
+15 steps of a recording's first origin may lie half a capture before its start; it is unobserved
+then.)
+
+The history is the node's ring buffer's: captures up to the origin and no later, resampled at 25 Hz.
+The truth is the recording itself, at capture + k/25 s, interpolated between adjacent captures.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import UnusableRecordingError
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.lab.datasets.tracks import Track, tracks_of
+from hri_predict.people.ring_buffer import resample
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.recording.opening import opened
+from hri_predict.recording.recording import Recording
+
+RATE_HZ = 25.0
+ORIGIN_STEPS = 15
+"""Steps of history before every origin, however many a predictor reads."""
+HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
+HORIZON_STEPS = tuple(round(ms * RATE_HZ / 1000) for ms in HORIZONS_MS)
+FUTURE_STEPS = HORIZON_STEPS[-1]
+BATCH = 256
+
+LEAST_RATE_HZ = 1000.0 / HORIZONS_MS[0]
+"""Slower recordings have no capture within the shortest horizon: its truth would be a guess."""
+
+_STEP_NS = round(1e9 / RATE_HZ)
+_LEAST_ORIGINS = 5  # fewer say nothing about a recording
+_MAX_GAP_S = 0.1  # as the node's people stage bridges it
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Motion:
+    """One person's unbroken presence in a recording.
+
+    Attributes:
+        name: the recording's file name without its ending.
+        action: see ``Recording.action``.
+        stamps_ns: (F,) captures in which some joint was observed, strictly increasing.
+        positions: (F, 28, 3) metres, the recording's frame with z up, ``BODY`` joints; 0 where not
+            observed.
+        observed: (F, 28).
+        max_gap_ns: longest gap that the ring buffer bridges.
+        period_ns: nominal time between captures.
+    """
+
+    name: str
+    action: str
+    stamps_ns: NDArray[np.int64]
+    positions: Floats
+    observed: Bools
+    max_gap_ns: int
+    period_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Batch:
+    """Windows of one motion.
+
+    Attributes:
+        motion: the motion that the windows are cut from.
+        index: number of this batch within its motion.
+        history: (N, T, 28, 3) metres, finite; anything where not observed.
+        observed: (N, T, 28).
+        future: (N, 25, 28, 3) metres, the true motion that followed.
+        known: (N, 25, 28) where the future is known.
+    """
+
+    motion: Motion
+    index: int
+    history: Floats
+    observed: Bools
+    future: Floats
+    known: Bools
+
+
+def read_motions(
+    recordings: Sequence[Path | Recording], joint_map: JointMap | None = None
+) -> list[Motion]:
+    """Read recordings as motions; one per person and unbroken presence.
+
+    Frames without any observed joint are skipped (the CMU recordings mark some by ``world_ok``).
+    Where they leave a gap that the node does not bridge, a new motion starts, as a new track does.
+
+    Args:
+        recordings: files, or recordings in memory.
+        joint_map: the user's own for the files' joints; default: found by their names.
+
+    Raises:
+        RecordingError: a file cannot be read.
+        UnusableRecordingError: its joints are not known, or it has fewer captures a second than
+            ``LEAST_RATE_HZ``.
+    """
+    motions: list[Motion] = []
+    for entry in recordings:
+        recording = opened(entry, joint_map)
+        if recording.rate_hz < LEAST_RATE_HZ:
+            raise UnusableRecordingError(
+                f"recording {recording.path}: {recording.rate_hz:.3g} frames per second say "
+                f"nothing about {HORIZONS_MS[0]} ms ahead; record at "
+                f"{LEAST_RATE_HZ:.2g} or more"
+            )
+        for track in tracks_of(recording):
+            motions.extend(_motions(recording, track))
+    return motions
+
+
+def _motions(recording: Recording, track: Track) -> Iterator[Motion]:
+    period_s = 1 / recording.rate_hz
+    gap_ns = round(1e9 * max(_MAX_GAP_S, 2.5 * period_s))
+    seen = np.flatnonzero(track.observed.any(axis=1))
+    breaks = np.flatnonzero(np.diff(track.stamps_ns[seen]) > gap_ns) + 1
+    for frames in np.split(seen, breaks):
+        if frames.size:
+            yield Motion(
+                name=track.name,
+                action=track.action,
+                stamps_ns=track.stamps_ns[frames],
+                positions=track.positions[frames],
+                observed=track.observed[frames],
+                max_gap_ns=gap_ns,
+                period_ns=round(1e9 * period_s),
+            )
+
+
+def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
+    """(N,) forecast origins, capture times in nanoseconds, and the number of steps evaluated.
+
+    The whole longest horizon follows each origin. A motion too short for five such origins is
+    evaluated to the longest horizon that leaves five (``running``: 600 ms), or not at all.
+    """
+    stamps = motion.stamps_ns
+    length = int(stamps[-1] - stamps[0])
+    grid = stamps[0] + _STEP_NS * np.arange(ORIGIN_STEPS - 1, length // _STEP_NS + 1)
+    after = np.minimum(stamps.searchsorted(grid), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    nearer = np.where(stamps[after] - grid < grid - stamps[before], after, before)
+    captures = np.unique(stamps[nearer])
+    earliest = stamps[0] + (ORIGIN_STEPS - 1) * _STEP_NS - motion.period_ns // 2
+    captures = captures[captures >= earliest]
+    for steps in reversed(HORIZON_STEPS):
+        possible: NDArray[np.int64] = captures[captures + steps * _STEP_NS <= stamps[-1]]
+        if possible.size >= _LEAST_ORIGINS:
+            return possible, steps
+    return captures[:0], 0
+
+
+def batches(motion: Motion, history_steps: int) -> Iterator[Batch]:
+    """Yield all windows of a motion, at most ``BATCH`` at a time, in order.
+
+    Args:
+        motion: see ``read_motions``.
+        history_steps: T; the newest steps do not depend on it.
+    """
+    times, reach = origins(motion)
+    for index, start in enumerate(range(0, len(times), BATCH)):
+        windows = [_window(motion, int(t), history_steps) for t in times[start : start + BATCH]]
+        history, observed, future, known = (np.stack(part) for part in zip(*windows, strict=True))
+        known[:, reach:] = False  # all horizons are evaluated on the same windows
+        yield Batch(
+            motion=motion,
+            index=index,
+            history=history,
+            observed=observed,
+            future=future,
+            known=known,
+        )
+
+
+def _window(motion: Motion, origin_ns: int, steps: int) -> tuple[Floats, Bools, Floats, Bools]:
+    """History and truth of one origin."""
+    stamps = motion.stamps_ns
+    now = int(stamps.searchsorted(origin_ns, side="right"))
+    oldest = origin_ns - steps * _STEP_NS - motion.max_gap_ns
+    held = slice(int(stamps.searchsorted(oldest)), now)
+    past = resample(
+        stamps=stamps[held],
+        positions=motion.positions[held],
+        observed=motion.observed[held],
+        t_end_ns=origin_ns,
+        n=steps,
+        rate_hz=RATE_HZ,
+        max_gap_ns=motion.max_gap_ns,
+    )
+    end_ns = origin_ns + FUTURE_STEPS * _STEP_NS
+    # a capture beyond the end is needed to interpolate up to it: this is the truth, not the input
+    ahead = slice(now - 1, int(stamps.searchsorted(end_ns)) + 1)
+    future, known = _interpolated(
+        stamps=stamps[ahead],
+        positions=motion.positions[ahead],
+        observed=motion.observed[ahead],
+        times=origin_ns + _STEP_NS * np.arange(1, FUTURE_STEPS + 1),
+        adjacent_ns=motion.period_ns * 3 // 2,  # adjacent captures, however they jitter
+    )
+    return past.positions, past.observed, future, known
+
+
+def _interpolated(
+    *,
+    stamps: NDArray[np.int64],
+    positions: Floats,
+    observed: Bools,
+    times: NDArray[np.int64],
+    adjacent_ns: int,
+) -> tuple[Floats, Bools]:
+    """(H, J, 3) at ``times``; known (H, J) where the captures on both sides have the joint."""
+    last = len(stamps) - 1
+    before = np.clip(stamps.searchsorted(times, side="right") - 1, 0, last)
+    after = np.clip(stamps.searchsorted(times), 0, last)
+    gap = stamps[after] - stamps[before]
+    inside = (times <= stamps[last]) & (gap <= adjacent_ns)
+    weight = (times - stamps[before]) / np.maximum(gap, 1)
+    start = positions[before]
+    result = start + weight[:, None, None] * (positions[after] - start)
+    known = observed[before] & observed[after] & inside[:, None]
+    return np.where(known[..., None], result, 0.0), known
+
+
+def scored_joints() -> tuple[int, ...]:
+    """Joints whose errors count: the pelvis and the benchmark's 25, not the hips."""
+    return tuple(i for i, name in enumerate(BODY.joints) if name not in ("l_hip", "r_hip"))

@@ -1,0 +1,159 @@
+"""What each augmentation brings: the same short training, one augmentation left out at a time.
+
+``hri-predict ablate configs/training/trajectorycnn_real.yaml --data DIR --out FOLDER`` trains a
+small TrajectoryCNN with all augmentations, with none, and without each, with the same seed and
+steps. Each is evaluated on the validation recordings, undisturbed and disturbed. Finished runs are
+not run again. The table is Markdown; it holds ``RecordingResult.overall_mm``, the mean error over
+actions and horizons in millimetres.
+"""
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
+from hri_predict.lab.datasets.corruption import Corruption
+from hri_predict.lab.evaluation.recordings import judge_one
+from hri_predict.lab.evaluation.windows import RATE_HZ, read_motions
+from hri_predict.lab.training.building import build_network, open_samples
+from hri_predict.lab.training.config import TrainingConfig, load_training_config
+from hri_predict.lab.training.loop import train
+from hri_predict.lab.training.stopping import told_to_stop
+from hri_predict.lab.training.view import training_view
+from hri_predict.lab.training.windows.augment import AugmentSettings
+from hri_predict.lab.training.windows.motion import DataSettings
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.settings import NeuralSettings
+
+PREDICTOR = "trajectorycnn"
+SMALL = ["options.channels=32", "train.epochs=12"]
+LEFT_OUT: Mapping[str, dict[str, Any]] = {
+    "all": {},
+    "without mirroring": {"mirror": 0.0},
+    "without yaw rotation": {"yaw": False},
+    "without body scale": {"scale": 0.0},
+    "without time warp": {"warp": 0.0},
+    "without slow motion": {"slow": 0.0},
+    "without reversal": {"reverse": 0.0},
+    "without late starts": {"truncate": 0.0},
+    "without sensor noise": {"noise": 0.0, "outliers": 0.0},
+    "without dropped joints": {
+        "missing": 0.0, "limb": 0.0, "frames": 0.0, "sparse": 0.0, "arms": 0.0
+    },
+}  # fmt: skip
+"""Run -> what differs from the configuration's own augmentations."""
+CONDITIONS: tuple[Corruption | None, ...] = (
+    None,
+    Corruption("missing", 0.3),
+    Corruption("limb", 1.0),
+    Corruption("noise", 0.3, 0.03),
+)
+
+
+def runs(config: TrainingConfig) -> dict[str, TrainingConfig]:
+    """The runs to make by name, each in its own folder below ``config.out``."""
+    augment = config.data.get("augment", {})
+    given = validated(AugmentSettings, augment, "training configuration: data.augment")
+    changes = dict(LEFT_OUT)
+    changes["none"] = {k: v for change in LEFT_OUT.values() for k, v in change.items()}
+    made = {}
+    for name, change in changes.items():
+        augment = given.model_copy(update=change).model_dump()
+        data = config.data | {"augment": augment}
+        out = config.out / name.replace(" ", "_")
+        made[name] = config.model_copy(update={"data": data, "out": out})
+    return made
+
+
+def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) -> Path:
+    """Weights of a finished run; trains them now if they are missing.
+
+    Raises:
+        KeyboardInterrupt: ``stop`` returned true; the run is saved.
+    """
+    source = open_samples(config)
+    resume = os.path.exists(config.out / "last.pt")  # takes names that are too long
+    with training_view(config) as view:
+        network = build_network(config, source)
+        result = train(config, source, network, view, resume=resume, stop=stop)
+    if result.ending == "interrupted":
+        raise KeyboardInterrupt
+    return result.weights
+
+
+def judged(config: TrainingConfig, weights: Path) -> list[float]:
+    """Mean error in millimetres on the validation recordings, one for each of ``CONDITIONS``."""
+    made = registry.load("predictors", config.predictor)
+    settings = NeuralSettings(name=config.predictor, weights=str(weights), horizon_s=1.0)
+    predictor = made(settings, BODY)
+    data = validated(DataSettings, config.data, "training configuration: data")
+    motions = list(read_motions(data.files("validation")))
+    return [judge_one(predictor, motions, condition).overall_mm() for condition in CONDITIONS]
+
+
+def table(rows: Mapping[str, Sequence[float]]) -> str:
+    """Markdown, one row per run."""
+    names = ["undisturbed" if c is None else c.name for c in CONDITIONS]
+    lines = [f"| augmentation | {' | '.join(names)} |", "|---|" + "---:|" * len(names)]
+    lines += [f"| {name} | {' | '.join(f'{v:.1f}' for v in row)} |" for name, row in rows.items()]
+    return "\n".join(lines) + "\n"
+
+
+def configuration(path: Path, data: str, out: str, changes: Sequence[str] = ()) -> TrainingConfig:
+    """The configuration from which all runs are made.
+
+    Args:
+        path: a training configuration with ``judgement: real``.
+        data: folder of the recordings.
+        out: folder of the runs and of the table.
+        changes: ``key.key=value``, as ``load_training_config`` takes them.
+
+    Raises:
+        ConfigError: one of the runs would fail with this.
+    """
+    own = [f"data.root={json.dumps(data)}", f"out={json.dumps(out)}"]
+    config = load_training_config(path, [*SMALL, *changes, *own])
+    if config.judgement != "real":
+        raise ConfigError(f"{path}: augmentations need judgement: real")
+    if config.predictor != PREDICTOR:
+        raise ConfigError(
+            f"{path}: is for '{config.predictor}', but the ablation trains {PREDICTOR}; give "
+            f"configs/training/{PREDICTOR}_real.yaml"
+        )
+    if config.shape.rate_hz != RATE_HZ:
+        raise ConfigError(
+            f"{path}: shape.rate_hz {config.shape.rate_hz:g}: the evaluation on "
+            f"recordings has {RATE_HZ:g} Hz; leave it out"
+        )
+    return config
+
+
+def ablate(config: TrainingConfig) -> str:
+    """Train and judge all runs, write ``ablation.md`` into ``config.out``; returns its text.
+
+    Raises:
+        KeyboardInterrupt: the run is saved; the same call goes on.
+        HriPredictError: a recording cannot be read, or a file cannot be written.
+    """
+    rows = {}
+    for name, run in runs(config).items():
+        with told_to_stop() as stop:
+            weights = trained(run, stop)
+        rows[name] = judged(run, weights)
+    text = table(rows)
+    _write(config.out / "ablation.md", text)
+    return text
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        atomic_write(path, text.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"{path}: cannot be written: {error.strerror}; fix that and repeat the same command"
+        ) from error

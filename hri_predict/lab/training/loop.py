@@ -1,0 +1,353 @@
+"""The training loop: draws batches, takes steps, validates, keeps the best weights, resumes."""
+
+import json
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import torch
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
+from hri_predict.lab.training.config import TrainingConfig
+from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
+from hri_predict.lab.training.processes import Processes
+from hri_predict.lab.training.provenance import commit, fingerprint
+from hri_predict.lab.training.validation import Validation, validate
+from hri_predict.lab.training.windows.samples import SampleSource
+from hri_predict.predictors.neural.network import Network, Target, Window
+from hri_predict.predictors.neural.weights import save_weights
+
+Ending = Literal["epochs done", "no better validation", "out of time", "interrupted"]
+_MAY_CHANGE = ("out", "initial_weights")  # between a run and its resumption
+_MAY_CHANGE_TRAIN = ("stop_after", "patience", "max_minutes", "checkpoint_minutes", "threads")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Epoch:
+    """Results of an epoch, or of its part if the run ended within it."""
+
+    number: int  # from 1
+    step: int  # steps taken since the run began
+    loss: float  # mean over its steps
+    validation: Validation | None
+    best: bool
+    learning_rate: float
+    minutes: float  # since the run began, without interruptions
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Result:
+    """Results of a run."""
+
+    ending: Ending
+    epochs: int
+    steps: int
+    best_epoch: int
+    validation: dict[str, Any] | None
+    minutes: float
+    weights: Path
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self) | {"weights": str(self.weights)}
+
+
+class View(Protocol):
+    """An observer of a run."""
+
+    def started(self, step: int, total_steps: int) -> None:
+        """Training starts or continues at ``step``."""
+
+    def stepped(self, step: int, loss: float) -> None:
+        """``step`` steps have been taken."""
+
+    def ended_epoch(self, epoch: Epoch) -> None:
+        """An epoch is over."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _Progress:
+    """State of the run's progress; stored in each checkpoint as JSON."""
+
+    step: int = 0
+    loss_sum: float = 0.0  # over the epoch's steps so far
+    seconds: float = 0.0
+    best_mm: float = float("inf")
+    best_epoch: int = 0
+    stale: int = 0  # epochs since the best
+    best: dict[str, Any] | None = field(default=None)
+
+
+def train(
+    config: TrainingConfig,
+    source: SampleSource,
+    network: Network,
+    view: View,
+    *,
+    resume: bool = False,
+    stop: Callable[[], bool] = lambda: False,
+    processes: Processes | None = None,
+) -> Result:
+    """Train ``network`` on ``source`` as ``config`` says, into the folder ``config.out``.
+
+    The same configuration, data, processes and threads on the same machine give the same bytes,
+    whether the run was interrupted or not.
+
+    Args:
+        config: the run's settings.
+        source: training and validation windows.
+        network: fresh, from ``build_network``.
+        view: observes the run, in the first process alone.
+        resume: continue from the checkpoint in ``config.out``.
+        stop: called after each step; true ends the run with a checkpoint.
+        processes: the processes that share the run; ``None``: this one alone.
+
+    Raises:
+        ConfigError: the folder holds a run already, or no run or another one to resume; or the
+            disk is full.
+        PredictorError: the loss is not finite.
+    """
+    return _Run(
+        config=config,
+        source=source,
+        network=network,
+        view=view,
+        stop=stop,
+        processes=processes or Processes(),
+    ).go(resume)
+
+
+class _Run:
+    def __init__(
+        self,
+        *,
+        config: TrainingConfig,
+        source: SampleSource,
+        network: Network,
+        view: View,
+        stop: Callable[[], bool],
+        processes: Processes,
+    ) -> None:
+        if config.train.batch < processes.count:
+            raise ConfigError(f"train.batch {config.train.batch}: less than one per process")
+        torch.set_num_threads(config.train.threads)
+        self.config, self.source, self.view, self.stop = config, source, view, stop
+        self.settings, self.processes = config.train, processes
+        # windows enter their frames on the CPU, wherever the network is
+        self.entry = Network(source.shape)
+        self.entry.rest.copy_(network.rest)
+        self.optimisation = Optimisation(network.to(_device(config)), config.train, processes)
+        self.rng = np.random.default_rng(config.train.seed)
+        torch.manual_seed(config.train.seed + processes.rank)  # dropout differs between processes
+        self.progress = _Progress()
+        self.fingerprint = fingerprint(source)
+        self.commit = commit()  # read now: somebody may commit during the run
+        self.weights = config.out / f"{config.predictor}.safetensors"
+        self._clock = self._saved = time.monotonic()
+
+    def go(self, resume: bool) -> Result:
+        """Run to one of the endings."""
+        if resume:
+            self._resume()
+        elif os.path.exists(self.config.out / "last.pt"):  # takes names that are too long
+            raise ConfigError(
+                f"{self.config.out}: holds a run; --resume continues it, another --out starts anew"
+            )
+        self.processes.every(torch.zeros(1))  # no process writes before all have checked
+        progress, settings = self.progress, self.settings
+        if not resume:
+            self._save()
+        if self.processes.rank == 0:
+            self.view.started(progress.step, self._until)
+        ending = self._ending(False, False)
+        while ending is None:
+            interrupted, late = self._step()
+            at_end = progress.step % settings.steps_per_epoch == 0
+            if at_end:
+                self._end_epoch()
+            ending = self._ending(interrupted, late)
+            if not at_end and ending == "out of time":
+                self._end_epoch()
+            if not at_end and (ending is not None or self._save_is_due()):
+                self._save()
+        return self._result(ending)
+
+    @property
+    def _until(self) -> int:
+        epochs = min(self.settings.stop_after or self.settings.epochs, self.settings.epochs)
+        return epochs * self.settings.steps_per_epoch
+
+    def _ending(self, interrupted: bool, late: bool) -> Ending | None:
+        if self.progress.step >= self._until:
+            return "epochs done"
+        if self.settings.patience and self.progress.stale >= self.settings.patience:
+            return "no better validation"
+        if late:
+            return "out of time"
+        return "interrupted" if interrupted else None
+
+    def _step(self) -> tuple[bool, bool]:
+        """Take one step; returns whether any process was asked to stop, or is out of time."""
+        batch = self.source.batch(self.rng, self.settings.batch)
+        mine, share = self.processes.share(batch)
+        window, target = mine.entered(self.entry)
+        device = self.optimisation.network.rest.device
+        if device.type != "cpu":
+            window = Window(window.positions.to(device), window.observed.to(device))
+            target = Target(target.positions.to(device), target.observed.to(device))
+        progress = self.progress
+        loss = float(self.optimisation.step(window, target, share, progress.step))
+        progress.step += 1
+        progress.loss_sum += loss
+        now = time.monotonic()
+        progress.seconds += now - self._clock
+        self._clock = now
+        if self.processes.rank == 0:
+            self.view.stepped(progress.step, loss)
+        limit = self.settings.max_minutes
+        late = limit is not None and progress.seconds >= 60.0 * limit
+        flags = torch.tensor([float(self.stop()), float(late)])
+        self.processes.add([flags])
+        return bool(flags[0] > 0), bool(flags[1] > 0)
+
+    def _end_epoch(self) -> None:
+        """Validate, keep the best weights, save, and notify the view."""
+        progress, per_epoch = self.progress, self.settings.steps_per_epoch
+        number = -(-progress.step // per_epoch)
+        steps = progress.step - (number - 1) * per_epoch
+        network = self.optimisation.settle()
+        validation = validate(
+            network=network,
+            entry=self.entry,
+            batches=self.source.validation(),
+            actions=self.source.actions,
+            processes=self.processes,
+        )
+        loss = progress.loss_sum / steps
+        # without validation windows (a refit on everything) the newest weights are the best
+        best = validation is None or validation.mm < progress.best_mm
+        if best:
+            progress.best_mm = float("inf") if validation is None else validation.mm
+            progress.best = None if validation is None else validation.as_dict()
+            progress.best_epoch = number
+            self._export(network)
+        if steps == per_epoch:
+            progress.stale = 0 if best else progress.stale + 1
+            progress.loss_sum = 0.0
+        self._save()
+        if self.processes.rank == 0:
+            rate = self.settings.learning_rate * learning_rate_factor(
+                progress.step - 1, self.settings
+            )
+            minutes = progress.seconds / 60.0
+            self.view.ended_epoch(
+                Epoch(
+                    number=number,
+                    step=progress.step,
+                    loss=loss,
+                    validation=validation,
+                    best=best,
+                    learning_rate=rate,
+                    minutes=minutes,
+                )
+            )
+
+    def _export(self, network: Network) -> None:
+        if self.processes.rank == 0:
+            card = {
+                "config": self.config.model_dump(mode="json"),
+                "data_fingerprint": self.fingerprint,
+                "commit": self.commit,
+                "epoch": self.progress.best_epoch,
+                "steps": self.progress.step,
+                "validation": self.progress.best,
+            }
+            save_weights(self.weights, self.config.predictor, network, card)
+
+    def _save_is_due(self) -> bool:
+        due = time.monotonic() - self._saved >= 60.0 * self.settings.checkpoint_minutes
+        flag = torch.tensor([float(due)])
+        self.processes.same([flag])
+        return bool(flag[0] > 0)
+
+    def _save(self) -> None:
+        cuda = self.settings.device == "cuda"
+        state = {
+            "config": self.config.model_dump_json(),
+            "data_fingerprint": self.fingerprint,
+            "progress": json.dumps(asdict(self.progress)),
+            "optimisation": self.optimisation.state(),
+            "numpy": json.dumps(self.rng.bit_generator.state),
+            "torch": self.processes.every(torch.get_rng_state()),
+            "cuda": torch.cuda.get_rng_state() if cuda else None,
+        }
+        if self.processes.rank == 0:
+            save_checkpoint(self.config.out / "last.pt", state)
+        self._saved = time.monotonic()
+
+    def _resume(self) -> None:
+        path = self.config.out / "last.pt"
+        state = load_checkpoint(path)
+        try:
+            was = TrainingConfig.model_validate_json(state["config"])
+            self._refuse_another(path, was, state["data_fingerprint"])
+            self.progress = _Progress(**json.loads(state["progress"]))
+            self.optimisation.restore(state["optimisation"], self.progress.step)
+            self.rng.bit_generator.state = json.loads(state["numpy"])
+            if self.settings.device == "cuda":
+                torch.cuda.set_rng_state(state["cuda"])
+            torch.set_rng_state(state["torch"][self.processes.rank])
+        except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+            raise ConfigError(
+                f"checkpoint {path}: has another network, version or number of processes; start "
+                f"the run anew with another --out"
+            ) from error
+
+    def _refuse_another(self, path: Path, was: TrainingConfig, fingerprint: str) -> None:
+        old, new = (c.model_dump(exclude=set(_MAY_CHANGE)) for c in (was, self.config))
+        for one in (old, new):
+            one["data"].pop("root", None)  # the fingerprint tells whether the data is the same
+            one["train"] = {k: v for k, v in one["train"].items() if k not in _MAY_CHANGE_TRAIN}
+        for key in new:
+            if old[key] != new[key]:
+                raise ConfigError(
+                    f"checkpoint {path}: was trained with {_difference(key, old[key], new[key])}; "
+                    f"put it back, or start another run with --out"
+                )
+        if fingerprint != self.fingerprint:
+            raise ConfigError(
+                f"checkpoint {path}: was trained on other data; give the same data, or start "
+                f"another run with --out"
+            )
+
+    def _result(self, ending: Ending) -> Result:
+        progress = self.progress
+        return Result(
+            ending=ending,
+            epochs=progress.step // self.settings.steps_per_epoch,
+            steps=progress.step,
+            best_epoch=progress.best_epoch,
+            validation=progress.best,
+            minutes=progress.seconds / 60.0,
+            weights=self.weights,
+        )
+
+
+def _device(config: TrainingConfig) -> torch.device:
+    if config.train.device == "cuda" and not torch.cuda.is_available():
+        raise ConfigError("train.device cuda: this machine has none; use cpu")
+    return torch.device(config.train.device)
+
+
+def _difference(key: str, old: Any, new: Any) -> str:
+    """The first key within ``key`` whose value changed, and both values."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        for inner in sorted(old.keys() | new.keys()):
+            if old.get(inner) != new.get(inner):
+                return _difference(f"{key}.{inner}", old.get(inner), new.get(inner))
+    return f"{key} {old}, not {new}"

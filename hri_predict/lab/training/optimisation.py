@@ -1,0 +1,184 @@
+"""One step of training: AdamW with warm-up and cosine, clipped gradients, averaged weights."""
+
+import math
+from typing import Any, cast
+
+import torch
+from torch import Tensor, nn
+from torch.optim.swa_utils import AveragedModel
+
+from hri_predict.base.errors import PredictorError
+from hri_predict.lab.training.config import TrainSettings
+from hri_predict.lab.training.processes import Processes
+from hri_predict.predictors.neural.network import Network, Target, Window
+
+
+class Optimisation:
+    """The optimisers of a network and the running average of its weights.
+
+    AdamW: Loshchilov and Hutter 2019, https://arxiv.org/abs/1711.05101. The average (Polyak and
+    Juditsky 1992) forgets faster at first: its decay is at most (1 + n) / (10 + n) at step n.
+
+    Attributes:
+        network: the network that is trained.
+        averaged: a copy with averaged weights, in evaluation mode, to be evaluated and shipped;
+            ``network`` itself where ``ema_decay`` is 0.
+    """
+
+    def __init__(self, network: Network, settings: TrainSettings, processes: Processes) -> None:
+        self.network = network
+        self._settings = settings
+        self._processes = processes
+        processes.same([p.data for p in network.parameters()])
+        self._model = list(network.model_parameters())
+        self._critic = list(network.critic_parameters())
+        self._adam = _adam(self._model, settings.learning_rate, settings.weight_decay)
+        self._critic_adam = (
+            _adam(self._critic, settings.critic_learning_rate, 0.0) if self._critic else None
+        )
+        self.averaged = network
+        self._average: AveragedModel | None = None
+        if settings.ema_decay:
+            self._average = _averaged(network, settings.ema_decay)
+            self.averaged = cast(Network, self._average.module).eval()
+
+    def step(self, window: Window, target: Target, share: float, number: int) -> Tensor:
+        """Take step ``number`` (from 0) on this process's windows; returns the batch's loss.
+
+        Args:
+            window: this process's histories.
+            target: their futures.
+            share: this process's share of the batch's loss.
+            number: number of steps taken before.
+
+        Raises:
+            PredictorError: the loss or its gradient is not finite.
+        """
+        progress = number / self._settings.total_steps
+        factor = learning_rate_factor(number, self._settings)
+        self.network.train()
+        if self._critic_adam is not None:
+            self._critic_adam.zero_grad()
+            with self._precision():
+                loss = self.network.critic_loss(window, target, progress)
+            if loss is not None:
+                self._descend(
+                    adam=self._critic_adam,
+                    parameters=self._critic,
+                    loss=loss,
+                    share=share,
+                    factor=factor,
+                    number=number,
+                )
+        self._adam.zero_grad()  # also clears the critic's gradients where it did not detach
+        with self._precision():
+            loss = self.network.loss(window, target, progress)
+        shown = self._descend(
+            adam=self._adam,
+            parameters=self._model,
+            loss=loss,
+            share=share,
+            factor=factor,
+            number=number,
+        )
+        if self._average is not None:
+            self._average.update_parameters(self.network)
+        return shown
+
+    def _precision(self) -> torch.autocast:
+        """Products in bfloat16 where the settings ask for it; sums and weights stay float32."""
+        lower = self._settings.precision == "bfloat16"
+        return torch.autocast(self._settings.device, torch.bfloat16, enabled=lower)
+
+    def _descend(
+        self,
+        *,
+        adam: torch.optim.AdamW,
+        parameters: list[nn.Parameter],
+        loss: Tensor,
+        share: float,
+        factor: float,
+        number: int,
+    ) -> Tensor:
+        (loss * share if share != 1.0 else loss).backward()
+        shown = loss.detach() * share
+        gradients = [p.grad for p in parameters if p.grad is not None]
+        self._processes.add([*gradients, shown])
+        norm = torch.nn.utils.get_total_norm(gradients)
+        if not math.isfinite(float(shown + norm)):
+            what = "loss" if not math.isfinite(float(shown)) else "gradient"
+            raise PredictorError(
+                f"training step {number}: the {what} is not finite; lower train.learning_rate, or "
+                f"look for wrong positions in the data"
+            )
+        torch.nn.utils.clip_grads_with_norm_(parameters, self._settings.clip_norm, norm)
+        for group in adam.param_groups:
+            group["lr"] = factor * group["full_lr"]
+        adam.step()
+        return shown
+
+    @torch.no_grad()
+    def settle(self) -> Network:
+        """Return ``averaged`` for evaluation, with the newest buffers of the first process."""
+        buffers = list(self.network.buffers())
+        self._processes.same(buffers)
+        if self.averaged is not self.network:
+            for average, newest in zip(self.averaged.buffers(), buffers, strict=True):
+                average.copy_(newest)
+        return self.averaged.eval()
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next step depends on, for a checkpoint."""
+        return {
+            "network": self.network.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "adam": self._adam.state_dict(),
+            "critic_adam": self._critic_adam.state_dict() if self._critic_adam else None,
+        }
+
+    def restore(self, state: dict[str, Any], number: int) -> None:
+        """Go on from what ``state`` gave after ``number`` steps."""
+        self.averaged.load_state_dict(state["averaged"])
+        self.network.load_state_dict(state["network"])
+        self._adam.load_state_dict(state["adam"])
+        if self._critic_adam is not None:
+            self._critic_adam.load_state_dict(state["critic_adam"])
+        if self._average is not None:
+            self._average.n_averaged.fill_(number + 1)
+
+
+def learning_rate_factor(number: int, settings: TrainSettings) -> float:
+    """Share of the learning rate at step ``number``: linear warm-up times half a cosine to zero.
+
+    It depends on the step alone, so that a resumed run continues exactly.
+    """
+    warm = min(1.0, (number + 1) / (settings.warmup_steps + 1))
+    if settings.schedule == "constant":
+        return warm
+    return warm * 0.5 * (1.0 + math.cos(math.pi * number / settings.total_steps))
+
+
+def _averaged(network: Network, most: float) -> AveragedModel:
+    """The running average of a network's weights, its weights as they are now being the first.
+
+    After step n (from 0) the average has seen n + 1 networks.
+    """
+
+    @torch.no_grad()
+    def lerp(averages: Any, weights: Any, seen: Tensor | int) -> None:
+        decay = min(most, int(seen) / (9 + int(seen)))
+        torch._foreach_lerp_(averages, weights, 1.0 - decay)
+
+    average = AveragedModel(network, multi_avg_fn=lerp)
+    average.update_parameters(network)
+    return average
+
+
+def _adam(parameters: list[nn.Parameter], rate: float, decay: float) -> torch.optim.AdamW:
+    """AdamW whose weight decay leaves vectors (biases, scales of norms) alone."""
+    groups = [
+        {"params": [p for p in parameters if p.dim() >= 2], "weight_decay": decay},
+        {"params": [p for p in parameters if p.dim() < 2], "weight_decay": 0.0},
+    ]
+    kept = [group | {"full_lr": rate} for group in groups if group["params"]]
+    return torch.optim.AdamW(kept, lr=rate, fused=True)

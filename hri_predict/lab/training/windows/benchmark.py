@@ -1,0 +1,222 @@
+"""The CMU benchmark's train recordings as batches for the training loop.
+
+All windows of stride 1 of every train file, as in the papers. But 70 % of them belong to two
+actions, while the benchmark's mean weighs actions equally, so batches may draw the action first.
+The pack's ``walking_extra`` is not used. Nothing is augmented unless ``reverse`` or ``mirror`` say
+so: not all papers do.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+import torch
+from pydantic import Field, model_validator
+from torch import Tensor
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Settings
+from hri_predict.lab.datasets.cmu_benchmark import (
+    ACTIONS,
+    RATE_HZ,
+    Clip,
+    action_of,
+    all_windows,
+    benchmark_names,
+    data_root,
+    read_clip,
+    to_model,
+)
+from hri_predict.lab.datasets.splits import benchmark_split
+from hri_predict.lab.training.windows.samples import Samples
+from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.predictors.neural.network import Shape
+
+_BATCH = 64
+
+
+class BenchmarkData(Settings):
+    """``data:`` of a training configuration for the benchmark: which windows are used."""
+
+    root: Path = Field(Path("../shared/data"), description="folder of the CMU pack")
+    splits: str = Field("splits.yaml", description="file that lists the pack's recordings by use")
+    refit: bool = Field(
+        False, description="fit all train recordings, once the epoch has been chosen"
+    )
+    space: Literal["positions", "rotations"] = Field(
+        "positions", description="25 joints in benchmark metres, or 38 exponential maps"
+    )
+    balanced: bool = Field(True, description="draw the action first, then a window of it")
+    validation_windows: int = Field(64, ge=1, description="number per action, evenly spread")
+    reverse: float = Field(
+        0.0, ge=0, le=1, description="share of fitted windows played backwards; papers do or do not"
+    )
+    mirror: float = Field(0.0, ge=0, le=1, description="share mirrored; positions alone")
+
+    @model_validator(mode="after")
+    def _positions_are_mirrored(self) -> Self:
+        if self.mirror and self.space == "rotations":
+            raise ValueError("mirror: rotations cannot be mirrored here; use 0")
+        return self
+
+
+class BenchmarkSamples:
+    """A ``SampleSource`` over the benchmark.
+
+    Positions are (25, 3) of ``CMU25`` in benchmark metres (its mm / 1000), x forward, y left, z up;
+    rotations are (38, 3) exponential maps of ``CMU38`` as stored, radians, the root's included and
+    its translation dropped. Either comes in the body's frame already: ``shape.framed``.
+
+    A refit on all recordings has no validation windows: all windows are fitted.
+
+    Attributes:
+        shape: shape of the windows.
+        actions: names of the actions with train recordings.
+        window_count: number of windows that batches are drawn from.
+
+    Raises:
+        ConfigError: a list of the splits is missing, or names no recording of the benchmark that is
+            long enough; or a recording is in both lists.
+        RecordingError: a recording cannot be read.
+    """
+
+    def __init__(self, data: BenchmarkData, history_steps: int, horizon_steps: int) -> None:
+        root = data_root(data.root)
+        everything = benchmark_names(root, "train")
+        fitted = everything if data.refit else _listed(data.splits, "fit")
+        validation = [] if data.refit else _listed(data.splits, "validation")
+        self.actions = tuple(a for a in ACTIONS if any(action_of(n) == a for n in everything))
+        for name in sorted(set(fitted) & set(validation)):
+            raise ConfigError(
+                f"splits {data.splits}: {name} is both in fit and in validation; take it out of "
+                f"one of them"
+            )
+        skeleton = CMU25 if data.space == "positions" else CMU38
+        self.shape = Shape(
+            skeleton=skeleton,
+            history_steps=history_steps,
+            horizon_steps=horizon_steps,
+            rate_hz=RATE_HZ,
+            framed=True,
+        )
+        self._data = data
+        self._fit = self._windows(root, fitted)
+        self._validation = self._windows(root, validation) if validation else None
+        if self._validation is not None:
+            self._validation.thin(data.validation_windows)
+        self._counts = np.array([len(starts) for starts in self._fit.starts])
+        self.window_count = int(self._counts.sum())
+        if self.window_count == 0:
+            raise ConfigError(
+                f"data.root {data.root}: no train recording of {history_steps + horizon_steps} "
+                f"frames at the nominal rate; check the folder"
+            )
+        if self._validation is not None and not any(map(len, self._validation.starts)):
+            raise ConfigError(
+                f"splits {data.splits}: no recording in validation has "
+                f"{history_steps + horizon_steps} frames at the nominal rate; add longer ones"
+            )
+
+    def _windows(self, root: Path, names: Sequence[str]) -> "_Windows":
+        clips = [read_clip(root, name) for name in names]
+        return _Windows(clips, self.actions, self.shape, self._data.space)
+
+    def rest(self) -> Tensor:
+        """(J, 3) mean pose, or mean exponential map, of the fitted windows."""
+        return self._fit.frames.mean(0)
+
+    def batch(self, rng: np.random.Generator, size: int) -> Samples:
+        """Draw ``size`` windows with replacement."""
+        weights = (self._counts > 0) if self._data.balanced else self._counts
+        actions = rng.choice(len(weights), size, p=weights / weights.sum())
+        chosen = [self._fit.starts[a][rng.integers(self._counts[a])] for a in actions]
+        samples = self._fit.samples(np.array(chosen), actions)
+        if not (self._data.reverse or self._data.mirror):  # draws as it did before there were these
+            return samples
+        whole = torch.cat([samples.history, samples.future], 1)
+        backwards = torch.from_numpy(rng.random(size) < self._data.reverse)
+        whole[backwards] = whole[backwards].flip(1)
+        mirrored = torch.from_numpy(rng.random(size) < self._data.mirror)
+        whole[mirrored] = _mirrored(whole[mirrored])
+        steps = self.shape.history_steps
+        return replace(samples, history=whole[:, :steps], future=whole[:, steps:])
+
+    def validation(self) -> Iterator[Samples]:
+        """Yield windows of the validation recordings, evenly spread over each action."""
+        if self._validation is None:
+            return
+        starts = np.concatenate(self._validation.starts)
+        counts = [len(s) for s in self._validation.starts]
+        actions = np.repeat(np.arange(len(counts)), counts)
+        for i in range(0, len(starts), _BATCH):
+            yield self._validation.samples(starts[i : i + _BATCH], actions[i : i + _BATCH])
+
+
+class _Windows:
+    """Frames of several recordings in one tensor, and where windows begin in it.
+
+    Attributes:
+        frames: (F, J, 3).
+        starts: by action, the first frames of its windows.
+    """
+
+    def __init__(
+        self, clips: Sequence[Clip], actions: Sequence[str], shape: Shape, space: str
+    ) -> None:
+        self._shape = shape
+        values = [model_values(clip, space) for clip in clips]
+        self.frames = torch.from_numpy(np.concatenate(values)).float()
+        offsets = np.cumsum([0, *(len(v) for v in values[:-1])])
+        found: list[list[np.ndarray]] = [[np.empty(0, np.intp)] for _ in actions]
+        for clip, first, value in zip(clips, offsets, values, strict=True):
+            windows = all_windows(len(value), shape.history_steps, shape.horizon_steps)
+            found[actions.index(clip.action)].append(first + windows)
+        self.starts = [np.concatenate(windows) for windows in found]
+
+    def thin(self, most: int) -> None:
+        """Keep at most ``most`` windows of each action, evenly spread."""
+        for i, windows in enumerate(self.starts):
+            if len(windows) > most:
+                self.starts[i] = windows[np.linspace(0, len(windows) - 1, most).round().astype(int)]
+
+    def samples(self, starts: np.ndarray, actions: np.ndarray) -> Samples:
+        """Cut windows that begin at ``starts``."""
+        steps = self._shape.history_steps + self._shape.horizon_steps
+        windows = self.frames[torch.from_numpy(starts[:, None] + np.arange(steps))]
+        history = windows[:, : self._shape.history_steps]
+        future = windows[:, self._shape.history_steps :]
+        return Samples(
+            history=history,
+            observed=torch.ones(history.shape[:3], dtype=torch.bool),
+            future=future,
+            known=torch.ones(future.shape[:3], dtype=torch.bool),
+            actions=torch.from_numpy(np.asarray(actions)),
+        )
+
+
+def _mirrored(positions: Tensor) -> Tensor:
+    """Left and right of ``CMU25`` exchanged: (..., 25, 3), y to the left."""
+    order = torch.arange(len(CMU25.joints))
+    for left, right in CMU25.left_right_pairs:
+        order[left], order[right] = right, left
+    return positions[..., order, :] * positions.new_tensor([1.0, -1.0, 1.0])
+
+
+def model_values(clip: Clip, space: str) -> Floats:
+    """A clip as networks read it: (n, 25, 3) benchmark metres or (n, 38, 3) maps."""
+    if space == "rotations":
+        return clip.expmaps
+    return to_model(clip.positions()[:, MOVING])
+
+
+def _listed(file: str, key: str) -> list[str]:
+    """The benchmark's recordings in one of its own lists of the splits file."""
+    found = [name for name in benchmark_split(key, file) if action_of(name) in ACTIONS]
+    if not found:
+        raise ConfigError(
+            f"splits {file}: 'benchmark.{key}' names no recording of the CMU benchmark; name one"
+        )
+    return found

@@ -1,0 +1,129 @@
+"""Runs checks: functions that say in a line what they found, or how the contract is broken."""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Settings, validated
+
+Verdict = Literal["pass", "fail", "skipped"]
+T = TypeVar("T")
+
+SOON_S = 0.05
+"""What never blocks returns within this time, but for one call in a hundred: machines pause."""
+
+
+NOTHING_CAME = "no scene came"
+"""How a check begins its reason when a source gave nothing to check."""
+
+
+class Broken(Exception):
+    """The part breaks its contract; the text says how."""
+
+
+class Skipped(Exception):
+    """This cannot be checked here, or not on this part; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What came of one check.
+
+    Attributes:
+        check: what the contract asks, in a few words.
+        verdict: of the check.
+        detail: what was found, how the contract is broken, or why it was not checked.
+    """
+
+    check: str
+    verdict: Verdict
+    detail: str
+
+
+Check = Callable[[T], str]
+
+
+def run_checks(checks: Sequence[Check[T]], part: T) -> list[Finding]:
+    """Run all checks on one part; one that raises has failed, and the next one runs.
+
+    Nothing is logged meanwhile: the checks make the trouble that parts would warn of.
+    """
+    logging.disable(logging.WARNING)
+    try:
+        return [_judged(check, part) for check in checks]
+    finally:
+        logging.disable(logging.NOTSET)
+
+
+def _judged(check: Check[T], part: T) -> Finding:
+    name = check.__name__.replace("_", " ")
+    try:
+        return Finding(name, "pass", check(part))
+    except Broken as error:
+        return Finding(name, "fail", str(error))
+    except Skipped as error:
+        return Finding(name, "skipped", str(error))
+    except (Exception, SystemExit) as error:  # a third party's code may fail in any way
+        lines = str(error).splitlines() or [""]
+        return Finding(name, "fail", f"raised {type(error).__name__}: {lines[0]}")
+
+
+def demand(holds: bool, otherwise: str) -> None:
+    """Go on only if this holds.
+
+    Raises:
+        Broken: it does not.
+    """
+    if not holds:
+        raise Broken(otherwise)
+
+
+def demand_soon(seconds: Sequence[float], what: str) -> str:
+    """Go on only if none of these calls blocked; returns how long the longest took.
+
+    Raises:
+        Broken: more than one in a hundred, and more than one, took longer than ``SOON_S``.
+    """
+    slow = sum(s > SOON_S for s in seconds)
+    longest_ms = 1e3 * max(seconds, default=0.0)
+    demand(
+        slow <= max(1, len(seconds) // 100),
+        f"{what} blocks: {slow} of {len(seconds)} calls took more than {1e3 * SOON_S:.0f} ms, "
+        f"the longest {longest_ms:.0f} ms",
+    )
+    return f"longest {what} {longest_ms:.1f} ms"
+
+
+def refuses_nonsense(
+    model: type[Settings], data: dict[str, Any], wrong: Iterable[dict[str, Any]]
+) -> str:
+    """Check that settings that make no sense are refused, each by one line.
+
+    Args:
+        model: the part's.
+        data: settings that are right.
+        wrong: changes that each make them wrong, whatever the part.
+
+    Raises:
+        Broken: some are accepted, or refused by anything but a ``ConfigError``.
+    """
+    required = [name for name, field in model.model_fields.items() if field.is_required()]
+    tried = [data | change for change in ({"no_such_key_anywhere": 1}, *wrong)]
+    tried += [{k: v for k, v in data.items() if k != name} for name in required]
+    for settings in tried:
+        changed = [k for k in settings if k not in data or settings[k] is not data[k]]
+        where = ", ".join(f"{k}: {settings[k]!r}" for k in changed) or "a required key is missing"
+        try:
+            validated(model, settings, "settings")
+        except ConfigError as error:
+            demand("\n" not in str(error), f"{where}: the message has more than one line")
+            continue
+        except Exception as error:
+            raise Broken(
+                f"{where}: raises {type(error).__name__}, not a ConfigError: let a validator "
+                f"raise ValueError"
+            ) from error
+        raise Broken(f"{where}: is accepted; derive the settings from hri_predict's")
+    return f"{len(tried)} kinds of nonsense refused"

@@ -1,0 +1,1 @@
+"""What the plant's people and systems receive: alerts, metrics, the service, evidence."""

@@ -1,0 +1,125 @@
+"""What an alert says: a change of a robot's level, of a named zone, or a test."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hri_predict.operation.alerting.text import one_line
+
+
+def _when(at: str | None, time_s: float) -> str:
+    """``[14:03:07.123Z]``, as ``explain --at`` takes it; seconds since the start without UTC."""
+    return f"[{time_s:8.2f} s]" if at is None else f"[{at[11:23]}Z]"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alert:
+    """One change of a robot's level, or of the reason for *unknown* or *fault*.
+
+    ``at`` is the time of the wall clock (UTC), ``None`` on the virtual clock; ``time_s`` is the
+    node's time since the start. ``held_back`` is the number of changes of the same robot that were
+    not reported since the last one that was: it alternates.
+    """
+
+    at: str | None
+    time_s: float
+    robot: str
+    level: str
+    was: str
+    reason: str
+    detail: str
+    clears_when: str
+    separation_m: float | None
+    speed_limit_m_s: float | None
+    held_back: int = 0
+
+    @property
+    def subject(self) -> str:
+        """What changed; a newer alert of the same subject replaces an older one."""
+        return f"robot {self.robot}"
+
+    def title(self) -> str:
+        """The change alone."""
+        return one_line(f"{self.robot}: {self.was} -> {self.level}")
+
+    def line(self) -> str:
+        """One line for a person."""
+        clears = f"; clears when {self.clears_when}" if self.clears_when else ""
+        why = self.detail or f"{self.robot}: {self.reason}{clears}"
+        return one_line(f"{_when(self.at, self.time_s)} {self.was} -> {self.level}: {why}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ZoneAlert:
+    """One change of a named zone: ``empty``, ``entry predicted`` (in ``entry_s``), ``occupied``."""
+
+    at: str | None
+    time_s: float
+    zone: str
+    state: str
+    was: str
+    entry_s: float | None
+    held_back: int = 0
+
+    @property
+    def subject(self) -> str:
+        """What changed; a newer alert of the same subject replaces an older one."""
+        return f"zone {self.zone}"
+
+    def title(self) -> str:
+        """The change alone."""
+        return one_line(f"zone {self.zone}: {self.was} -> {self.state}")
+
+    def line(self) -> str:
+        """One line for a person."""
+        soon = self.state == "entry predicted" and self.entry_s is not None
+        when = f" in {self.entry_s * 1e3:.0f} ms" if soon and self.entry_s is not None else ""
+        return one_line(
+            f"{_when(self.at, self.time_s)} zone {self.zone}: {self.was} -> {self.state}{when}"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """What ``hri-predict alerts CELL --test`` sends: it says nothing about any robot."""
+
+    at: str | None
+    test: bool = True
+    text: str = "a test of this alert hook; no robot changed its level"
+    subject = "test"
+    held_back = 0
+
+    def title(self) -> str:
+        """What it is."""
+        return "test"
+
+    def line(self) -> str:
+        """One line for a person."""
+        return one_line(self.text)
+
+
+AnyAlert = Alert | ZoneAlert | Trial
+
+
+def as_data(alert: AnyAlert) -> dict[str, Any]:
+    """The change alone, as plain data."""
+    data = asdict(alert)
+    data.pop("held_back", None)
+    return data
+
+
+def payload(alert: AnyAlert, cell: str, more_changes: int) -> dict[str, Any]:
+    """The alert as plain data for JSON.
+
+    Args:
+        alert: what changed.
+        cell: name of the cell.
+        more_changes: how many changes this receiver was not told since its last alert.
+    """
+    return {"cell": cell, **as_data(alert), "more_changes": more_changes}
+
+
+def more(count: int) -> str:
+    """``"; 3 more changes"``, or nothing."""
+    if not count:
+        return ""
+    return f"; {count} more change{'s' if count != 1 else ''} before"

@@ -1,0 +1,77 @@
+"""Alerts by a program of the user, which reads each as JSON from standard input."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+from pathlib import PurePath
+from typing import Literal
+
+from pydantic import Field
+
+from hri_predict.operation.alerting.alert import AnyAlert, payload
+from hri_predict.operation.alerting.sender import Place, Sender, SendError
+from hri_predict.operation.alerting.settings import HookSettings
+
+LONGEST_STOP_S = 5.0
+"""The end of the node waits no longer than this for a program, whatever its time limit."""
+
+
+class CommandHook(HookSettings):
+    """``kind: command``. What failed is not run again: the program may have done a part."""
+
+    kind: Literal["command"] = Field(description="a program of the user's")
+    command: list[str] = Field(min_length=1, description="program and arguments")
+    retry_s: float = Field(0.0, ge=0, le=3600, description="run it again so long if it fails")
+    timeout_s: float = Field(5.0, ge=0.1, le=600, description="end the program after this time")
+
+    @property
+    def where(self) -> str:
+        """The program's name; its arguments may hold anything."""
+        return PurePath(self.command[0]).name
+
+    @property
+    def stop_s(self) -> float:
+        """A program that still runs may use its time limit, up to five seconds."""
+        return min(self.timeout_s, LONGEST_STOP_S) + 1.0
+
+
+class CommandSender(Sender):
+    """Runs the program, one at a time, without a shell, in a process group of its own."""
+
+    def __init__(self, settings: CommandHook, place: Place) -> None:
+        self._settings, self._place = settings, place
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def send(self, alert: AnyAlert, more_changes: int) -> str:
+        """Run the program; it must end with status 0 in time."""
+        data = json.dumps(payload(alert, self._place.cell, more_changes)).encode()
+        try:
+            self._process = subprocess.Popen(
+                self._settings.command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as error:  # ValueError: a NUL in an argument
+            why = getattr(error, "strerror", None) or str(error)
+            raise SendError(f"cannot be run: {why}") from error
+        try:
+            self._process.communicate(data, timeout=self._settings.timeout_s)
+        except subprocess.TimeoutExpired:
+            self.abort()
+            self._process.wait()
+            raise SendError(
+                f"took longer than {self._settings.timeout_s:g} s and was ended"
+            ) from None
+        if self._process.returncode != 0:
+            raise SendError(f"ended with status {self._process.returncode}")
+        return "ended with status 0"
+
+    def abort(self) -> None:
+        """End the program and what it started."""
+        process = self._process
+        if process is not None and process.poll() is None:
+            with contextlib.suppress(OSError):
+                os.killpg(process.pid, signal.SIGKILL)

@@ -1,0 +1,318 @@
+"""Alerts by MQTT: the broker keeps the newest of each robot and zone, and says if the node is gone.
+
+Topics, below ``topic`` (``hri-predict/CELL`` by default):
+
+- ``robots/NAME``, ``zones/NAME``: the newest alert as JSON, retained;
+- ``status``: ``online`` or ``offline``, retained; the broker itself says offline after a loss.
+"""
+
+import contextlib
+import json
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert, payload
+from hri_predict.operation.alerting.sender import (
+    ANSWER_BYTES,
+    Place,
+    Sender,
+    SendError,
+    said,
+    tls_context,
+)
+from hri_predict.operation.alerting.settings import (
+    HookSettings,
+    Host,
+    SecretFile,
+    SecretVariable,
+    Text,
+    is_loopback,
+)
+from hri_predict.operation.alerting.text import topic_level
+
+if TYPE_CHECKING:
+    from paho.mqtt.client import Client
+
+KEEPALIVE_S = 15
+"""The broker says offline after one and a half times this without a word (MQTT 3.1.1, 3.1.2.10)."""
+_CONNACK = b"\x20\x02"
+_REFUSALS = {
+    1: "Unacceptable protocol version; use a broker that speaks MQTT 3.1.1",
+    2: "Identifier rejected; set 'client_id' to one that the broker accepts",
+    3: "Server unavailable; try again later",
+    4: "Bad user name or password; correct 'username' or the password",
+    5: "Not authorized; correct 'username', the password or the broker's access list",
+}
+"""Return codes of CONNACK (MQTT 3.1.1, table 3.1), each with a remedy."""
+
+
+class MqttHook(HookSettings):
+    """``kind: mqtt``. Without ``levels``: what the broker keeps must be what holds now."""
+
+    secrets: ClassVar[tuple[str, ...]] = ("password",)
+
+    kind: Literal["mqtt"] = Field(description="messages to an MQTT broker")
+    host: Host = Field(description="the broker's name or address")
+    port: int | None = Field(None, ge=1, le=65535, description="default: 8883 with TLS, else 1883")
+    tls: bool = Field(True, description="encrypt, and check the broker's certificate")
+    ca_file: str | None = Field(
+        None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
+    )
+    topic: str | None = Field(
+        None,
+        min_length=1,
+        max_length=200,
+        pattern=r"^[^#+$\x00-\x1f\x7f][^#+\x00-\x1f\x7f]*$",
+        description="what all topics begin with; default: hri-predict/CELL",
+    )
+    username: Text | None = Field(
+        None, description="to log in as; the password comes from a file or a variable"
+    )
+    password_file: SecretFile = None
+    password_env: SecretVariable = None
+    client_id: str | None = Field(
+        None,
+        min_length=1,
+        max_length=200,
+        pattern=r"^[^\x00-\x1f\x7f]+$",
+        description="name at the broker, unique there; default: made of the cell's name and chance",
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.levels is not None:
+            raise ValueError(
+                "levels: has no place in kind mqtt: the broker would keep a level that no longer "
+                "holds; leave it out, and let the subscribers choose"
+            )
+        if (self.password_file or self.password_env) and self.username is None:
+            raise ValueError("a password needs 'username'")
+        return self
+
+    @property
+    def where(self) -> str:
+        """The broker."""
+        return f"{self.host}:{self.open_port}"
+
+    @property
+    def open_port(self) -> int:
+        """The port in use."""
+        return self.port or (8883 if self.tls else 1883)
+
+    @property
+    def notes(self) -> list[str]:
+        """What is sent without TLS."""
+        if self.tls or is_loopback(self.host):
+            return []
+        password = ", and the password" if self.username else ""
+        return [
+            f"MQTT without TLS to {self.host}: anybody on the way can read and change alerts"
+            f"{password}; use tls: true"
+        ]
+
+
+class MqttSender(Sender):
+    """Holds a connection and publishes with QoS 1.
+
+    Each connection is a new client: one that connects again by itself would first send what was
+    under way, and the broker would keep an old level after a newer one.
+    """
+
+    tend_s = 5.0
+
+    def __init__(self, settings: MqttHook, place: Place) -> None:
+        _paho()
+        self._settings, self._place = settings, place
+        self._password = settings.secret("password", place.base_dir)
+        self.secrets = () if self._password is None else (self._password,)
+        self._tls = tls_context(settings.ca_file, place.base_dir) if settings.tls else None
+        self._base = settings.topic or f"hri-predict/{topic_level(place.cell)}"
+        self._client_id = settings.client_id or client_id(place.cell)
+        self._kept: dict[str, str] = {}  # topic -> newest alert
+        self._client: Client | None = None
+        self._budget: _Budget
+
+    def send(self, alert: AnyAlert, more_changes: int) -> str:
+        """Publish it; the broker must acknowledge."""
+        data = json.dumps(payload(alert, self._place.cell, more_changes))
+        topic = self._topic(alert)
+        if topic is None:  # a trial
+            self._connect()
+            self._publish(f"{self._base}/test", data, retain=False)
+            return "acknowledged by the broker"
+        self._kept[topic] = data
+        if not self._connect():  # else all that is kept was just published
+            self._publish(topic, data)
+        return "acknowledged by the broker"
+
+    def tend(self) -> None:
+        """Connect again after a loss, so that the broker says online, and keeps what holds now."""
+        if self._client is not None:
+            self._budget.left = ANSWER_BYTES
+        if self._kept:
+            self._connect()
+
+    def close(self) -> None:
+        """Say offline and disconnect."""
+        if self._client is not None and self._client.is_connected() and self._place.live:
+            self._publish(f"{self._base}/status", "offline")
+        if self._client is not None:
+            self._client.disconnect()  # in order, so that the broker adds nothing
+        self._drop()
+
+    def _topic(self, alert: AnyAlert) -> str | None:
+        if isinstance(alert, Alert):
+            return f"{self._base}/robots/{topic_level(alert.robot)}"
+        if isinstance(alert, ZoneAlert):
+            return f"{self._base}/zones/{topic_level(alert.zone)}"
+        return None
+
+    def _connect(self) -> bool:
+        """Connect if there is no connection, and publish what is kept; return whether it did."""
+        if self._client is not None and self._client.is_connected():
+            return False
+        self._drop()
+        self._client = client = self._new_client()
+        answered = threading.Event()
+
+        def answer(*given: Any) -> None:  # by the library's thread, after CONNACK or the end
+            answered.set()
+
+        client.on_connect = client.on_disconnect = answer
+        try:
+            client.connect(self._settings.host, self._settings.open_port, KEEPALIVE_S)
+        except (OSError, ValueError) as error:
+            self._drop()
+            raise SendError(f"cannot connect: {said(error)}") from error
+        client.loop_start()
+        in_time = answered.wait(self._settings.timeout_s)
+        code = self._budget.connack
+        if not in_time or code != 0:
+            heard = self._budget.heard_another
+            self._drop()
+            raise SendError(_refusal(code, in_time, heard))
+        if self._place.live:
+            for topic, data in self._kept.items():
+                self._publish(topic, data)
+            self._publish(f"{self._base}/status", "online")
+        return True
+
+    def _new_client(self) -> "Client":
+        mqtt = _paho()
+        client = mqtt.Client(
+            mqtt.CallbackAPIVersion.VERSION2,
+            client_id=self._client_id,  # brokers may refuse an empty one (MQTT 3.1.1, 3.1.3.1)
+            reconnect_on_failure=False,
+        )
+        client.connect_timeout = self._settings.timeout_s
+        self._budget = _Budget(client._sock_recv)
+        client._sock_recv = self._budget.read  # the library has no limit of its own
+        if self._place.live:
+            client.will_set(f"{self._base}/status", "offline", qos=1, retain=True)
+        if self._settings.username is not None:
+            client.username_pw_set(self._settings.username, self._password)
+        if self._tls is not None:
+            client.tls_set_context(self._tls)
+        return client
+
+    def _publish(self, topic: str, data: str, *, retain: bool = True) -> None:
+        assert self._client is not None
+        info = self._client.publish(topic, data, qos=1, retain=retain)
+        try:
+            info.wait_for_publish(self._settings.timeout_s)
+            done = info.is_published()
+        except (RuntimeError, ValueError):  # the connection was lost meanwhile
+            done = False
+        if not done:
+            self._drop()
+            if self._budget.left < 0:
+                raise SendError("the broker sends what nobody asked for")
+            raise SendError("the broker does not acknowledge")
+
+    def _drop(self) -> None:
+        """Let go of the connection without a word, so that the broker says offline for us."""
+        client, self._client = self._client, None
+        if client is None:
+            return
+        connection = client.socket()
+        if isinstance(connection, socket.socket):
+            with contextlib.suppress(OSError):  # TLS's own shutdown would wait for the other side
+                socket.socket.shutdown(connection, socket.SHUT_RDWR)
+        client.loop_stop()
+
+
+class _Budget:
+    """Bounds what a broker sends within ``tend_s``: nothing was subscribed to.
+
+    Reading takes the time of the interpreter that the loop runs in, and a packet may have 256 MB.
+    """
+
+    def __init__(self, read: Callable[[int], bytes]) -> None:
+        self._read = read
+        self._first = b""
+        self.left = ANSWER_BYTES
+
+    @property
+    def connack(self) -> int | None:
+        """Return code of the broker's CONNACK; ``None`` if it has sent none.
+
+        The library keeps some codes to itself.
+        """
+        whole = len(self._first) == 4 and self._first.startswith(_CONNACK)
+        return self._first[3] if whole else None
+
+    @property
+    def heard_another(self) -> bool:
+        """Whether something came that is not a CONNACK."""
+        return not _CONNACK.startswith(self._first[:2])
+
+    def read(self, size: int) -> bytes:
+        """Read from the connection, or break it off."""
+        data = self._read(min(size, ANSWER_BYTES))  # as much as is asked for is allocated
+        self.left -= len(data)
+        self._first += data[: 4 - len(self._first)]
+        if self.left < 0:
+            raise ConnectionAbortedError
+        return data
+
+
+def client_id(cell: str) -> str:
+    """A client id that every broker accepts: 23 letters and digits at most (MQTT 3.1.1, 3.1.3.1).
+
+    Two clients with one id disconnect each other, so part of it is chance.
+    """
+    name = "".join(c for c in cell if c.isascii() and c.isalnum())[:12]
+    return f"hri{name}{secrets.token_hex(4)}"
+
+
+def _refusal(code: int | None, in_time: bool, heard: bool) -> str:
+    """Why there is no connection, in words."""
+    if code:
+        return f"the broker refuses: {_REFUSALS.get(code, 'an unknown reason')} (CONNACK {code})"
+    if heard:
+        return "what answers is not an MQTT broker; correct 'port' and 'tls'"
+    if in_time:
+        return "the broker ends the connection without an answer; correct 'port' and 'tls'"
+    return "the broker does not answer"
+
+
+def _paho() -> Any:
+    """The client library.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        from paho.mqtt import client
+    except ImportError as error:
+        raise ConfigError(
+            "kind mqtt needs a package that is not installed: paho-mqtt; "
+            "pip install 'hri-predict[mqtt]'"
+        ) from error
+    return client

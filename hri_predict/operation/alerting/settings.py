@@ -1,0 +1,120 @@
+"""What all alert hooks have in common; each kind derives its settings from these."""
+
+import ipaddress
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_predict.base.settings import Settings
+from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert
+from hri_predict.operation.alerting.secret import read_secret
+
+LevelName = Literal["unknown", "clear", "warn", "slow", "stop", "fault"]
+Text = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
+Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9._:-]{1,253}$")]
+"""A name, an IPv4 or an IPv6 address, without brackets."""
+
+
+class HookSettings(Settings):
+    """An entry of ``alerts.to``: which alerts go there, and how often at most."""
+
+    secrets: ClassVar[tuple[str, ...]] = ()
+    """Keys ``KEY_file`` and ``KEY_env`` of this kind, without their ending."""
+
+    kind: str
+    name: Text | None = Field(None, description="in log and summary; default: kind and address")
+    levels: list[LevelName] | None = Field(
+        None, min_length=1, description="only changes of a robot to one of these; default: all"
+    )
+    robots: list[str] | None = Field(None, description="only these robots; default: all")
+    zones: list[str] | None = Field(None, description="only these named zones; default: all")
+    debounce_s: float = Field(
+        1.0,
+        ge=0,
+        le=3600,
+        description="least time between two alerts of one robot or zone; the newest waits",
+    )
+    rate_per_minute: int = Field(
+        30, ge=1, le=6000, description="most alerts within any minute; the newest wait"
+    )
+    retry_s: float = Field(
+        60.0, ge=0, le=3600, description="try so long to deliver an alert, then drop and count it"
+    )
+    timeout_s: float = Field(5.0, ge=0.1, le=60, description="give up one attempt after this time")
+
+    @property
+    def where(self) -> str:
+        """The receiver as text, without a secret."""
+        raise NotImplementedError
+
+    @property
+    def label(self) -> str:
+        """Its name in log and summary."""
+        return self.name or f"{self.kind} {self.where}"
+
+    @property
+    def notes(self) -> list[str]:
+        """What ``check`` warns of."""
+        return []
+
+    @property
+    def stop_s(self) -> float:
+        """Longest time that the end of the node waits for this hook."""
+        return min(self.timeout_s, 2.0) + 0.5
+
+    def wants(self, alert: AnyAlert) -> bool:
+        """Whether this alert goes there."""
+        if isinstance(alert, Alert):
+            chosen = self.robots is None or alert.robot in self.robots
+            return chosen and (self.levels is None or alert.level in self.levels)
+        if isinstance(alert, ZoneAlert):
+            return self.zones is None or alert.zone in self.zones
+        return True
+
+    def secret(self, key: str, base_dir: Path) -> str | None:
+        """The secret under ``KEY_file`` or ``KEY_env``; ``None`` if neither is given.
+
+        Raises:
+            ConfigError: it cannot be used.
+        """
+        file, env = getattr(self, f"{key}_file"), getattr(self, f"{key}_env")
+        return read_secret(key, file=file, env=env, base_dir=base_dir)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_literal_secret(cls, data: Any) -> Any:
+        """Refuse it here, where the message shows the block's keys alone, not their values."""
+        for key in cls.secrets if isinstance(data, dict) else ():
+            if key in data and key not in cls.model_fields:
+                raise ValueError(
+                    f"{key}: no secret stands in the configuration, which recordings contain; put "
+                    f"it into a file and name that under {key}_file, or use {key}_env"
+                )
+        return data
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        for key in self.secrets:
+            if None not in (getattr(self, f"{key}_file"), getattr(self, f"{key}_env")):
+                raise ValueError(f"{key}_file and {key}_env are both given; leave one out")
+        return self
+
+
+SecretFile = Annotated[
+    str | None, Field(min_length=1, description="file with it, beside the configuration")
+]
+SecretVariable = Annotated[
+    str | None,
+    Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable with it"),
+]
+
+
+def is_loopback(host: str) -> bool:
+    """Whether this host is the machine itself: ``localhost`` or a loopback address."""
+    if host.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

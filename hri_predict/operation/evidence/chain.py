@@ -1,0 +1,253 @@
+"""The log of all events, in which every line holds the hash of the line before.
+
+Whoever changes, removes or inserts a line, or changes a file that a line names, breaks the chain
+from there on. Lines cut off at the end leave a chain that is whole but shorter: so note the newest
+hash elsewhere, as the node does when it ends. The chain has no key: it shows damage and careless
+editing, not a forger who writes all of it anew.
+
+A log that is full gets a number, and the chain goes on in a new one, whose first line names it. So
+a node starts as fast after years as on its first day.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from hri_predict.base.errors import RecordingError
+
+LOG = "evidence.jsonl"
+START = "0" * 64
+"""What the first line has instead of the hash of a line before."""
+MAX_LINE = 100_000
+FULL_BYTES = 10_000_000
+"""A log of so many bytes takes no more lines."""
+_CHUNK = 1 << 20
+_NUMBERED = re.compile(r"evidence-([0-9]{6,9})\.jsonl")
+_STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line: its log, its number there from 1, its data, and what is wrong with it or its file."""
+
+    log: str
+    number: int
+    data: dict[str, Any]
+    wrong: str = ""
+
+
+def hash_of(entry: dict[str, Any]) -> str:
+    """SHA-256 of an entry without its own ``hash``, as JSON with sorted keys."""
+    data = {key: value for key, value in entry.items() if key != "hash"}
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while chunk := file.read(_CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def append(folder: Path, entry: dict[str, Any], previous: str) -> str:
+    """Add an entry after the one with hash ``previous``; return its own hash.
+
+    Raises:
+        OSError: the log cannot be written.
+    """
+    linked = {**entry, **_continued(folder), "previous": previous}
+    linked["hash"] = hash_of(linked)
+    data = (json.dumps(linked) + "\n").encode()
+    with (folder / LOG).open("ab", buffering=0) as file:
+        whole = file.tell()
+        try:
+            if file.write(data) != len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            os.fsync(file.fileno())
+        except OSError:
+            file.truncate(whole)  # half a line would break the chain for all that follow
+            raise
+    return str(linked["hash"])
+
+
+def exists(folder: Path) -> bool:
+    """Whether the folder has a log."""
+    return (folder / LOG).exists() or bool(_older(folder))
+
+
+def _continued(folder: Path) -> dict[str, str]:
+    """Number a full log; what the first line of a new one says about the log before it."""
+    path, older = folder / LOG, _older(folder)
+    if _bytes_of(path) >= FULL_BYTES:
+        number = 1 + (_number(older[-1]) if older else 0)
+        older.append(path.rename(folder / f"evidence-{number:06d}.jsonl"))
+    return {} if _bytes_of(path) or not older else {"continues": older[-1].name}
+
+
+def _bytes_of(path: Path) -> int:
+    """0 without a file; an empty log is none: the node died, or the disk was full."""
+    return path.stat().st_size if path.exists() else 0
+
+
+def _older(folder: Path) -> list[Path]:
+    """The logs that are full, the oldest first."""
+    found = (p for p in folder.glob("evidence-*.jsonl") if _NUMBERED.fullmatch(p.name))
+    return sorted((p for p in found if p.is_file() and not p.is_symlink()), key=_number)
+
+
+def _number(log: Path) -> int:
+    return int(log.stem.rpartition("-")[2])
+
+
+def sizes(folder: Path, robots: Sequence[str]) -> dict[str, int]:
+    """Name -> bytes of each file that a node kept there of robots so named, the oldest first."""
+    named = "|".join(map(re.escape, robots))
+    kept = re.compile(rf"{_STAMP}-({named})-(stop|near_miss|fault)(-[0-9]+)?\.mcap")
+    paths = sorted(path for path in folder.glob("*.mcap") if kept.fullmatch(path.name))
+    return {p.name: p.stat().st_size for p in paths if p.is_file() and not p.is_symlink()}
+
+
+def newest(folder: Path) -> str:
+    """The hash to continue with: that of the last line; ``START`` without a log.
+
+    Only the newest log is looked at.
+
+    Raises:
+        RecordingError: it is broken; says where.
+    """
+    logs = [path for path in (*_older(folder), folder / LOG) if _bytes_of(path)]
+    last = START
+    for line in _lines(logs[-1]) if logs else ():
+        if line.wrong:
+            raise RecordingError(f"evidence {logs[-1]}, line {line.number}: {line.wrong}")
+        last = line.data["hash"]
+    return last
+
+
+def set_aside(folder: Path, now: datetime) -> str:
+    """Give a broken log another name, which is returned, so that a new one can begin.
+
+    A full one keeps its name: the new log's first line then does not follow it, as it should show.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    if not (folder / LOG).exists():
+        return _older(folder)[-1].name
+    name = f"evidence-{now:%Y%m%dT%H%M%S}Z.broken.jsonl"
+    (folder / LOG).rename(folder / name)
+    return name
+
+
+def read(folder: Path) -> Iterator[Line]:
+    """All lines of all logs, each compared with the one before and with its file.
+
+    A file that a later line says was removed to make room need not be there.
+
+    Raises:
+        RecordingError: a log cannot be read.
+    """
+    lines, last, before = [], START, ""
+    for path in (*_older(folder), folder / LOG):
+        for line in _lines(path, last, before):
+            lines.append(line)
+            last = str(line.data.get("hash"))
+        before = path.name
+    removed = {name for line in lines for name in _removed(line.data)}
+    for line in lines:
+        yield line if line.wrong else replace(line, wrong=_wrong_file(folder, line.data, removed))
+
+
+def _lines(path: Path, expected: str | None = None, before: str | None = None) -> Iterator[Line]:
+    """The lines of one log.
+
+    Args:
+        path: the log.
+        expected: hash of the line before; ``None``: whatever the first line says.
+        before: name of the log before, "" if there is none; ``None``: whatever the first line says.
+    """
+    try:
+        raw = path.read_bytes().split(b"\n")
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise RecordingError(f"evidence {path}: {error.strerror}") from error
+    if raw and not raw[-1]:
+        raw.pop()
+    for number, text in enumerate(raw, 1):
+        entry = _parsed(text)
+        if entry is None:
+            yield Line(path.name, number, {}, "is not an entry of this log")
+            expected = ""  # what no line says
+            continue
+        continues = str(entry.get("continues", ""))
+        if expected is None:
+            expected = str(entry.get("previous")) if continues else START
+        wrong = _wrong(entry, expected)
+        if number == 1 and before is not None and continues != before:
+            wrong = (
+                f"continues {continues or 'no log'}, where {before or 'no log'} is the one before"
+            )
+        yield Line(path.name, number, entry, wrong)
+        expected = str(entry.get("hash"))
+
+
+def _parsed(text: bytes) -> dict[str, Any] | None:
+    if len(text) > MAX_LINE:
+        return None
+    try:
+        entry = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return entry if isinstance(entry, dict) else None
+
+
+def _removed(entry: dict[str, Any]) -> list[str]:
+    names = entry.get("removed")
+    return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def _wrong(entry: dict[str, Any], expected: str) -> str:
+    try:
+        changed = entry.get("hash") != hash_of(entry)
+    except (ValueError, RecursionError):
+        changed = True
+    if changed:
+        return "was changed"
+    if entry.get("previous") != expected:
+        return "does not follow the line before"
+    return ""
+
+
+def _is_plain(name: object) -> TypeGuard[str]:
+    return isinstance(name, str) and bool(re.fullmatch(r"[A-Za-z0-9._-]+\.mcap", name))
+
+
+def _wrong_file(folder: Path, entry: dict[str, Any], removed: set[str]) -> str:
+    name = entry.get("file")
+    if name is None or (isinstance(name, str) and name in removed):
+        return ""
+    if not _is_plain(name):
+        return f"names no file of this folder, {name!r}"
+    path = folder / name
+    try:
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            return f"its file {name} is no file"
+        found = file_hash(path)
+    except OSError as error:
+        return f"its file {name} cannot be read: {error.strerror}"
+    return "" if found == entry.get("sha256") else f"its file {name} was changed"

@@ -1,0 +1,357 @@
+"""Keeps the seconds around each event in a file of its own, beside the chained log.
+
+The loop's thread holds the newest items in a ring, and hands them over when an event begins. A
+thread of its own encodes, writes and chains, and pauses between items: a burst must not take the
+interpreter from the loop. Nothing in here can delay a tick, and what could not be kept is counted.
+"""
+
+import errno
+import fcntl
+import hashlib
+import logging
+import os
+import queue
+import re
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO, Any
+
+from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.files import demand_kind
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.node.listeners import Tick
+from hri_predict.operation.evidence import chain
+from hri_predict.operation.evidence.events import Event, Events
+from hri_predict.operation.evidence.settings import EvidenceSettings
+from hri_predict.recording import Recorder, RecordingInfo
+from hri_predict.recording.mcap.clocks import Clocks
+from hri_predict.recording.mcap.items import Item, Items, Rates
+
+log = logging.getLogger(__name__)
+
+LONGEST_NS = 60_000_000_000
+"""An event that goes on and on ends here; the next one begins a new file."""
+MOST_ALSO = 50
+"""Events of one file that are described; more are counted."""
+EVERY_TICK_HZ = 1000.0
+"""Forecasts around an event are kept of each tick."""
+RING_ITEMS = 20_000
+QUEUE_ITEMS = 20_000
+CLOSE_TIMEOUT_S = 10.0
+_BURST, _PAUSE_S = 10, 0.005
+
+
+@dataclass(slots=True)
+class _Open:
+    """An event whose seconds are being kept."""
+
+    first: Event
+    at: datetime
+    began_ns: int
+    end_ns: int
+    before_s: float
+    also: list[dict[str, Any]] = field(default_factory=list)
+    more: int = 0
+    path: Path = Path()
+
+
+_Job = Item | tuple[_Open, list[Item]] | _Open | None
+"""For the thread: an item, an event with what was before it, its end, or the end of all."""
+
+
+class Evidence(Items):
+    """The evidence of one run, as a listener of the node.
+
+    ``dropped`` counts items that no file could take, ``failures`` events that could not be kept.
+    """
+
+    def __init__(
+        self,
+        settings: EvidenceSettings,
+        base_dir: Path,
+        info: RecordingInfo,
+        *,
+        robots: list[str],
+        links: list[tuple[str, ...]],
+        threaded: bool = True,
+        wall: Callable[[], datetime] = lambda: datetime.now(UTC),
+        clocks: Clocks | None = None,
+    ) -> None:
+        """Continue the log of the folder, or begin it.
+
+        Args:
+            settings: see ``EvidenceSettings``.
+            base_dir: base of a relative folder.
+            info: what a replay of a file needs to know.
+            robots: names of the robots; ``links``: of their capsules.
+            threaded: write in a thread (real time) or at once (virtual clock).
+            wall: the wall clock, UTC.
+            clocks: which UTC each message has; see ``Recorder``.
+
+        Raises:
+            ConfigError: the folder cannot be used, or another node uses it.
+        """
+        super().__init__(info, Rates(poses_hz=EVERY_TICK_HZ))
+        self.folder = base_dir / settings.folder
+        self.dropped = self.failures = self.kept = 0
+        self._settings, self._info, self._wall = settings, info, wall
+        self._clocks = clocks
+        self._robots, self._links = robots, links
+        self._before_ns, self._after_ns = (
+            round(each * 1e9) for each in (settings.before_s, settings.after_s)
+        )
+        self._events = Events()
+        self._lock = threading.Lock()
+        self._ring: deque[Item] = deque(maxlen=RING_ITEMS)
+        self._open: _Open | None = None
+        self._recorder: Recorder | None = None
+        self._closed = False
+        self._last = self._begin()
+        self._queue: queue.SimpleQueue[_Job] = queue.SimpleQueue()
+        self._thread: threading.Thread | None = None
+        if threaded:
+            self._thread = threading.Thread(target=self._run, name="evidence", daemon=True)
+            self._thread.start()
+
+    def take(self, item: Item) -> None:
+        """Hold the item for as long as an event may need it."""
+        with self._lock:
+            if self._closed:
+                return
+            self._ring.append(item)
+            while self._ring and self._ring[0].log_ns < item.log_ns - self._before_ns:
+                self._ring.popleft()
+            if self._open is not None:
+                self._hand(item)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Hold the tick's results; begin and end events."""
+        super().on_tick(tick)
+        for event in self._events.of(tick):
+            if event.kind in self._settings.of:
+                self._begins(event)
+        with self._lock:
+            if self._open is not None and tick.now_ns >= self._open.end_ns:
+                self._hand(self._open)
+                self._open = None
+
+    def close(self) -> None:
+        """End the event that is open, write what waits, and end the log. Safe to call twice."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            if self._open is not None:
+                self._hand(self._open)
+                self._open = None
+        if self._thread is not None:
+            self._queue.put_nowait(None)
+            self._thread.join(CLOSE_TIMEOUT_S)
+            if self._thread.is_alive():  # the disk is stuck: the chain is left as it is
+                self.failures += 1
+                return
+        self._append({"kind": "end", "at": self._now(), **self._counts()})
+        self._only.close()
+
+    def report(self) -> dict[str, Any]:
+        """Plain data for ``--json`` and the summary."""
+        return {"folder": str(self.folder), "newest_hash": self._last, **self._counts()}
+
+    def _counts(self) -> dict[str, Any]:
+        return {
+            **self._events.report(self._robots, self._links),
+            "kept": self.kept,
+            "dropped": self.dropped,
+            "failures": self.failures,
+        }
+
+    def _begin(self) -> str:
+        config = hashlib.sha256(self._info.config.encode()).hexdigest()
+        start: dict[str, Any] = {"kind": "start", "at": self._now(), "config_sha256": config}
+        try:
+            demand_kind(self.folder, folder=True)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._only = _alone(self.folder)
+            try:
+                last = chain.newest(self.folder)
+            except RecordingError as error:  # as after a power failure: nothing of it is lost
+                start["broken"] = chain.set_aside(self.folder, self._wall())
+                log.warning("%s; it is kept as %s", error, start["broken"])
+                last = _newest_left(self.folder)
+            self._sizes = chain.sizes(self.folder, [_plain(name) for name in self._robots])
+            return chain.append(self.folder, start, last)
+        except OSError as error:
+            raise ConfigError(
+                f"evidence.folder {self.folder}: {error.strerror}; name another folder"
+            ) from error
+
+    def _begins(self, event: Event) -> None:
+        with self._lock:
+            there = self._open
+            if there is not None:
+                if len(there.also) < MOST_ALSO:
+                    there.also.append(self._described(event, self._wall()))
+                else:
+                    there.more += 1
+                latest_ns = there.began_ns + LONGEST_NS
+                there.end_ns = min(event.now_ns + self._after_ns, latest_ns)
+                return
+            before = list(self._ring)
+            held_s = (event.now_ns - before[0].log_ns) * 1e-9 if before else 0.0
+            self._open = _Open(
+                event, self._wall(), event.now_ns, event.now_ns + self._after_ns, held_s
+            )
+            self._hand((self._open, before))
+
+    def _hand(self, job: _Job) -> None:
+        if self._thread is None:
+            self._do(job)
+            return
+        if isinstance(job, Item) and self._queue.qsize() >= QUEUE_ITEMS:
+            self.dropped += 1
+        else:  # begin and end of an event are never dropped: there are few
+            self._queue.put_nowait(job)
+
+    def _run(self) -> None:
+        while (job := self._queue.get()) is not None:
+            self._do(job)
+
+    def _do(self, job: _Job) -> None:
+        try:
+            if isinstance(job, Item):
+                self._write([job])
+            elif isinstance(job, tuple):
+                job[0].path = self._path(job[0])
+                self._recorder = Recorder(
+                    job[0].path, self._info, threaded=False, clocks=self._clocks
+                )
+                self._write(job[1])
+            elif isinstance(job, _Open):
+                self._ended(job)
+        except (OSError, RecordingError) as error:
+            self.failures += 1
+            log.error("evidence: an event could not be kept: %s", error)
+            self._recorder = None
+        except Exception:  # one event must not end the keeping of all others
+            self.failures += 1
+            log.exception("evidence: an event could not be kept")
+            self._recorder = None
+
+    def _write(self, items: Sequence[Item]) -> None:
+        if self._recorder is None:
+            self.dropped += len(items)
+            return
+        for number, item in enumerate(items, 1):
+            self._recorder.take(item)
+            if self._thread is not None and number % _BURST == 0 and not self._closed:
+                time.sleep(_PAUSE_S)
+
+    def _ended(self, event: _Open) -> None:
+        recorder, self._recorder = self._recorder, None
+        entry = self._entry(event)
+        if recorder is not None:
+            recorder.close()
+            path = event.path
+            self.dropped += recorder.dropped
+            entry |= {"file": path.name, "before_s": round(event.before_s, 3)}
+            entry |= {"messages": recorder.written, "lost": recorder.dropped}
+            entry["sha256"] = chain.file_hash(path)
+            self._sizes[path.name] = path.stat().st_size
+            if recorder.error is None:
+                self.kept += 1
+            else:
+                entry["error"] = recorder.error
+                self.failures += 1
+        self._append(entry)
+        self._make_room()
+
+    def _entry(self, event: _Open) -> dict[str, Any]:
+        return {**self._described(event.first, event.at), "also": event.also, "more": event.more}
+
+    def _described(self, event: Event, at: datetime) -> dict[str, Any]:
+        advice, links = event.advice, self._links[event.robot]
+        part, link = advice.body_part, advice.robot_link
+        found: dict[str, Any] = {
+            "kind": event.kind,
+            "at": at.isoformat(timespec="milliseconds"),
+            "robot": self._robots[event.robot],
+            "level": advice.level.name.lower(),
+            "reason": advice.reason.name,
+            "detail": advice.detail,
+            "separation_m": advice.separation_m,
+            "speed_limit_m_s": advice.speed_limit_m_s,
+            "body_part": None if part is None else CANONICAL.segment_names[part],
+            "robot_link": None if link is None else links[link],
+        }
+        if (miss := event.near_miss) is not None:
+            found |= {
+                "body_part": miss.segment,
+                "robot_link": links[miss.link],
+                "separation_m": round(miss.separation_m, 4),
+                "limit_m": round(miss.limit_m, 4),
+            }
+        return found
+
+    def _path(self, event: _Open) -> Path:
+        robot = _plain(self._robots[event.first.robot])
+        stamp = f"{event.at:%Y%m%dT%H%M%S}.{event.at.microsecond // 1000:03d}Z"
+        name = f"{stamp}-{robot}-{event.first.kind}"
+        path, number = self.folder / f"{name}.mcap", 1
+        while os.path.lexists(path):  # the wall clock was set back
+            number += 1
+            path = self.folder / f"{name}-{number}.mcap"
+        return path
+
+    def _append(self, entry: dict[str, Any]) -> None:
+        try:
+            self._last = chain.append(self.folder, entry, self._last)
+        except OSError as error:
+            self.failures += 1
+            log.error("evidence %s: cannot be written: %s", self.folder, error.strerror)
+
+    def _make_room(self) -> None:
+        """Remove the oldest of the log's own files where these are larger than permitted."""
+        removed = []
+        while sum(self._sizes.values()) > self._settings.max_mb * 1e6 and len(self._sizes) > 1:
+            name = next(iter(self._sizes))
+            (self.folder / name).unlink(missing_ok=True)
+            del self._sizes[name]
+            removed.append(name)
+        if removed:
+            self._append({"kind": "room", "at": self._now(), "removed": removed})
+
+    def _now(self) -> str:
+        return self._wall().isoformat(timespec="milliseconds")
+
+
+def _plain(robot: str) -> str:
+    """A robot's name as it stands in names of files."""
+    return re.sub(r"[^A-Za-z0-9_-]", "_", robot)
+
+
+def _newest_left(folder: Path) -> str:
+    """The hash to continue with after a broken log was set aside."""
+    try:
+        return chain.newest(folder)
+    except RecordingError:  # the log before it is broken, too
+        return chain.START
+
+
+def _alone(folder: Path) -> IO[str]:
+    """The folder's lock, held until it is closed.
+
+    Raises:
+        OSError: another node has it, or the folder cannot be written.
+    """
+    file = os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644), "w")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        file.close()
+        raise OSError(errno.EBUSY, "another node keeps its evidence there") from error
+    return file

@@ -1,0 +1,103 @@
+"""Which changes are reported at once while a robot's level or a zone alternates.
+
+A sensor at its limit can make a level alternate several times a second. Each change is still sent
+to the controllers and written to the alert file; a person needs to know that it alternates, how
+often, and the most severe level of it.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+
+from hri_predict.operation.alerting.alert import Alert, ZoneAlert
+
+WINDOW_S = 15.0
+REPEATS = 3
+"""A change to the same state that came this often within ``WINDOW_S`` is a repetition."""
+HOLDS_S = 5.0
+"""A repetition is reported when its state has held for this long,"""
+FIRST_S, AGAIN_S = 10.0, 60.0
+"""or at the latest after the first of these, and of the second while the state goes on to change.
+"""
+_SEVERITY = {"clear": 0, "warn": 1, "slow": 2, "stop": 3, "unknown": 4, "fault": 5}
+_ZONES = {"empty": 0, "entry predicted": 1, "occupied": 2}
+
+Change = Alert | ZoneAlert
+
+
+class _Subject:
+    """One robot or zone.
+
+    Attributes:
+        came: times of the newest changes, by state.
+        reported: severity of what was reported last; the state is never more severe than this.
+        held: newest change, if it waits.
+        held_back: number of changes since the last report that were not reported.
+    """
+
+    def __init__(self) -> None:
+        self.came: dict[tuple[str, str], deque[float]] = {}
+        self.reported = -1
+        self.held: Change | None = None
+        self.held_back = 0
+        self.reported_s = 0.0
+        self.patience_s = FIRST_S
+
+
+class Flapping:
+    """Reports a change at once unless it repeats and is no more severe than the last report."""
+
+    def __init__(self) -> None:
+        self._subjects: dict[str, _Subject] = {}
+
+    def take(self, change: Change) -> Change | None:
+        """Return the change to report now; ``None``: it waits."""
+        subject = self._subjects.setdefault(change.subject, _Subject())
+        came = subject.came.setdefault(_state(change), deque(maxlen=REPEATS))
+        repeats = len(came) == REPEATS and came[0] > change.time_s - WINDOW_S
+        came.append(change.time_s)
+        if not repeats or _severity(change) > subject.reported:
+            if not repeats and subject.held is None:
+                subject.patience_s = FIRST_S
+            return self._report(subject, change, change.time_s)
+        subject.held = change
+        subject.held_back += 1
+        return None
+
+    def due(self, now_s: float) -> Iterator[Change]:
+        """The changes that have waited long enough."""
+        for subject in self._subjects.values():
+            held = subject.held
+            if held is None:
+                continue
+            if now_s >= held.time_s + HOLDS_S:
+                subject.patience_s = FIRST_S
+            elif now_s >= subject.reported_s + subject.patience_s:
+                subject.patience_s = AGAIN_S
+            else:
+                continue
+            yield self._report(subject, held, now_s)
+
+    def rest(self) -> Iterator[Change]:
+        """All that still waits."""
+        for subject in self._subjects.values():
+            if subject.held is not None:
+                yield self._report(subject, subject.held, subject.held.time_s)
+
+    def _report(self, subject: _Subject, change: Change, now_s: float) -> Change:
+        others = subject.held_back - (change is subject.held)
+        subject.held, subject.held_back = None, 0
+        subject.reported, subject.reported_s = _severity(change), now_s
+        return replace(change, held_back=others) if others else change
+
+
+def _state(change: Change) -> tuple[str, str]:
+    if isinstance(change, ZoneAlert):
+        return change.state, ""
+    return change.level, change.reason
+
+
+def _severity(change: Change) -> int:
+    if isinstance(change, ZoneAlert):
+        return _ZONES.get(change.state, 0)
+    return _SEVERITY.get(change.level, 4)

@@ -1,0 +1,83 @@
+"""What a page shows of a cell: one level, as the worst of what is known, and why."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from hri_predict.operation.monitoring.fleet import SILENT, UNKNOWN, CellRow, RobotRow
+
+GONE = "GONE"
+"""No messages: the level is not known, and nobody says so."""
+WORST_FIRST = ("FAULT", GONE, "UNKNOWN", "STOP", "SLOW", "WARN", "CLEAR")
+_LIVE = ("running", "degraded")
+_WHY = {SILENT: "no advice for this robot", UNKNOWN: "its capture is too old"}
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A level and its reason; ``robot`` is ``None`` if it is of the whole cell."""
+
+    robot: int | None
+    level: str
+    reason: str
+    limit_m_s: float | None = None
+
+
+def findings(row: CellRow) -> list[Finding]:
+    """What is known of a cell and each of its robots; at least one.
+
+    Of a cell whose report is not trusted, only that: its robots' levels are not known.
+    """
+    if row.state == SILENT:
+        return [Finding(None, GONE, row.why)]
+    if row.state == UNKNOWN:
+        return [Finding(None, "UNKNOWN", row.why or "the node's state is unknown")]
+    found = [_of(robot) for robot in row.robots]
+    if row.state not in _LIVE:
+        is_fault = row.state == "fault"
+        why = "the node reports a fault" if is_fault else f"the node is {row.state}"
+        found.insert(0, Finding(None, "FAULT" if is_fault else "UNKNOWN", row.why or why))
+    return found or [Finding(None, "UNKNOWN", "no advice for any robot yet")]
+
+
+def worst(found: Sequence[Finding]) -> Finding:
+    """The finding that asks most; the first of several."""
+    return min(found, key=lambda each: WORST_FIRST.index(each.level))
+
+
+def tile(row: CellRow) -> dict[str, Any]:
+    """Plain data of a cell for a page; a page shows its level, its reason and its limit first."""
+    found = findings(row)
+    shown = worst(found)
+    which = f"robot {shown.robot}: " if shown.robot is not None and len(row.robots) > 1 else ""
+    return {
+        "name": f"{row.site}/{row.cell}",
+        "level": shown.level,
+        "reason": which + shown.reason,
+        "limit_m_s": shown.limit_m_s,
+        "note": f"degraded: {row.why}" if row.state == "degraded" else "",
+        "node": row.state,
+        "people": row.people,
+        "age_s": row.age_s,
+        "heard_s": row.heard_s,
+        "lost": row.lost,
+        "refused": row.refused,
+        "robots": [_details(robot) for robot in row.robots],
+    }
+
+
+def _details(robot: RobotRow) -> dict[str, Any]:
+    shown = _of(robot)
+    return {
+        "robot": robot.robot,
+        "level": shown.level,
+        "reason": shown.reason,
+        "limit_m_s": shown.limit_m_s,
+        "separation_m": robot.separation_m,
+    }
+
+
+def _of(robot: RobotRow) -> Finding:
+    level = GONE if robot.level == SILENT else robot.level.upper()
+    reason = _WHY.get(robot.reason, robot.reason)
+    return Finding(robot.robot, level, reason, robot.speed_limit_m_s)

@@ -1,0 +1,225 @@
+"""The log: lines of text or JSON on standard error, and no flood of one message.
+
+This module imports nothing slow: every command begins with it.
+"""
+
+import contextlib
+import json
+import logging
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from datetime import UTC, datetime
+from typing import Any, TextIO, cast
+
+from hri_predict.operation.service.unhurried import Unhurried
+
+LINES_A_MINUTE = 30
+WINDOW_S = 60.0
+MOST_MESSAGES = 256
+"""Messages whose lines are counted at once; beyond, the oldest is forgotten."""
+_SYSLOG = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
+
+Key = tuple[str, int, str]
+
+
+class Line(logging.Formatter):
+    """``12:03:07.512Z warning: ...``: UTC, as alerts, recordings and ``explain --at`` have it.
+
+    In the journal, which keeps the time, a line begins with the severity alone.
+    """
+
+    def __init__(self, with_time: bool = True) -> None:
+        super().__init__()
+        self._with_time = with_time
+
+    def formatMessage(self, record: logging.LogRecord) -> str:
+        """The line, without what an exception adds."""
+        line = f"{record.levelname.lower()}: {record.message}"
+        if not self._with_time:
+            return line
+        at = time.strftime("%H:%M:%S", time.gmtime(record.created))
+        return f"{at}.{min(int(record.msecs), 999):03d}Z {line}"
+
+
+class JsonLine(logging.Formatter):
+    """One JSON object: ``time`` (UTC), ``severity``, ``logger``, ``message``, maybe ``error``."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The object, in one line."""
+        at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
+        said = {
+            "time": at.replace("+00:00", "Z"),
+            "severity": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+        }
+        if record.exc_info:
+            said["error"] = self.formatException(record.exc_info)
+        return json.dumps(said)
+
+
+class RateLimit:
+    """So many lines of one message a minute; the others are counted.
+
+    Attributes:
+        left_out: lines since the start.
+    """
+
+    def __init__(
+        self, lines: int = LINES_A_MINUTE, monotonic_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.lines, self._monotonic_s = lines, monotonic_s
+        self.left_out = 0
+        self._windows: dict[Key, list[float]] = {}  # key -> its window's start, lines in it
+
+    def takes(self, key: Key) -> bool:
+        """Whether a line of this message may be written now; call ``over`` first."""
+        window = self._windows.setdefault(key, [self._monotonic_s(), 0])
+        window[1] += 1
+        self.left_out += window[1] > self.lines
+        return window[1] <= self.lines
+
+    def over(self, everything: bool = False) -> list[tuple[Key, int]]:
+        """Messages whose minute is over and of which lines were left out, with how many."""
+        now_s = self._monotonic_s()
+        ended = [
+            key
+            for i, (key, (start_s, _)) in enumerate(self._windows.items())
+            if everything
+            or now_s - start_s >= WINDOW_S
+            or i < len(self._windows) - MOST_MESSAGES + 1
+        ]
+        counts = [(key, int(self._windows.pop(key)[1]) - self.lines) for key in ended]
+        return [(key, count) for key, count in counts if count > 0]
+
+
+class Log(logging.StreamHandler[TextIO]):
+    """Writes the log to a stream.
+
+    In systemd's journal each line begins with its severity, as ``<4>``.
+
+    Attributes:
+        failures: lines that could not be written: the disk behind the stream is full, say.
+    """
+
+    def __init__(
+        self,
+        stream: TextIO,
+        *,
+        in_journal: bool = False,
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(stream)
+        self._in_journal = in_journal
+        self.limit = RateLimit(monotonic_s=monotonic_s)
+        self.failures = 0
+        self.say_as("text")
+
+    def say_as(self, form: str) -> None:
+        """Write ``text`` or ``json`` from now on."""
+        self.setFormatter(JsonLine() if form == "json" else Line(not self._in_journal))
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record, and before it what was left out in minutes that are over."""
+        self._tell_left_out(self.limit.over())
+        if self.limit.takes((record.name, record.levelno, str(record.msg))):
+            super().emit(record)
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The record's lines, as the stream takes them."""
+        text = super().format(record)
+        if not self._in_journal:
+            return text
+        prefix = f"<{severity(record.levelno)}>"
+        return "\n".join(prefix + line for line in text.splitlines())
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Count a line that could not be written; there is nowhere to say so."""
+        self.failures += 1
+
+    def close(self) -> None:
+        """Tell what was left out and not told yet."""
+        self._tell_left_out(self.limit.over(everything=True))
+        super().close()
+
+    def _tell_left_out(self, counts: list[tuple[Key, int]]) -> None:
+        for (name, level, message), count in counts:
+            args = (count, message)
+            told = logging.LogRecord(name, level, "", 0, "left out %d lines like: %s", args, None)
+            super().emit(told)
+
+
+def severity(level: int) -> int:
+    """A level's number in syslog and in the journal (RFC 5424, table 2)."""
+    return next((number for least, number in _SYSLOG if level >= least), 7)
+
+
+def in_journal(stream: TextIO, environ: Mapping[str, str] = os.environ) -> bool:
+    """Whether this stream is the one that systemd connected to its journal."""
+    try:
+        there = os.fstat(stream.fileno())
+    except (OSError, ValueError, AttributeError):
+        return False
+    return environ.get("JOURNAL_STREAM") == f"{there.st_dev}:{there.st_ino}"
+
+
+_current: list[Log] = []
+_waiting_for_nobody: list[Unhurried] = []
+
+
+def set_up(stream: TextIO | None = None) -> Log:
+    """Write the log to ``stream`` (default: standard error), as text, from warnings on."""
+    stream = stream or sys.stderr
+    log = Log(stream, in_journal=in_journal(stream))
+    logging.basicConfig(level=logging.WARNING, handlers=[log])
+    _current[:] = [log]
+    return log
+
+
+def use(settings: Any) -> None:
+    """Write the log as ``LogSettings`` say; without ``set_up`` (in a library) only its level."""
+    usual = settings.level == "warning"  # the level of all loggers, other packages' too
+    for name in ("hri_predict", "hri_drivers", "hri_sim"):
+        level = logging.NOTSET if usual else logging.getLevelName(settings.level.upper())
+        logging.getLogger(name).setLevel(level)
+    for log in _current:
+        log.say_as(settings.format)
+        log.limit.lines = settings.rate
+
+
+@contextlib.contextmanager
+def unhurried() -> Iterator[None]:
+    """Writing to the log and to ``sys.stderr`` never waits for the reader in this context.
+
+    If the reader is still stuck at the end, writing goes on so: the program must be able to end.
+    """
+    before = sys.stderr
+    try:
+        taken = Unhurried(before)
+    except (AttributeError, OSError, ValueError):  # no file: a test's, or none at all
+        yield
+        return
+    _waiting_for_nobody[:] = [taken]
+    _write_to(cast(TextIO, taken), instead_of=before)
+    try:
+        yield
+    finally:
+        if taken.end():
+            _write_to(before, instead_of=cast(TextIO, taken))
+
+
+def _write_to(stream: TextIO, instead_of: TextIO) -> None:
+    if sys.stderr is instead_of:
+        sys.stderr = stream
+    for log in _current:
+        if log.stream is instead_of:
+            log.setStream(stream)
+
+
+def counters() -> dict[str, int]:
+    """Lines that were left out, and that could not be written."""
+    lost = sum(log.failures for log in _current) + sum(each.lost for each in _waiting_for_nobody)
+    left_out = sum(log.limit.left_out for log in _current)
+    return {"log_lines_left_out": left_out, "log_lines_lost": lost}

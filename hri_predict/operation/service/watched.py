@@ -1,0 +1,72 @@
+"""Tells systemd how the node is, from the loop's own thread.
+
+The ping of the watchdog must say that the loop publishes. So the loop itself sends it, after the
+tick's messages were published and after every other listener; no helper thread may. A loop that
+hangs anywhere sends none, and systemd kills and restarts the node.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+
+from hri_predict.node.listeners import Listener, Tick
+from hri_predict.operation.service.notify import Notifier
+from hri_predict.protocol.messages import NodeState
+
+STATUS_S = 1.0
+"""Least time between two lines of status."""
+
+
+class Watched(Listener):
+    """The node's life, told to ``notifier``; add it as the last listener.
+
+    Args:
+        notifier: where to.
+        robots: names.
+        monotonic_s: the machine's time, not the node's: that is what the watchdog counts.
+    """
+
+    def __init__(
+        self,
+        notifier: Notifier,
+        robots: Sequence[str],
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._notifier, self._robots, self._monotonic_s = notifier, robots, monotonic_s
+        self._is_ready = False
+        self._status, self._said_s = "", 0.0
+        self._pinged_s: float | None = None
+
+    def on_tick(self, tick: Tick) -> None:
+        """Say what is new; ping when half of the watchdog's time is over."""
+        state = tick.status.node_state
+        if state is NodeState.STOPPING:
+            self._notifier.stopping()
+            return
+        if state is NodeState.STARTING and tick.snapshot is None:
+            return  # the announcement: nothing was judged yet
+        now_s, status = self._monotonic_s(), _status(tick, self._robots)
+        if not self._is_ready:
+            self._is_ready = True
+            self._notifier.ready(status)
+            self._status, self._said_s = status, now_s
+        elif status != self._status and now_s - self._said_s >= STATUS_S:
+            self._notifier.says(status)
+            self._status, self._said_s = status, now_s
+        self._ping(now_s)
+
+    def _ping(self, now_s: float) -> None:
+        watchdog_s = self._notifier.watchdog_s
+        if watchdog_s is None:
+            return
+        if self._pinged_s is None or now_s - self._pinged_s >= watchdog_s / 2:
+            self._notifier.alive()
+            self._pinged_s = now_s
+
+
+def _status(tick: Tick, robots: Sequence[str]) -> str:
+    levels = ", ".join(f"{robots[a.robot]} {a.level.name.lower()}" for a in tick.advices)
+    reason = tick.status.reason.name
+    why = "" if reason == "NONE" else f" ({reason})"
+    people = tick.status.people
+    who = "1 person" if people == 1 else f"{people} people"
+    return f"{tick.status.node_state.name.lower()}{why}: {levels}; {who}"

@@ -1,0 +1,89 @@
+"""How far a body got on its way through an exit: what each track keeps of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.base.arrays import Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """A side of an exit through which people may leave.
+
+    Attributes:
+        a, b: (2,) its ends, metres.
+        out: (2,) unit vector that leads out of the exit.
+        beyond_m: nearer than this behind it a body has left, and farther off it is in the room.
+        named: whether the configuration says that this side leads out.
+    """
+
+    a: Floats
+    b: Floats
+    out: Floats
+    beyond_m: float
+    named: bool
+
+    def crossing(self, begin: Floats, end: Floats) -> Floats | None:
+        """(2,) where the way from ``begin`` to ``end`` crosses this side outwards, if it does."""
+        before, after = float((begin - self.a) @ self.out), float((end - self.a) @ self.out)
+        if not before <= 0.0 < after:
+            return None
+        at: Floats = begin + (end - begin) * (before / (before - after))
+        edge = self.b - self.a
+        return at if 0.0 <= float((at - self.a) @ edge) <= float(edge @ edge) else None
+
+
+@dataclass(slots=True, eq=False)
+class Visit:
+    """A body in an exit.
+
+    Attributes:
+        door: the exit's index.
+        begin: (2,) where it came in.
+        from_room: whether it came from the room.
+        fits: whether the exit had room for its whole width at some capture.
+    """
+
+    door: int
+    begin: Floats
+    from_room: bool
+    fits: bool = False
+
+
+@dataclass(slots=True, eq=False)
+class Crossed:
+    """A body that has crossed a side of an exit outwards, and where (2,)."""
+
+    side: Side
+    at: Floats
+
+    def holds(self, place: Floats) -> bool:
+        """Whether a body at ``place`` (2,) is still behind that side, and near."""
+        away = place - self.at
+        return float(away @ self.side.out) > 0 and np.hypot(*away) <= self.side.beyond_m
+
+
+@dataclass(slots=True, eq=False)
+class Passage:
+    """What is known of a body's way through exits.
+
+    Attributes:
+        place: (2,) where it stood when its hips or feet were last seen.
+        seen_ns: that capture.
+        in_room: it was seen outside of every exit, and has not come in by one since.
+        visit: the exit in which it is.
+        crossed: it has left through this side, and not come back.
+    """
+
+    place: Floats | None = None
+    seen_ns: int = 0
+    in_room: bool = False
+    visit: Visit | None = None
+    crossed: Crossed | None = None
+
+    @property
+    def was_in_room(self) -> bool:
+        """Whether the body was seen in the room before it came to where it is."""
+        from_room = self.visit is not None and self.visit.from_room
+        return self.in_room or from_room or self.crossed is not None

@@ -1,0 +1,124 @@
+"""Whether robots, source and doors of a configuration can belong to one cell.
+
+Each number alone may be possible, and the places still be in centimetres, inches, or of another
+room. A robot that stands where no person is ever seen would always be advised *clear*.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.quantities.units import meant
+from hri_predict.base.settings import Region
+from hri_predict.risk.areas import floor_distance
+from hri_predict.robots.model import RobotModel
+from hri_predict.run.config import Config
+
+MAX_FROM_VIEW_M = 3.0
+"""Between a robot's reach and what the source sees, or the walls: a person who comes from there
+is seen in time, or nobody can come."""
+MAX_FROM_SOURCE_M = 15.0
+"""Likewise from the source itself, where no view is configured: cameras and lidars see a body up to
+there (depth cameras up to 6 m)."""
+NEAR_M = 5.0
+"""A robot that is nearer is not mentioned."""
+MAX_REGION_M = 40.0
+"""Between a zone, door or shadow and the nearest robot or source: nothing is seen there."""
+MAX_EXIT_M2 = 60.0
+"""A gate for two lorries with 6 m before it."""
+
+
+def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
+    """Refuse places that cannot be meant.
+
+    Raises:
+        ConfigError: one line with key, distance and remedy.
+    """
+    for i, model in enumerate(robots):
+        if model.base is None:
+            continue  # it drives
+        key = config.place("robots", i, "room_from_robot")
+        beyond_m, what = _distance(config, model)
+        seen = _view(config) is not None
+        if beyond_m > (MAX_FROM_VIEW_M if seen else MAX_FROM_SOURCE_M):
+            far = max(model.base.tolist(), key=abs)
+            more = "" if seen else ", or say with source.field_of_view what it sees"
+            raise ConfigError(
+                f"{key}: what robot {model.name} reaches ends {beyond_m:.3g} m from {what}, so no "
+                f"person would be seen near it; correct one of the two ({meant(far, 'm')}){more}"
+            )
+    _check_regions(config, robots)
+    for i, door in enumerate(config.node.people.exits):
+        area = _area(door.polygon)
+        if area > MAX_EXIT_M2:
+            raise ConfigError(
+                f"{config.place('people', 'exits', i)}: {area:.0f} m2 is too large for an exit: a "
+                f"person who is lost anywhere in it counts as gone; give the floor before the door "
+                f"alone, at most {MAX_EXIT_M2:g} m2, in metres"
+            )
+
+
+def _check_regions(config: Config, robots: Sequence[RobotModel]) -> None:
+    """Refuse zones, doors and shadows that are far from everything else."""
+    node, source = config.node, config.source
+    regions: list[tuple[tuple[str | int, ...], Region]] = [
+        *((("zones", i), zone) for i, zone in enumerate(node.zones)),
+        *((("people", "exits", i), door) for i, door in enumerate(node.people.exits)),
+        *((("people", "entrances", i), door) for i, door in enumerate(node.people.entrances or ())),
+        *((("source", "shadows", i), shadow) for i, shadow in enumerate(source.shadows)),
+    ]
+    places = [
+        *map(np.asarray, source.known_places),
+        *(m.base for m in robots if m.base is not None),
+    ]
+    view = _view(config)
+    if view is not None:
+        places += [np.array([x, y, 0.0]) for x, y in view.polygon]
+    for key, region in regions:
+        away_m = min(floor_distance(region, place) for place in places)
+        if away_m > MAX_REGION_M:
+            far = max((v for corner in region.polygon for v in corner), key=abs)
+            raise ConfigError(
+                f"{config.place(*key)}: {away_m:.3g} m from every robot and the source, where "
+                f"nothing is seen; {meant(far, 'm')}"
+            )
+
+
+def place_notes(config: Config, robots: Sequence[RobotModel]) -> list[str]:
+    """One line for each robot that is far from what the source sees."""
+    notes = []
+    for model in robots:
+        beyond_m, what = (0.0, "") if model.base is None else _distance(config, model)
+        if beyond_m > (0.0 if _view(config) is not None else NEAR_M):
+            notes.append(
+                f"robot {model.name}: what it reaches ends {beyond_m:.2f} m from {what}; are its "
+                f"place and the source's in metres, and of one room?"
+            )
+    return notes
+
+
+def _view(config: Config) -> Region | None:
+    return config.source.field_of_view or config.node.people.room
+
+
+def _distance(config: Config, model: RobotModel) -> tuple[float, str]:
+    """Metres over the floor between a robot's reach and what is seen, and what that is."""
+    assert model.base is not None
+    source, room = config.source, config.node.people.room
+    if source.field_of_view is not None:
+        away, what = floor_distance(source.field_of_view, model.base), "source.field_of_view"
+    elif room is not None:
+        away, what = floor_distance(room, model.base), "people.room"
+    else:
+        places = np.array(source.known_places, dtype=np.float64)[:, :2]
+        away = float(np.linalg.norm(places - model.base[:2], axis=1).min())
+        what = "the source (source.room_from_source)"
+    return max(0.0, away - model.reach_m), what
+
+
+def _area(polygon: Sequence[Sequence[float]]) -> float:
+    corners = [(x, y) for x, y in polygon]
+    after = [*corners[1:], corners[0]]
+    return abs(math.fsum(x * w - z * y for (x, y), (z, w) in zip(corners, after, strict=True))) / 2

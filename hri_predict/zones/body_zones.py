@@ -1,0 +1,336 @@
+"""Zones: where each body segment of each person may be, interval by interval.
+
+``joint_zones`` states where each joint may be. A capsule between the two joints of a segment, with
+the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
+from the nearest observed joint bounds a segment that was neither observed nor inferred.
+
+Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.machine.compiled import kernel, plain
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
+from hri_predict.protocol.reasons import Reason
+from hri_predict.zones.human_speed import (
+    HumanSpeeds,
+    SpeedRule,
+    Velocities,
+    joined_speeds,
+    velocities_in,
+)
+from hri_predict.zones.joint_speeds import joint_speeds
+from hri_predict.zones.joint_zones import FRESH_S, JointZones
+from hri_predict.zones.lost_places import anywhere_in
+from hri_predict.zones.radii import Radii
+from hri_predict.zones.self_check.self_check import Trust
+from hri_predict.zones.settings import HumanLimits
+from hri_predict.zones.types import Zones
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BodyZones:
+    """The zones of one tick, and what else the risk stage needs to know about these bodies.
+
+    Attributes:
+        zones: people in the order of the snapshot, then the lost ones; see ``Zones``. Entry 0 is
+            the body as captured (a lost person's has grown until that capture), entry k >= 1 holds
+            the body during the whole of ``[times_s[k-1], times_s[k]]`` after ``now_ns``.
+        paths: the same for the forecast bodies, without growth.
+        lost: (P,) whether a person is lost.
+        age_s: seconds from the oldest capture that the zones rest on to now; 0 without people.
+        capture_ns: that capture; without people, the newest good one.
+        reasons: why the zones are no better than they are.
+        claimed: see ``JointSpheres``.
+        speeds: of everybody, in the order of ``zones``.
+        segments_m_s: (P, S) how fast each segment moves in the room as captured, at its faster end;
+            infinite if that is not known, as of a lost person. An inferred hand or foot counts at
+            the physical limit: its tracker does not see how it turns.
+        as_assumed: (P,) whether the standard's assumptions are known to hold for a person: here, of
+            measured speed, not fast, and with a forecast that is neither widened nor out of
+            distribution. For all others their zones alone decide in mode ``predictive``.
+        untrusted: why the scene cannot be trusted; the zones then mean nothing.
+        margins_m: (S,) what each segment of ``zones`` counts thicker by; ``None``: nothing.
+    """
+
+    zones: Zones
+    paths: Capsules
+    lost: Bools
+    age_s: float
+    capture_ns: int | None
+    speeds: HumanSpeeds
+    segments_m_s: Floats
+    as_assumed: Bools
+    reasons: tuple[Reason, ...] = ()
+    claimed: Floats | None = None
+    untrusted: tuple[Reason, ...] = ()
+    margins_m: Floats | None = None
+
+    @property
+    def captured(self) -> Capsules:
+        """(P, S) the bodies as captured, without margins: for distances that only need to grow.
+
+        With margins, the nearest part may be another one, and an approach to the next may not show.
+        """
+        zones = self.zones.capsules
+        margins: Floats | float = 0.0 if self.margins_m is None else self.margins_m
+        return Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0] - margins)
+
+
+class ZoneBuilder:
+    """Builds zones from a snapshot and its forecast, everything in one batch.
+
+    Args:
+        skeleton: the joints' order and the segments.
+        absent_parts: missing parts of the body (a seated person's legs).
+        limits: see ``HumanLimits``.
+        rate_hz: steps per second of the forecast and of the zones.
+        horizon_steps: H of the forecast.
+        steps: number of steps of zones after now; defaults to ``horizon_steps``.
+        radii: calibrated radii; ``None``: the predictor is not calibrated.
+        with_paths: whether to build ``paths``; otherwise they are the zones.
+        margins_m: what segments count thicker by, by region (``head``, ``hand``). Where nobody
+            knows which segment is where, the largest counts.
+
+    Attributes:
+        joints: see ``JointZones``.
+        times_s: (K+1,) the zones' times, see ``Zones``.
+
+    Raises:
+        ConfigError: an absent part or a region is unknown, or nothing is left.
+    """
+
+    def __init__(
+        self,
+        *,
+        skeleton: Skeleton,
+        absent_parts: Sequence[str],
+        limits: HumanLimits,
+        rate_hz: float,
+        horizon_steps: int,
+        steps: int | None = None,
+        radii: Radii | None = None,
+        with_paths: bool = True,
+        margins_m: Mapping[str, float] | None = None,
+    ) -> None:
+        self._skeleton = skeleton
+        self._rate_hz = rate_hz
+        self._with_paths = with_paths
+        self.limits = limits
+        self.horizon_steps = horizon_steps
+        kept = skeleton.without(absent_parts)
+        if not kept:
+            raise ConfigError(
+                "people.absent_parts leaves no segment of the body; declare fewer parts absent"
+            )
+        segments = [skeleton.segments[i] for i in kept]
+        self.segment_index: Ints = np.array(kept, dtype=np.intp)
+        self.segment_names = tuple(s.name for s in segments)
+        self._a: Ints = np.array([s.joint_a for s in segments], dtype=np.intp)
+        self._b: Ints = np.array([s.joint_b for s in segments], dtype=np.intp)
+        margins = _margins(margins_m or {}, skeleton)
+        radius = np.array([s.radius + margins.get(s.region, 0.0) for s in segments])
+        self._margins_m: Floats = np.array([margins.get(s.region, 0.0) for s in segments])
+        self._largest_margin_m = max(margins.values(), default=0.0)
+        self._segment = _Segments(
+            a=self._a,
+            b=self._b,
+            radius=radius,
+            # a sphere of this size about joint k holds the whole of segment s
+            reach=np.maximum(skeleton.reach[self._a], skeleton.reach[self._b]),
+            physical_m_s=float(limits.physical_speed_m_s),
+        )
+        self._speed_rule = SpeedRule(skeleton, limits)
+        self.times_s: Floats = np.arange(1 + (steps or horizon_steps)) / rate_hz
+        self.joints = JointZones(
+            skeleton=skeleton,
+            limits=limits,
+            rate_hz=rate_hz,
+            horizon_steps=horizon_steps,
+            times_s=self.times_s,
+            radii=radii,
+        )
+
+    def build(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast | None,
+        *,
+        trust: Trust | None = None,
+        velocities: Velocities | None = None,
+    ) -> BodyZones:
+        """Zones of everybody in ``snapshot``.
+
+        Args:
+            snapshot: people at this tick.
+            forecast: of the same people in the same order, or ``None``: physical limits alone.
+            trust: from the live self-check; calibrated radii need it.
+            velocities: of the joints in ``snapshot``; ``None``: they are measured here.
+        """
+        capture_ns = _oldest_capture(snapshot)
+        if velocities is None:
+            velocities = velocities_in(snapshot, self._rate_hz)
+        recent = snapshot.recent
+        if recent is None:
+            recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, self._rate_hz)
+        delivered = snapshot.delivered
+        moving = self._speed_rule.moving(
+            joint_speeds(recent, delivered), delivered, (self._a, self._b)
+        )
+        speeds = moving.people
+        joints = self.joints.build(
+            snapshot,
+            forecast,
+            capture_ns=capture_ns,
+            trust=trust,
+            velocities=velocities,
+            growth_m_s=moving.growth_m_s,
+            unknown=speeds.unknown,
+        )
+        zones = self._segments(joints.mid, joints.radius, joints.joint_age)
+        zones = self._where_lost(zones, snapshot, capture_ns)
+        paths = zones
+        if self._with_paths:
+            paths = self._segments(joints.path, joints.inflation, joints.joint_age)
+            paths = self._where_lost(paths, snapshot, capture_ns)
+        ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
+        return BodyZones(
+            zones=Zones(ids, self.segment_names, self.times_s, zones),
+            paths=paths,
+            lost=np.arange(len(ids)) >= len(snapshot.ids),
+            age_s=0.0 if capture_ns is None else max(0.0, (snapshot.now_ns - capture_ns) * 1e-9),
+            capture_ns=capture_ns,
+            claimed=joints.claimed,
+            speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
+            margins_m=self._margins_m,
+            segments_m_s=np.concatenate(
+                [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
+            ),
+            as_assumed=np.append(
+                speeds.within_standard & _trusted(trust, len(snapshot.ids)),
+                np.zeros(len(snapshot.lost), np.bool_),
+            ),
+        )
+
+    def _lost_speeds(self, snapshot: PeopleSnapshot) -> HumanSpeeds:
+        speeds_m_s = np.array([person.speed_m_s for person in snapshot.lost], dtype=np.float64)
+        return self._speed_rule.lost(speeds_m_s, len(self.segment_names))
+
+    def _where_lost(
+        self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None
+    ) -> Capsules:
+        """Replace the zones of lost people whose possible places are known."""
+        for i, person in enumerate(snapshot.lost, len(snapshot.ids)):
+            if person.places is None or person.places_ns is None:
+                continue
+            reference = snapshot.now_ns if capture_ns is None else capture_ns
+            until = (snapshot.now_ns - person.places_ns) * 1e-9 + self.times_s
+            until[0] = (reference - person.places_ns) * 1e-9
+            own = anywhere_in(person, np.maximum(until, 0.0), zones.radius.shape[-1])
+            zones.a[i], zones.b[i] = own.a, own.b
+            zones.radius[i] = own.radius + self._largest_margin_m
+        return zones
+
+    def _segments(self, mid: Floats, around: Floats, joint_age: Floats) -> Capsules:
+        """Joints' centres and radii to capsules (P, K+1, S)."""
+        return Capsules(*_capsules((plain(mid), plain(around), joint_age), self._segment))
+
+
+class _Segments(NamedTuple):
+    """(S,) ends and radii of segments, (S, J) how far they reach from any joint; m/s."""
+
+    a: Ints
+    b: Ints
+    radius: Floats
+    reach: Floats
+    physical_m_s: float
+
+
+_Spheres = tuple[Floats, Floats, Floats]
+"""``mid``, ``radius`` and ``joint_age`` of ``JointSpheres``."""
+
+
+def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> tuple[Floats, Floats, Floats]:
+    mid, around, joint_age = spheres
+    a, b = mid.take(segments.a, axis=2), mid.take(segments.b, axis=2)
+    radius = np.maximum(around.take(segments.a, axis=2), around.take(segments.b, axis=2))
+    if (joint_age > FRESH_S).any():
+        unseen = joint_age * segments.physical_m_s  # (P, J)
+        holding = segments.reach + unseen[:, None, :]  # (P, S, J)
+        nearest = holding.argmin(-1)  # (P, S)
+        ends = np.maximum(unseen[:, segments.a], unseen[:, segments.b])
+        bounded = (holding.min(-1) < ends)[:, None, :]
+        person = np.arange(len(mid))[:, None]
+        centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
+        about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
+        reach = segments.reach[np.arange(len(segments.a)), nearest][:, None, :]
+        a = np.where(bounded[..., None], centre, a)
+        b = np.where(bounded[..., None], centre, b)
+        radius = np.where(bounded, about + reach, radius)
+    return a, b, radius + segments.radius
+
+
+def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> tuple[Floats, Floats, Floats]:
+    mid, around, joint_age = spheres
+    people, entries, joints = around.shape
+    count = len(segments.a)
+    a, b = np.empty((people, entries, count, 3)), np.empty((people, entries, count, 3))
+    radius = np.empty((people, entries, count))
+    for p in range(people):
+        stale = False
+        for j in range(joints):
+            stale = stale or joint_age[p, j] > FRESH_S
+        for s in range(count):
+            at_a, at_b, reach = segments.a[s], segments.b[s], 0.0
+            if stale:
+                nearest, least = 0, inf
+                for j in range(joints):
+                    size = segments.reach[s, j] + joint_age[p, j] * segments.physical_m_s
+                    if size < least:
+                        nearest, least = j, size
+                if least < max(joint_age[p, at_a], joint_age[p, at_b]) * segments.physical_m_s:
+                    at_a = at_b = nearest
+                    reach = segments.reach[s, nearest]
+            for k in range(entries):
+                for i in range(3):
+                    a[p, k, s, i], b[p, k, s, i] = mid[p, k, at_a, i], mid[p, k, at_b, i]
+                size = max(around[p, k, at_a], around[p, k, at_b]) + reach
+                radius[p, k, s] = size + segments.radius[s]
+    return a, b, radius
+
+
+_capsules = kernel(_capsules_by_loops, _capsules_by_arrays)
+
+
+def _margins(margins_m: Mapping[str, float], skeleton: Skeleton) -> Mapping[str, float]:
+    known = list(dict.fromkeys(segment.region for segment in skeleton.segments))
+    for region in margins_m:
+        if region not in known:
+            raise ConfigError(
+                f"risk.region_margins_m: unknown body segment '{region}'{nearest(region, known)} "
+                f"(known: {', '.join(known)})"
+            )
+    return margins_m
+
+
+def _trusted(trust: Trust | None, people: int) -> Bools:
+    """(P,) whether forecasts are neither widened nor out of distribution."""
+    if trust is None:
+        return np.ones(people, np.bool_)
+    return ~trust.out_of_distribution & ~trust.widened
+
+
+def _oldest_capture(snapshot: PeopleSnapshot) -> int | None:
+    if len(snapshot.ids):
+        return int(snapshot.capture_ns.min())
+    return snapshot.newest_capture_ns

@@ -1,0 +1,389 @@
+"""Calibrated radii: how far people were from where a predictor put them, and how often.
+
+A calibration belongs to one predictor with its settings and weights. For each level, each of two
+questions (each *joint* alone; the whole *body* at once), each speed class and horizon step it
+tells radii in two ways:
+
+- **estimated**: a factor on the learned scale (``learned_scale``), which says for each joint how
+  wrong this forecast may be, after its shape (``scale_shape``), up to a limit. Windows of one
+  recording overlap and resemble each other, so this is an estimate without a guarantee
+  (``calibration.conformal``).
+- **guaranteed**: a radius in metres for each joint, by split conformal prediction over
+  recordings: only these are independent. The score
+  of a recording is the largest error of all its windows. With n recordings the level l is
+  supported if ceil((n + 1) l) <= n; the radius is the score of that rank (Vovk et al. 2005;
+  J. Lei et al., "Distribution-free predictive inference for regression", JASA 113 (2018), 1094).
+  0.9 needs 9 recordings, 0.95 needs 19, 0.99 needs 99.
+
+Files are JSON, factors in whole thousandths and radii in whole millimetres, rounded up. Left and
+right joints share their radii.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import package_path, read_text
+from hri_predict.base.settings import Settings, validated
+from hri_predict.base.skeleton import JOINTS, Skeleton
+from hri_predict.contracts.predictor import PredictorSettings
+from hri_predict.zones.learned_scale import ScaleNetwork
+from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
+from hri_predict.zones.motion_ranges import MotionRanges
+from hri_predict.zones.scale_shape import ScaleShape
+from hri_predict.zones.settings import LEVELS, CoverageSettings
+
+Of = Literal["joint", "body"]
+OFS: tuple[Of, ...] = ("joint", "body")
+FOLDER = package_path("predictors", "weights")
+"""Calibrations of shipped predictors lie beside the weights; so do those of the baselines."""
+
+VERSION = 3
+"""Of the files; 3 has a learned scale."""
+
+Millimetres = Annotated[int, Field(ge=1, le=100_000)]
+Row = list[Millimetres | None]  # by step; None: unknown, so unbounded
+_KNOWN = {name.removeprefix("l_").removeprefix("r_") for name in JOINTS}
+_HASHED = 16  # hexadecimal digits
+
+
+class RangesFile(Settings):
+    """Ranges of the motions in the calibration recordings; see ``MotionRanges``."""
+
+    speed_m_s: dict[str, Annotated[float, Field(ge=0)]]
+    ratio_short: float = Field(gt=0)
+
+
+class UsedRecording(Settings):
+    """A recording that the calibration used, and its number of windows in each speed class."""
+
+    name: str
+    windows: Annotated[
+        tuple[Annotated[int, Field(ge=0)], ...],
+        Field(min_length=len(SPEED_CLASSES), max_length=len(SPEED_CLASSES)),
+    ]
+    digest: str | None = Field(None, description="the file's SHA-256")
+
+
+class SiteParts(Settings):
+    """What moved a calibration's factors towards a site; see ``calibration.site.mixing``."""
+
+    base: str = Field(description="first digits of the SHA-256 of the calibration it came from")
+    recordings: tuple[UsedRecording, ...] = Field(description="parts of the site's recordings")
+
+
+class CalibrationFile(Settings):
+    """A calibration as stored."""
+
+    version: int = VERSION
+    predictor: str
+    settings: dict[str, Any]
+    weights: str | None = Field(description="first digits of the weights' SHA-256")
+    rate_hz: float = Field(gt=0, le=200)
+    steps: int = Field(ge=1, le=2000)
+    joints: list[str] = Field(min_length=1, max_length=64)
+    levels: list[float]
+    classes: list[str]
+    scale: dict[str, Any]
+    shape: dict[str, Any] | None = Field(None, description="factors on the scale by its size")
+    estimated_thousandths: dict[str, list[list[Row]]] = Field(
+        description="of the scale: of, level, speed class"
+    )
+    limits_mm: dict[str, list[list[list[Row]]]] | None = Field(
+        None, description="of the estimated radii: of, level, speed class, joint"
+    )
+    guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
+        description="of, level, speed class, joint"
+    )
+    recordings: tuple[UsedRecording, ...] = Field(min_length=1)
+    ranges: RangesFile
+    made: date | None = Field(None, description="the day on which it was made")
+    site: SiteParts | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Calibration:
+    """A calibration in memory. L levels, G joints (sides pooled), H steps.
+
+    Attributes:
+        predictor, settings, weights: what it belongs to.
+        rate_hz: steps per second.
+        joints: names of the G joints, without their side.
+        scale: the fitted network.
+        shape: of the scale; ``None``: it was made before there was any.
+        estimated: per question (L, 3, H) factors on the scale, by speed class; infinite if unknown.
+        limits: per question (L, 3, G, H) metres, above which no estimated radius is; ``None``: it
+            was made before there were any.
+        guaranteed: per question (L, 3, G, H) metres, by speed class; infinite if not supported.
+        recordings: used for it.
+        ranges: of the motions in the recordings.
+        made: the day on which it was made; ``None`` if not known.
+        site: the parts of a site's recordings that moved its factors.
+    """
+
+    predictor: str
+    settings: Mapping[str, Any]
+    weights: str | None
+    rate_hz: float
+    joints: tuple[str, ...]
+    scale: ScaleNetwork
+    estimated: Mapping[Of, Floats]
+    guaranteed: Mapping[Of, Floats]
+    recordings: tuple[UsedRecording, ...]
+    ranges: Mapping[str, Any]
+    shape: ScaleShape | None = None
+    limits: Mapping[Of, Floats] | None = None
+    made: date | None = None
+    site: SiteParts | None = None
+
+    @property
+    def used(self) -> tuple[UsedRecording, ...]:
+        """All recordings that it rests on, the site's as well."""
+        return self.recordings + (self.site.recordings if self.site is not None else ())
+
+    @property
+    def steps(self) -> int:
+        """H."""
+        return int(self.estimated["joint"].shape[-1])
+
+    def independent(self, speed_class: int) -> int:
+        """How many recordings have windows of a speed class."""
+        return sum(used.windows[speed_class] > 0 for used in self.recordings)
+
+    def motion_ranges(self, skeleton: Skeleton) -> MotionRanges:
+        """The ranges by joint of ``skeleton``; unbounded for joints without a calibration.
+
+        The trunk carries every joint, so no joint's range is below the trunk's: a joint that few
+        recordings show may have been slow in all of them.
+        """
+        known = self.ranges["speed_m_s"]
+        speed = np.array([known.get(plain(name), np.inf) for name in skeleton.joints])
+        trunk = speed[trunk_joints(skeleton)]
+        carried = float(trunk[np.isfinite(trunk)].max(initial=0.0))
+        return MotionRanges(
+            speed_m_s=np.maximum(speed, carried),
+            ratio_short=float(self.ranges["ratio_short"]),
+        )
+
+
+def plain(joint: str) -> str:
+    """A joint's name without its side."""
+    return joint.removeprefix("l_").removeprefix("r_")
+
+
+def needed(level: float) -> int:
+    """How many independent recordings a guarantee of ``level`` takes: 9, 19, 99."""
+    return math.ceil(level / (1.0 - level) - 1e-9)
+
+
+# -- files --------------------------------------------------------------------------------------
+
+
+def shipped_calibration(predictor: str) -> Path:
+    """Where the calibration of a shipped predictor lies."""
+    return FOLDER / f"{predictor}.calibration.json"
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read a calibration.
+
+    Raises:
+        ConfigError: the file cannot be read or is none; one line with the remedy.
+    """
+    what = f"calibration {path}"
+    try:
+        data = json.loads(read_text(path, "calibration"))
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(
+            f"{what}: is not JSON ({error}); make a new one: hri-predict calibrate"
+        ) from error
+    if isinstance(data, dict) and data.get("version") != VERSION:
+        raise ConfigError(f"{what}: is of another version; make a new one: hri-predict calibrate")
+    file = validated(CalibrationFile, data, what)
+    try:
+        return _unpacked(file)
+    except (ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"{what}: {error}; make a new one: hri-predict calibrate") from error
+
+
+def save_text(calibration: Calibration) -> str:
+    """The file's text."""
+    file = CalibrationFile(
+        predictor=calibration.predictor,
+        settings=dict(calibration.settings),
+        weights=calibration.weights,
+        rate_hz=calibration.rate_hz,
+        steps=calibration.steps,
+        joints=list(calibration.joints),
+        levels=list(LEVELS),
+        classes=list(SPEED_CLASSES),
+        scale=calibration.scale.to_json(),
+        shape=None if calibration.shape is None else calibration.shape.to_json(),
+        estimated_thousandths={
+            of: _thousandths(table) for of, table in calibration.estimated.items()
+        },
+        limits_mm=None
+        if calibration.limits is None
+        else {of: _thousandths(table) for of, table in calibration.limits.items()},
+        guaranteed_mm={of: _thousandths(table) for of, table in calibration.guaranteed.items()},
+        recordings=calibration.recordings,
+        ranges=RangesFile(**calibration.ranges),
+        made=calibration.made,
+        site=calibration.site,
+    )
+    return json.dumps(file.model_dump(mode="json"), separators=(",", ":"), allow_nan=False) + "\n"
+
+
+def _thousandths(table: Floats) -> Any:
+    """Nested lists, rounded up; None where unbounded."""
+    rounded = np.maximum(np.ceil(table * 1000.0 - 1e-6), 1.0)
+    return _rows(rounded, rounded <= 100_000)
+
+
+def _rows(values: Floats, usable: Any) -> Any:
+    if values.ndim == 1:
+        return [int(v) if ok else None for v, ok in zip(values, usable, strict=True)]
+    return [_rows(v, ok) for v, ok in zip(values, usable, strict=True)]
+
+
+def _unpacked(file: CalibrationFile) -> Calibration:
+    if tuple(file.levels) != LEVELS or tuple(file.classes) != SPEED_CLASSES:
+        raise ValueError("its levels or speed classes are of another version")
+    if len(set(file.joints)) < len(file.joints) or not _KNOWN.issuperset(file.joints):
+        raise ValueError("joints must be those of the canonical skeleton, each once")
+    classes = len(LEVELS), len(SPEED_CLASSES)
+    shape = (*classes, len(file.joints), file.steps)
+    for table in (file.estimated_thousandths, file.guaranteed_mm, file.limits_mm):
+        if table is not None and set(table) != set(OFS):
+            raise ValueError(f"a table is not for {' and '.join(OFS)}")
+    factors = {of: _table(file.estimated_thousandths[of], (*classes, file.steps)) for of in OFS}
+    guaranteed = {of: _table(file.guaranteed_mm[of], shape) for of in OFS}
+    rows = file.limits_mm
+    limits = None if rows is None else {of: _table(rows[of], shape) for of in OFS}
+    rising = [*guaranteed.values(), *(limits or {}).values()]
+    if not all((table[..., 1:] >= table[..., :-1]).all() for table in rising):
+        raise ValueError("a radius shrinks with the horizon")
+    return Calibration(
+        predictor=file.predictor,
+        settings=file.settings,
+        weights=file.weights,
+        rate_hz=file.rate_hz,
+        joints=tuple(file.joints),
+        scale=ScaleNetwork.of_json(file.scale),
+        shape=None if file.shape is None else ScaleShape.of_json(file.shape, file.steps),
+        estimated=factors,
+        limits=limits,
+        guaranteed=guaranteed,
+        recordings=file.recordings,
+        ranges=file.ranges.model_dump(),
+        made=file.made,
+        site=file.site,
+    )
+
+
+def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
+    table = np.array(rows, dtype=np.float64) / 1000.0  # None becomes NaN
+    if table.shape != shape:
+        raise ValueError(f"a table has the shape {table.shape}, not {shape}")
+    table = np.where(np.isnan(table), np.inf, table)
+    lower, higher = table[:-1], table[1:]
+    if (higher < lower).any():
+        raise ValueError("a radius of a higher level is smaller than of a lower one")
+    return table
+
+
+# -- which calibration belongs to which predictor ------------------------------------------------
+
+
+_NOT_ITS_OWN = {"name", "horizon_s", "weights", "engine", "process"}
+"""Settings that are compared elsewhere, or change nothing but where a forecast is computed."""
+
+
+def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
+    """The settings that a predictor's errors depend on, and the hash of its weights."""
+    values = settings.model_dump(mode="json", exclude=_NOT_ITS_OWN)
+    found = [
+        hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
+        for path in settings.files()
+    ]
+    if all(each == "missing" for each in found):
+        return values, None
+    whole = found[0] if len(found) == 1 else hashlib.sha256(" ".join(found).encode()).hexdigest()
+    return values, whole[:_HASHED]
+
+
+def calibration_for(
+    settings: PredictorSettings, coverage: CoverageSettings, base_dir: Path
+) -> Calibration | None:
+    """The calibration that a configuration asks for; ``None`` if the predictor ships without one.
+
+    Raises:
+        ConfigError: it belongs to another predictor, other settings or other weights.
+    """
+    if coverage.calibration is not None:
+        path = base_dir / coverage.calibration
+    else:
+        path = shipped_calibration(settings.name)
+        if not path.is_file():
+            return None
+    calibration = load_calibration(path)
+    problem = mismatch(calibration, settings)
+    if problem and coverage.calibration is None:
+        return None  # the shipped one is for other settings: uncalibrated, and check says so
+    if problem:
+        raise ConfigError(
+            f"risk.coverage.calibration {path}: {problem}; calibrate what you run: "
+            f"hri-predict calibrate --predictor {settings.name} --data recordings"
+        )
+    return calibration
+
+
+_NOT_OF_ERRORS = {"threads"}
+"""Settings that change the speed of a forecast, and its errors by rounding alone."""
+
+
+def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
+    """Why a calibration is not that of a predictor; "" if it is."""
+    if calibration.predictor != settings.name:
+        return f"is of predictor {calibration.predictor}, not {settings.name}"
+    if calibration.rate_hz != settings.rate_hz:
+        return f"is for {calibration.rate_hz:g} steps per second, not {settings.rate_hz:g}"
+    values, weights = identity(settings)
+    for key in sorted((values.keys() | calibration.settings.keys()) - _NOT_OF_ERRORS):
+        if values.get(key) != calibration.settings.get(key):
+            return f"was made with {key} {calibration.settings.get(key)}, not {values.get(key)}"
+    if calibration.weights != weights:
+        return "was made with other weights"
+    return ""
+
+
+_DO = {"still": "stand still", "slow": "move slowly", "brisk": "move briskly"}
+
+
+def levels_text(calibration: Calibration) -> list[str]:
+    """One line per level: guaranteed, or estimated and how many recordings are missing."""
+    lines = []
+    for level in LEVELS:
+        lacks = {
+            name: needed(level) - calibration.independent(index)
+            for index, name in enumerate(SPEED_CLASSES)
+        }
+        short = [f"{n} of people who {_DO[name]}" for name, n in lacks.items() if n > 0]
+        if short:
+            first, *others = short
+            listed = ", ".join([first.replace(" of ", " more recordings of ", 1), *others])
+            said = f"estimated; a guarantee needs {listed}"
+        else:
+            said = "guaranteed"
+        lines.append(f"{100 * level:g} %: {said}")
+    return lines

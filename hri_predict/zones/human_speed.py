@@ -1,0 +1,365 @@
+"""How fast people move, compared with what the standard assumes.
+
+ISO 13855:2010 assumes K = 1.6 m/s for a walking body and 2.0 m/s for an upper limb. It does not
+cover running and jumping (the abstract of that edition says so). So a separation by that standard
+does not cover a person who is faster, and the advice has to say so.
+
+What counts is how fast each joint moves *in the room* (``joint_speeds``), not relative to the body:
+a robot meets the hand of a person who walks and reaches at the sum of both speeds. A person is
+*fast* if
+
+- a joint of the trunk or the head is surely faster than ``HumanLimits.body_speed_m_s``,
+- a joint of an arm is surely faster than ``arm_speed_m_s``, or
+- a joint of a leg is surely faster than ``body_speed_m_s``, and also than ``GAIT`` times the trunk
+  or the trunk itself is fast.
+
+The last one is the swing of a walk: it takes a foot past the body at up to four times the trunk's
+speed, then the foot stands, and over half a second no part of the body gets ahead faster than the
+trunk does (docs/decisions/fast-people.md has the figures from recordings). A kick is faster than
+that, and so is any foot of a person whose trunk is not measured.
+
+A person's speed is *unknown* if no joint of trunk or head was measured: a person who has just
+appeared, or is hidden but for the limbs. Unknown is not slow: everything of that person counts at
+the trunk's physical limit (``HumanLimits.reach``).
+
+``joint_velocities`` measures on the resampled history instead, as calibrations do: speed classes
+and ranges must be measured as they were calibrated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints, known_median, plain_flags
+from hri_predict.base.geometry import norm
+from hri_predict.base.machine.compiled import kernel, part, plain
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.zones.joint_speeds import JointSpeeds
+from hri_predict.zones.settings import HumanLimits
+
+SPAN_S = 0.2
+"""Velocities are measured over this time before the newest capture."""
+
+GAIT = 4.0
+"""Legs of walking people are seldom more than this much faster than their trunk: in 0 to 4 % of the
+ticks of recorded walks on even ground, in a quarter of them on uneven ground."""
+
+MARGIN_M_S = 0.4
+"""Added to a fast person's speed: the slope is 0.1 s old, and a runner gains about 4 m/s2."""
+
+
+Velocities = tuple[Floats, Bools]
+"""(P, J, 3) m/s, always finite, and (P, J) whether it was measured. It is 0 if not."""
+
+
+def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
+    """Velocity of every joint over the last ``SPAN_S`` of the history.
+
+    Args:
+        history: (P, T, J, 3) metres, as in ``PeopleSnapshot``.
+        observed: (P, T, J); only these steps count.
+        rate_hz: steps per second of the history.
+
+    Returns:
+        A joint is not measured if its observed steps span less than half of ``SPAN_S`` (fewer than
+        two of them, or a short history).
+    """
+    return _velocities(plain(history), plain_flags(observed), float(rate_hz))
+
+
+def _velocities_by_arrays(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
+    steps = max(2, round(SPAN_S * rate_hz) + 1)
+    points, seen = history[:, -steps:], observed[:, -steps:]
+    seen = seen & np.isfinite(points).all(-1)
+    time = np.arange(1 - points.shape[1], 1) / rate_hz  # (T,), 0 at the newest step
+    weight = seen.astype(np.float64)
+    count = np.maximum(weight.sum(1), 1.0)  # (P, J)
+    middle = (weight * time[:, None]).sum(1) / count
+    centred = weight * (time[:, None] - middle[:, None])  # (P, T, J), 0 where not seen
+    spread = (centred**2).sum(1)
+    slope = (centred[..., None] * np.where(seen[..., None], points, 0.0)).sum(1)
+    first = np.where(seen, time[:, None], np.inf).min(1, initial=np.inf)
+    last = np.where(seen, time[:, None], -np.inf).max(1, initial=-np.inf)
+    measured = (last - first >= SPAN_S / 2 - 1e-9) & (spread > 0)
+    velocity = slope / np.where(measured, spread, 1.0)[..., None]
+    return np.where(measured[..., None], velocity, 0.0), measured
+
+
+def _velocities_by_loops(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
+    people, length, joints = observed.shape
+    steps = min(max(2, round(SPAN_S * rate_hz) + 1), length)
+    velocity, measured = np.zeros((people, joints, 3)), np.zeros((people, joints), np.bool_)
+    for p in range(people):
+        for j in range(joints):
+            count, middle = 0, 0.0
+            first, last = inf, -inf
+            for t in range(length - steps, length):
+                time = (t + 1 - length) / rate_hz
+                if observed[p, t, j] and _is_place(history[p, t, j]):
+                    count += 1
+                    middle += time
+                    first, last = min(first, time), max(last, time)
+            if not last - first >= SPAN_S / 2 - 1e-9:
+                continue
+            middle /= count
+            spread = x = y = z = 0.0
+            for t in range(length - steps, length):
+                if observed[p, t, j] and _is_place(history[p, t, j]):
+                    centred = (t + 1 - length) / rate_hz - middle
+                    spread += centred * centred
+                    x += centred * history[p, t, j, 0]
+                    y += centred * history[p, t, j, 1]
+                    z += centred * history[p, t, j, 2]
+            measured[p, j] = True
+            velocity[p, j, 0], velocity[p, j, 1] = x / spread, y / spread
+            velocity[p, j, 2] = z / spread
+    return velocity, measured
+
+
+@part
+def _is_place(place: Floats) -> bool:
+    return isfinite(place[0]) and isfinite(place[1]) and isfinite(place[2])
+
+
+_velocities = kernel(_velocities_by_loops, _velocities_by_arrays)
+
+
+def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
+    """(P, J) speed of every joint, m/s, and whether it was measured; see ``joint_velocities``."""
+    velocity, measured = joint_velocities(history, observed, rate_hz)
+    return norm(velocity), measured
+
+
+def velocities_in(snapshot: PeopleSnapshot, rate_hz: float) -> Velocities:
+    """``joint_velocities`` of everybody in a snapshot whose history has ``rate_hz``.
+
+    Those of inferred joints are not measured.
+    """
+    return joint_velocities(snapshot.history, snapshot.measured, rate_hz)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HumanSpeeds:
+    """How fast P people are. S body segments.
+
+    Attributes:
+        fast: (P,) whether a joint is faster than the standard assumes.
+        unknown: (P,) whether the body's speed could not be measured; never together with ``fast``.
+        fastest_m_s: (P,) of the fastest joint that makes a person fast; 0 if none does.
+        fastest_joint: (P,) index of that joint.
+        beyond_standard_m_s: (P, S) v_h of the segments that are faster than the standard assumes,
+            the measured speed plus a margin, and of all segments of people whose speed is unknown;
+            else 0. This is our choice: the standard has no figure.
+    """
+
+    fast: Bools
+    unknown: Bools
+    fastest_m_s: Floats
+    fastest_joint: Ints
+    beyond_standard_m_s: Floats
+
+    @property
+    def within_standard(self) -> Bools:
+        """(P,) whether the standard's assumption is known to hold."""
+        return ~(self.fast | self.unknown)
+
+    def of(self, people: Ints) -> "HumanSpeeds":
+        """The speeds of some people, in the order of their indices."""
+        return HumanSpeeds(
+            fast=self.fast[people],
+            unknown=self.unknown[people],
+            fastest_m_s=self.fastest_m_s[people],
+            fastest_joint=self.fastest_joint[people],
+            beyond_standard_m_s=self.beyond_standard_m_s[people],
+        )
+
+
+def joined_speeds(parts: Sequence[HumanSpeeds]) -> HumanSpeeds:
+    """The speeds of several groups of people as those of one."""
+    return HumanSpeeds(
+        fast=np.concatenate([part.fast for part in parts]),
+        unknown=np.concatenate([part.unknown for part in parts]),
+        fastest_m_s=np.concatenate([part.fastest_m_s for part in parts]),
+        fastest_joint=np.concatenate([part.fastest_joint for part in parts]),
+        beyond_standard_m_s=np.concatenate([part.beyond_standard_m_s for part in parts]),
+    )
+
+
+class Moving(NamedTuple):
+    """How fast P people and everything of them move. J joints, S segments.
+
+    Attributes:
+        people: see ``HumanSpeeds``.
+        growth_m_s: (P, J) speeds at which zones without a forecast grow:
+            ``HumanLimits.physical_speed_m_s``, or the joint's own speed if that is higher; the
+            physical limits of people whose speed is unknown.
+        segments_m_s: (P, S) of each segment's faster end; infinite if that is not known. An
+            inferred hand or foot counts at the physical limit.
+    """
+
+    people: HumanSpeeds
+    growth_m_s: Floats
+    segments_m_s: Floats
+
+
+class _Rule(NamedTuple):
+    """What loops and arrays read of a ``SpeedRule``; (J,) each, but for the last two."""
+
+    trunk: Bools
+    leg: Bools
+    assumed: Floats
+    physical: Floats
+    ends: Bools  # joints that no other hangs on
+    unknown_m_s: float
+    growth_m_s: float
+
+
+_Found = tuple[Bools, Bools, Floats, Ints, Floats, Floats, Floats]
+"""The fields of ``HumanSpeeds``, then ``growth_m_s`` and ``segments_m_s``."""
+
+
+class SpeedRule:
+    """Judges speeds of joints by the standard's assumption; see the module's docstring.
+
+    Args:
+        skeleton: names the joints and their parts. In a skeleton without parts, every joint counts
+            as the trunk.
+        limits: see ``HumanLimits``.
+    """
+
+    def __init__(self, skeleton: Skeleton, limits: HumanLimits) -> None:
+        kind = np.full(len(skeleton.joints), "trunk", dtype=object)
+        for name, joints in skeleton.parts.items():
+            limb = name.rpartition("_")[2]
+            outer = [j for j in joints if not skeleton.joints[j].endswith(("_shoulder", "_hip"))]
+            if limb in ("arm", "leg"):
+                kind[outer] = limb
+        self._body_m_s = limits.body_speed_m_s
+        physical = np.array([limits.reach[each].speed_m_s for each in kind])
+        self._rule = _Rule(
+            trunk=np.asarray(kind == "trunk"),
+            leg=np.asarray(kind == "leg"),
+            assumed=np.where(kind == "arm", limits.arm_speed_m_s, limits.body_speed_m_s),
+            physical=physical,
+            ends=~np.isin(np.arange(len(kind)), skeleton.parents),
+            unknown_m_s=float(limits.reach["trunk"].speed_m_s),
+            growth_m_s=float(limits.physical_speed_m_s),
+        )
+
+    def moving(self, speeds: JointSpeeds, delivered: Bools, ends: tuple[Ints, Ints]) -> Moving:
+        """How fast everybody and every part of them is.
+
+        Args:
+            speeds: (P, J) of the joints.
+            delivered: (J,) the joints that are not inferred: these alone tell who is fast.
+            ends: (S,) and (S,) the joints of the segments.
+        """
+        joints = speeds.speed, speeds.surely, speeds.measured
+        found = _moving(joints, delivered, self._rule, ends)
+        people = HumanSpeeds(
+            fast=found[0],
+            unknown=found[1],
+            fastest_m_s=found[2],
+            fastest_joint=found[3],
+            beyond_standard_m_s=found[4],
+        )
+        return Moving(people, found[5], found[6])
+
+    def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
+        """How fast lost people may go on.
+
+        Args:
+            speeds_m_s: (L,) of their bodies.
+            segments: S.
+        """
+        fast: Bools = speeds_m_s > self._body_m_s
+        speed = np.where(fast, speeds_m_s, 0.0)
+        return HumanSpeeds(
+            fast=fast,
+            unknown=np.zeros(len(fast), np.bool_),
+            fastest_m_s=speed,
+            fastest_joint=np.zeros(len(fast), np.intp),
+            beyond_standard_m_s=np.repeat(speed[:, None], segments, axis=1),
+        )
+
+
+def _moving_by_arrays(
+    joints: tuple[Floats, Floats, Bools], delivered: Bools, rule: _Rule, ends: tuple[Ints, Ints]
+) -> _Found:
+    every_speed, surely, measured = joints
+    surely = surely * delivered
+    of_trunk = rule.trunk & measured & delivered
+    unknown: Bools = ~np.any(of_trunk, axis=1)
+    trunk = np.where(of_trunk, every_speed, np.nan)
+    trunk[unknown] = 0.0
+    walks = ~(rule.trunk & (surely > rule.assumed)).any(1)
+    swing = GAIT * known_median(trunk) * walks if len(trunk) else np.zeros(0)
+    limit = np.where(rule.leg, np.maximum(rule.assumed, swing[:, None]), rule.assumed)
+    over: Bools = (surely > limit) & ~unknown[:, None]
+    speed = np.where(over, every_speed, 0.0)
+    counts = np.where(over, speed + MARGIN_M_S, 0.0)
+    counts[unknown] = rule.unknown_m_s
+    present = np.maximum(every_speed, rule.growth_m_s)
+    moves = np.where(measured, every_speed, np.inf)
+    # an inferred hand follows its forearm, a true one may turn about its wrist
+    moves = np.where(measured & ~delivered & rule.ends, rule.physical, moves)
+    return (
+        np.any(over, axis=1),
+        unknown,
+        speed.max(1, initial=0.0),
+        speed.argmax(1) if speed.size else np.zeros(len(speed), np.intp),
+        np.maximum(counts[:, ends[0]], counts[:, ends[1]]),
+        np.where(unknown[:, None], rule.physical, present),
+        np.maximum(moves[:, ends[0]], moves[:, ends[1]]),
+    )
+
+
+def _moving_by_loops(
+    joints: tuple[Floats, Floats, Bools], delivered: Bools, rule: _Rule, ends: tuple[Ints, Ints]
+) -> _Found:
+    speed, surely, measured = joints
+    people, count = speed.shape
+    segments = len(ends[0])
+    fast, unknown = np.zeros(people, np.bool_), np.zeros(people, np.bool_)
+    fastest, fastest_joint = np.zeros(people), np.zeros(people, np.intp)
+    beyond, moves = np.empty((people, segments)), np.empty((people, segments))
+    growth, trunk = np.empty((people, count)), np.empty(count)
+    counts, own = np.empty(count), np.empty(count)
+    for p in range(people):
+        known, walks = 0, True
+        for j in range(count):
+            if rule.trunk[j] and delivered[j]:
+                walks = walks and not surely[p, j] > rule.assumed[j]
+                if measured[p, j]:
+                    trunk[known] = speed[p, j]
+                    known += 1
+        unknown[p] = known == 0
+        swing = 0.0
+        if known and walks:
+            rising = np.sort(trunk[:known])
+            swing = GAIT * ((rising[(known - 1) // 2] + rising[known // 2]) / 2)
+        for j in range(count):
+            limit = max(rule.assumed[j], swing) if rule.leg[j] else rule.assumed[j]
+            over = delivered[j] and surely[p, j] > limit and not unknown[p]
+            counts[j] = speed[p, j] + MARGIN_M_S if over else 0.0
+            growth[p, j] = max(speed[p, j], rule.growth_m_s)
+            if unknown[p]:
+                counts[j], growth[p, j] = rule.unknown_m_s, rule.physical[j]
+            if over:
+                fast[p] = True
+                if speed[p, j] > fastest[p]:
+                    fastest[p], fastest_joint[p] = speed[p, j], j
+            own[j] = speed[p, j] if measured[p, j] else inf
+            if measured[p, j] and not delivered[j] and rule.ends[j]:
+                own[j] = rule.physical[j]
+        for s in range(segments):
+            beyond[p, s] = max(counts[ends[0][s]], counts[ends[1][s]])
+            moves[p, s] = max(own[ends[0][s]], own[ends[1][s]])
+    return fast, unknown, fastest, fastest_joint, beyond, growth, moves
+
+
+_moving = kernel(_moving_by_loops, _moving_by_arrays)

@@ -1,0 +1,268 @@
+"""Joint zones: one sphere for each joint of each person and each interval.
+
+The growth rule
+===============
+Time ``t`` runs from each person's capture. A joint that was seen in that capture, and in
+``SETTLED_STEPS`` of the last ``RECENT_STEPS`` steps, is within its *calibrated radius* of its
+forecast position (``radii``: by what is known of this joint and this forecast). The live
+self-check may widen this radius by a factor.
+
+Without a calibration the *uncalibrated rule* applies. The joint is within
+
+    min(v t, a t^2 / 2 + e_v t)
+
+of its forecast position. ``v`` comes from the standard, ``a`` from SaRA (``HumanLimits``), and
+``e_v`` bounds the error of the forecast's velocity. A person who suddenly does the opposite of the
+forecast can leave such a zone; how often is unknown.
+
+*Physical limits*, what a body can do by then (``reach``), apply without a forecast, to a joint that
+was not seen in the capture or only recently appeared, and to a person whose motion is out of
+distribution. Without a calibration, the standard's assumption replaces them: the joint is at most
+``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
+present speed, whichever is higher, and the physical limit if nobody could measure how fast the
+person is. A lost person goes on from where each joint was last seen, at the speed last measured or
+the physical speed, whichever is higher; a limb that was faster than its body gets an arm's length
+farther. Past the last calibrated step the zone grows at the physical speed.
+
+Zones that follow a forecast are also cut to what a body can do by then.
+
+The sphere of a joint that its tracker never delivers is about its *inferred* place, and larger by
+the radius within which the true joint is, at every time.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, plain_flags
+from hri_predict.base.machine.compiled import kernel, plain
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.zones.human_speed import Velocities, velocities_in
+from hri_predict.zones.joint_spheres import spheres_by_arrays
+from hri_predict.zones.learned_scale import Evidence
+from hri_predict.zones.loops.spheres import FRESH_S, LIMB_M, Ahead, Bodies, Rule, spheres_by_loops
+from hri_predict.zones.motion_class import trunk_speed
+from hri_predict.zones.radii import Radii
+from hri_predict.zones.reach import BodyReach
+from hri_predict.zones.settings import HumanLimits
+from hri_predict.zones.trust import Trust
+
+__all__ = ["FRESH_S", "LIMB_M", "JointSpheres", "JointZones"]
+
+RECENT_STEPS, SETTLED_STEPS = 15, 8
+"""A joint is settled if it was seen in so many of the most recent steps: calibrated radii rest on
+at least as much history."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class JointSpheres:
+    """Where joints may be. P people (lost ones last), K steps after now, J joints.
+
+    Attributes:
+        mid, radius: (P, K+1, J, 3) and (P, K+1, J); entry 0 at the capture, entry k during the
+            whole interval that ends with step k.
+        path, inflation: the same for the forecast positions, without growth or cut. Joints without
+            a forecast grow at the standard's speeds.
+        joint_age: (P, J) seconds from when a joint was last seen to its person's capture.
+        claimed: (P, H, J) the calibrated radii before widening, of the people who are here, also of
+            those out of distribution, whose zones have physical limits. A missing radius is
+            infinite. ``None`` without a calibration.
+    """
+
+    mid: Floats
+    radius: Floats
+    path: Floats
+    inflation: Floats
+    joint_age: Floats
+    claimed: Floats | None
+
+
+class JointZones:
+    """Builds joint zones; see the module's docstring.
+
+    Args:
+        skeleton: the joints.
+        limits: see ``HumanLimits``.
+        rate_hz: steps per second of the forecast.
+        horizon_steps: H of the forecast.
+        times_s: (K+1,) ends of the intervals after now, from 0.
+        radii: calibrated ones; ``None``: the predictor is not calibrated.
+    """
+
+    def __init__(
+        self,
+        *,
+        skeleton: Skeleton,
+        limits: HumanLimits,
+        rate_hz: float,
+        horizon_steps: int,
+        times_s: Floats,
+        radii: Radii | None,
+    ) -> None:
+        self._skeleton = skeleton
+        self._limits = limits
+        self._rate_hz = rate_hz
+        self._horizon_steps = horizon_steps
+        self._radii = radii
+        self._trusted_steps = horizon_steps if radii is None else min(horizon_steps, radii.steps)
+        arm = np.zeros(len(skeleton.joints), dtype=bool)
+        for part in ("left_arm", "right_arm"):
+            arm[list(skeleton.parts.get(part, ()))] = True
+        self._rule = Rule(
+            times_s=plain(times_s),
+            rate_hz=float(rate_hz),
+            horizon_steps=horizon_steps,
+            trusted_steps=self._trusted_steps,
+            calibrated=radii is not None,
+            speed=np.where(arm, limits.arm_speed_m_s, limits.body_speed_m_s),
+            acceleration=np.where(arm, limits.arm_acceleration_m_s2, limits.body_acceleration_m_s2),
+            velocity_error_m_s=float(limits.velocity_error_m_s),
+            physical_m_s=float(limits.physical_speed_m_s),
+            std_factor=float(limits.std_factor),
+            reach=BodyReach.of(limits, skeleton, rate_hz),
+        )
+
+    def build(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast | None,
+        *,
+        capture_ns: int | None,
+        trust: Trust | None,
+        velocities: Velocities | None = None,
+        growth_m_s: Floats | None = None,
+        unknown: Bools | None = None,
+    ) -> JointSpheres:
+        """Spheres for everybody in ``snapshot``; see ``ZoneBuilder.build``.
+
+        Args:
+            snapshot, forecast, trust, velocities: as there.
+            capture_ns: the oldest capture; ``None``: there is none.
+            growth_m_s: (P, J) speeds of joints without a forecast; ``None``: the physical speed.
+            unknown: (P,) whose speed is unknown: without a calibration they have no forecast.
+        """
+        if velocities is None:
+            velocities = velocities_in(snapshot, self._rate_hz)
+        claimed = None if forecast is None else self._claimed(snapshot, forecast, trust, velocities)
+        if unknown is None:
+            unknown = np.zeros(len(snapshot.ids), np.bool_)
+        if growth_m_s is None:
+            growth_m_s = np.full(snapshot.joint_age_s.shape, float(self._limits.physical_speed_m_s))
+        bodies = self._bodies(snapshot, capture_ns, growth_m_s, unknown)
+        ahead = self._ahead(forecast, claimed, trust)
+        mid, radius, path, inflation, joint_age = _spheres(bodies, ahead, self._rule)
+        return JointSpheres(
+            mid=mid,
+            radius=radius,
+            path=path,
+            inflation=inflation,
+            joint_age=joint_age,
+            claimed=claimed,
+        )
+
+    def _bodies(
+        self,
+        snapshot: PeopleSnapshot,
+        capture_ns: int | None,
+        growth_m_s: Floats,
+        unknown: Bools,
+    ) -> Bodies:
+        people, joints = len(snapshot.ids), len(self._rule.speed)
+        here = np.zeros((people, joints))
+        inferred = here if snapshot.inferred is None else snapshot.inferred.within_m
+        rows = [snapshot.last_positions, snapshot.joint_age_s, growth_m_s, here, inferred]
+        age_s = np.maximum(0.0, (snapshot.now_ns - snapshot.capture_ns) * 1e-9)
+        waited = np.zeros(people)
+        if snapshot.lost:
+            rows = [np.concatenate(pair) for pair in zip(rows, self._lost(snapshot), strict=True)]
+            seen_ns = np.array([p.last_seen_ns for p in snapshot.lost], dtype=np.int64)
+            reference = snapshot.now_ns if capture_ns is None else capture_ns
+            gone = np.maximum(0.0, (snapshot.now_ns - seen_ns) * 1e-9)
+            age_s = np.concatenate([age_s, gone])
+            waited = np.concatenate([waited, np.maximum(0.0, (reference - seen_ns) * 1e-9)])
+        last, joint_age, growth, limbs, within = map(plain, rows)
+        return Bodies(
+            last=last.reshape(-1, joints, 3),
+            joint_age=joint_age.reshape(-1, joints),
+            growth=growth,
+            limbs=limbs,
+            inferred=within,
+            age=age_s,
+            waited=waited,
+            unknown=unknown,
+            history=plain(snapshot.history),
+            measured=plain_flags(snapshot.measured),
+        )
+
+    def _lost(self, snapshot: PeopleSnapshot) -> list[Floats]:
+        """The rows of lost people: places, ages of joints, speeds, limbs' speeds, inferred."""
+        lost, joints = snapshot.lost, len(self._rule.speed)
+        onward = np.array([[p.speed_m_s] for p in lost])
+        onward = np.maximum(onward, self._limits.physical_speed_m_s)  # as just before the loss
+        none = np.zeros(joints)
+        return [
+            np.array([p.positions for p in lost]),
+            np.array([p.joint_age_s for p in lost]),
+            np.repeat(onward, joints, axis=1),
+            np.array([p.limbs_m_s for p in lost]),
+            np.array([none if p.inferred_m is None else p.inferred_m for p in lost]),
+        ]
+
+    def _ahead(
+        self, forecast: Forecast | None, claimed: Floats | None, trust: Trust | None
+    ) -> Ahead:
+        if forecast is None:
+            return _NOTHING
+        ahead = _NOTHING._replace(given=True, positions=plain(forecast.positions))
+        if forecast.std is not None and self._limits.std_factor > 0:
+            ahead = ahead._replace(std=plain(forecast.std))
+        if claimed is None or trust is None:
+            return ahead
+        return ahead._replace(
+            judged=True,
+            claimed=plain(claimed),
+            widen=plain(trust.widen),
+            outside=plain_flags(trust.out_of_distribution),
+        )
+
+    def _claimed(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast,
+        trust: Trust | None,
+        velocities: Velocities,
+    ) -> Floats | None:
+        """(P, H, J) calibrated radii, infinite for people and joints that have none."""
+        if self._radii is None:
+            return None
+        people, joints = len(snapshot.ids), len(self._skeleton.joints)
+        if trust is None:
+            return np.full((people, self._horizon_steps, joints), np.inf)
+        speed = trunk_speed(velocities, self._skeleton)
+        evidence = Evidence(
+            history=snapshot.history,
+            observed=snapshot.observed,
+            forecast=forecast.positions,
+            error_m=trust.error_m,
+            residual_m=trust.residual_m,
+        )
+        claimed = self._radii.of(speed, evidence)
+        recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)
+        settled = recent >= min(SETTLED_STEPS, snapshot.observed.shape[1])
+        known = settled & np.isfinite(claimed[:, : self._trusted_steps]).all(1)
+        return np.where(known[:, None], claimed, np.inf)
+
+
+_NOTHING = Ahead(
+    given=False,
+    judged=False,
+    positions=np.zeros((0, 0, 0, 3)),
+    std=np.zeros((0, 0, 0)),
+    claimed=np.zeros((0, 0, 0)),
+    widen=np.zeros((0, 0)),
+    outside=np.zeros(0, np.bool_),
+)
+
+_spheres = kernel(spheres_by_loops, spheres_by_arrays)

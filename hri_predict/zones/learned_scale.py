@@ -1,0 +1,304 @@
+"""Learned scale: how wrong the forecast of each joint may be, from what is known when it is made.
+
+A small network of two hidden layers, shared by all joints, gives a *scale* in metres for each
+joint and step; the conformal factors of a calibration turn it into a radius (``radii``). What it
+reads depends on the past and on the forecast alone, so radii stay valid for people and motion
+that the network was not fitted on: J. Lei et al., "Distribution-Free Predictive Inference for
+Regression", JASA 113 (2018) 1094, section 5.2 (locally weighted conformal inference). The network
+is fitted to a quantile of the error's logarithm (``calibration.scale_fit``); here it only runs.
+
+Its inputs do not change when the room is turned or moved, and name no body: lengths of bones do
+not occur.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints, plain_flags
+from hri_predict.base.geometry import norm
+from hri_predict.base.machine.compiled import kernel, plain
+from hri_predict.base.skeleton import JOINTS, Skeleton
+from hri_predict.zones.loops.scale import (
+    BACK,
+    BEFORE,
+    BEYOND,
+    ERROR,
+    LEAST_M,
+    MOST_ERROR,
+    MOST_M,
+    MOST_SPEED,
+    SPEED,
+    Seen,
+    Tables,
+    scale_by_loops,
+)
+from hri_predict.zones.motion_class import trunk_joints
+
+__all__ = ["BEYOND", "LEAST_M", "MOST_M", "Evidence", "LearnedScale", "ScaleNetwork"]
+
+LEADS_S = (0.12, 0.4)
+"""Ages of the forecasts whose errors the network reads. The first shows noise, the second how
+predictable a person is."""
+LEAD_TOLERANCE_S = (0.045, 0.07)
+"""A forecast stands for one of ``LEADS_S`` if its age is so near: at 8 to 60 captures a second
+there is one."""
+
+KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
+"""The network runs at these steps; between them the scale's logarithm is linear."""
+
+KINDS = tuple(dict.fromkeys(n.removeprefix("l_").removeprefix("r_") for n in JOINTS))
+
+NOW = (
+    "speed_1", "speed_3", "speed_10", "to_trunk", "change", "path", "shake",
+    "trunk", "fastest", "mean_speed", "seen",
+    "error_short", "error_long", "no_short", "no_long",
+    "body_short", "body_long", "residual", "no_residual",
+)  # fmt: skip
+"""Inputs that are the same for all steps."""
+AHEAD = ("moved", "speed_ahead", "lead", "log_lead")
+"""Inputs of each step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Evidence:
+    """What is known of P people when a forecast is made. T steps back, H ahead, J joints.
+
+    Attributes:
+        history, observed: (P, T, J, 3) metres and (P, T, J); where T is short, speeds are measured
+            over what there is.
+        forecast: (P, H, J, 3) metres.
+        error_m: (P, 2, J) errors of the forecasts made ``LEADS_S`` ago; NaN if unknown.
+        residual_m: (P,) see ``motion_class``; NaN if unknown.
+    """
+
+    history: Floats
+    observed: Bools
+    forecast: Floats
+    error_m: Floats
+    residual_m: Floats
+
+
+def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats:
+    """(P, J, ``NOW``) the inputs that all steps share."""
+    return _inputs_now(evidence, rate_hz, trunk_joints(skeleton))
+
+
+def _inputs_now(
+    evidence: Evidence | Seen, rate_hz: float, in_trunk: Sequence[int] | Ints
+) -> Floats:
+    history, seen = evidence.history, evidence.observed
+    people, joints = history.shape[0], history.shape[2]
+    velocity = {back: _velocity(history, seen, skip=0, back=back, rate_hz=rate_hz) for back in BACK}
+    before = _velocity(history, seen, skip=BEFORE - BACK[1], back=BACK[1], rate_hz=rate_hz)
+    speed = {back: norm(v) for back, v in velocity.items()}
+    steps_back = min(BACK[-1], history.shape[1] - 1)
+    start = max(history.shape[1] - 1 - BACK[1], 0)
+    measured = seen[:, -1, in_trunk] & seen[:, start, in_trunk]
+    count = np.maximum(measured.sum(1), 1)[:, None, None]  # others have the velocity 0
+    trunk = velocity[BACK[1]][:, in_trunk].sum(1, keepdims=True) / count
+    recent, newest = seen[:, -steps_back - 1 :], history[:, -steps_back - 1 :]
+    steps = recent[:, 1:] & recent[:, :-1]
+    moves = np.where(steps[..., None], np.diff(newest, axis=1), 0.0)
+    path = norm(moves).sum(1) * rate_hz / np.maximum(steps.sum(1), 1)
+    everybody = np.ones((people, joints))
+    error, lacks = _known(evidence.error_m)
+    body, _ = _known(_mean(evidence.error_m))
+    residual, no_residual = _known(evidence.residual_m)
+    columns = [
+        *(_log_speed(speed[back]) for back in BACK),
+        _log_speed(norm(velocity[BACK[1]] - trunk)),
+        _log_speed(8.0 * norm(velocity[BACK[1]] - before)),
+        _log_speed(path),
+        _log_speed(np.maximum(path - speed[BACK[-1]], 0.0)),
+        _log_speed(norm(trunk)) * everybody,
+        _log_speed(speed[BACK[1]].max(1, keepdims=True)) * everybody,
+        _log_speed(speed[BACK[1]].mean(1, keepdims=True)) * everybody,
+        recent.mean(1),
+        *(_log_error(error[:, i]) for i in range(2)),
+        *(lacks[:, i] for i in range(2)),
+        *(_log_error(body[:, i, None]) * everybody for i in range(2)),
+        _log_error(residual)[:, None] * everybody,
+        no_residual[:, None] * everybody,
+    ]
+    return np.stack(columns, axis=-1)
+
+
+def inputs_ahead(evidence: Evidence | Seen, knots: Ints, rate_hz: float) -> Floats:
+    """(P, K, J, ``AHEAD``) the inputs of the steps ``knots`` (K,), counted from 1."""
+    last = evidence.history[:, -1:]
+    seen = evidence.observed[:, -1:, :]
+    at = evidence.forecast[:, knots - 1]
+    first = knots == 1
+    earlier = np.where(first[:, None, None], last, evidence.forecast[:, np.maximum(knots - 2, 0)])
+    moved = np.where(seen, norm(at - last), 0.0)
+    speed = np.where(seen | ~first[:, None], norm(at - earlier), 0.0) * rate_hz
+    lead = (knots / rate_hz)[None, :, None] * np.ones(moved.shape)
+    return np.stack([_log_speed(moved), _log_speed(speed), lead, np.log(lead)], axis=-1)
+
+
+def _velocity(history: Floats, seen: Bools, *, skip: int, back: int, rate_hz: float) -> Floats:
+    """(P, J, 3) over ``back`` steps that end ``skip`` before the newest; 0 where not observed."""
+    end, start = history.shape[1] - 1 - skip, max(history.shape[1] - 1 - skip - back, 0)
+    both = seen[:, end] & seen[:, start]
+    moved = history[:, end] - history[:, start]
+    return np.where(both[..., None], moved, 0.0) * (rate_hz / max(end - start, 1))
+
+
+def _mean(error: Floats) -> Floats:
+    known = ~np.isnan(error)
+    total = np.where(known, np.minimum(error, MOST_ERROR), 0.0).sum(-1)
+    return np.where(known.any(-1), total / np.maximum(known.sum(-1), 1), np.nan)
+
+
+def _known(values: Floats) -> tuple[Floats, Floats]:
+    """The values with 0 where unknown, and 1 where they are unknown."""
+    unknown = np.isnan(values)
+    return np.where(unknown, 0.0, values), unknown.astype(np.float64)
+
+
+def _log_speed(value: Floats) -> Floats:
+    return np.log1p(SPEED * np.minimum(value, MOST_SPEED))
+
+
+def _log_error(value: Floats) -> Floats:
+    return np.log1p(ERROR * np.minimum(value, MOST_ERROR))
+
+
+def kind_of(skeleton: Skeleton) -> Ints:
+    """(J,) index into ``KINDS`` of each joint; -1 for others."""
+    plain = [n.removeprefix("l_").removeprefix("r_") for n in skeleton.joints]
+    return np.array([KINDS.index(n) if n in KINDS else -1 for n in plain], np.intp)
+
+
+def knots_within(horizon_steps: int) -> Ints:
+    """The knots of a horizon; its last step is one."""
+    return np.array(sorted({*(k for k in KNOT_STEPS if k < horizon_steps), horizon_steps}))
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ScaleNetwork:
+    """The fitted network. ``NOW`` + ``AHEAD`` + ``KINDS`` inputs, hidden layers of ReLU.
+
+    Attributes:
+        mean, deviation: of the inputs that are no kinds.
+        layers: weights (inputs, outputs) and biases (outputs,), first to last; the last gives the
+            natural logarithm of the scale in metres.
+    """
+
+    mean: Floats
+    deviation: Floats
+    layers: tuple[tuple[Floats, Floats], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Lists of numbers."""
+        return {
+            "mean": _rounded(self.mean),
+            "deviation": _rounded(self.deviation),
+            "layers": [{"weights": _rounded(w), "biases": _rounded(b)} for w, b in self.layers],
+        }
+
+    @staticmethod
+    def of_json(data: Mapping[str, Any]) -> "ScaleNetwork":
+        """What ``to_json`` gave.
+
+        Raises:
+            ValueError: shapes or numbers do not fit.
+        """
+        try:
+            mean, deviation = _array(data["mean"]), _array(data["deviation"])
+            layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
+        except (KeyError, TypeError, OverflowError) as error:
+            raise ValueError("the scale is no network of numbers") from error
+        plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
+        if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
+            raise ValueError("the scale's mean or deviation does not fit its inputs")
+        for weights, biases in layers:
+            if weights.ndim != 2 or weights.shape[0] != width or biases.shape != weights.shape[1:]:
+                raise ValueError("a layer of the scale does not fit the one before it")
+            width = weights.shape[1]
+        if width != 1 or len(layers) < 2:
+            raise ValueError("the scale's network must end in one number")
+        return ScaleNetwork(mean=mean, deviation=deviation, layers=layers)
+
+
+def _rounded(values: Floats) -> Any:
+    return np.round(values, 5).tolist()
+
+
+def _array(values: Any) -> Floats:
+    found = np.array(values, dtype=np.float64)
+    if not np.isfinite(found).all():
+        raise ValueError("the scale's network holds a number that is not finite")
+    return found
+
+
+class LearnedScale:
+    """The scale of forecasts of one predictor.
+
+    Args:
+        network: see ``ScaleNetwork``.
+        skeleton: of the forecasts.
+        rate_hz: steps per second.
+        horizon_steps: H.
+    """
+
+    def __init__(
+        self, network: ScaleNetwork, skeleton: Skeleton, rate_hz: float, horizon_steps: int
+    ) -> None:
+        knots, steps = knots_within(horizon_steps), np.arange(1, horizon_steps + 1)
+        above = np.minimum(knots.searchsorted(steps), len(knots) - 1)
+        below = np.maximum(above - 1, 0)
+        kinds, now = kind_of(skeleton), len(NOW)
+        (weights, biases), *rest = network.layers
+        of_kind = np.concatenate([weights[now + len(AHEAD) :], np.zeros((1, weights.shape[1]))])
+        self._tables = Tables(
+            rate_hz=float(rate_hz),
+            trunk=np.array(trunk_joints(skeleton), np.intp),
+            knots=knots,
+            below=below,
+            above=above,
+            part=(steps - knots[below]) / np.maximum(knots[above] - knots[below], 1),
+            mean=network.mean,
+            deviation=network.deviation,
+            now=weights[:now],
+            ahead=weights[now : now + len(AHEAD)],
+            first=of_kind[kinds] + biases,
+            rest=tuple((plain(w), plain(b)) for w, b in rest),
+            other=kinds < 0,
+        )
+
+    def __call__(self, evidence: Evidence) -> Floats:
+        """(P, H, J) metres; never shrinks with the horizon; infinite for joints of no kind."""
+        seen = Seen(
+            history=plain(evidence.history),
+            observed=plain_flags(evidence.observed),
+            forecast=plain(evidence.forecast),
+            error_m=plain(evidence.error_m),
+            residual_m=plain(evidence.residual_m),
+        )
+        return _scale(seen, self._tables)
+
+
+def _scale_by_arrays(seen: Seen, tables: Tables) -> Floats:
+    count = len(NOW)
+    now = _normal(_inputs_now(seen, tables.rate_hz, tables.trunk), tables, slice(0, count))
+    ahead = _normal(inputs_ahead(seen, tables.knots, tables.rate_hz), tables, slice(count, None))
+    hidden = (now @ tables.now + tables.first)[:, None] + ahead @ tables.ahead
+    for weights, biases in tables.rest:
+        hidden = np.maximum(hidden, 0.0) @ weights + biases
+    knots = np.maximum.accumulate(hidden[..., 0], axis=1)  # (P, K, J)
+    lower = knots[:, tables.below]
+    log = lower + tables.part[:, None] * (knots[:, tables.above] - lower)
+    scale = np.exp(np.clip(log, np.log(LEAST_M), np.log(MOST_M)))
+    return np.where(tables.other | ~np.isfinite(scale), np.inf, scale)
+
+
+def _normal(values: Floats, tables: Tables, own: slice) -> Floats:
+    values = (values - tables.mean[own]) / tables.deviation[own]
+    return np.minimum(np.maximum(values, -BEYOND), BEYOND)
+
+
+_scale = kernel(scale_by_loops, _scale_by_arrays)

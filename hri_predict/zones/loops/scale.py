@@ -1,0 +1,332 @@
+"""The learned scale as loops: the inputs of its network, and the network.
+
+``learned_scale`` says what each figure means, and has the same as array operations.
+"""
+
+from math import exp, inf, isfinite, isnan, log, log1p, sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.machine.compiled import part
+
+BACK = (1, 3, 10)
+"""Speeds are measured over so many steps."""
+BEFORE = 4
+"""The speed over the 3 steps before this tells the acceleration."""
+LEAST_M, MOST_M = 0.01, 5.0
+"""Bounds of the scale."""
+BEYOND = 4.0
+"""Inputs count as no farther than so many standard deviations from the fitted mean."""
+SPEED, ERROR = 5.0, 20.0
+"""Of 1 + so much x, the logarithm is read."""
+MOST_SPEED, MOST_ERROR = 20.0, 2.0
+_LEAST_LOG, _MOST_LOG = log(LEAST_M), log(MOST_M)
+_SHORT, _STEPS, _LONG = BACK
+
+
+class Seen(NamedTuple):
+    """``learned_scale.Evidence`` as loops take it."""
+
+    history: Floats
+    observed: Bools
+    forecast: Floats
+    error_m: Floats
+    residual_m: Floats
+
+
+class Tables(NamedTuple):
+    """The network, and what is known before anybody is seen. K knots, N inputs.
+
+    Attributes:
+        rate_hz: steps per second.
+        trunk: indices of the joints whose mean is the trunk's motion.
+        knots: (K,) steps at which the network runs, from 1.
+        below, above, part: (H,) between which knots each step is, and how far on.
+        mean, deviation: (N,) of the inputs.
+        now, ahead: (., hidden) rows of the first layer.
+        first: (J, hidden) what each joint's kind adds to it, with the biases.
+        rest: the layers after it.
+        other: (J,) joints of no kind.
+    """
+
+    rate_hz: float
+    trunk: Ints
+    knots: Ints
+    below: Ints
+    above: Ints
+    part: Floats
+    mean: Floats
+    deviation: Floats
+    now: Floats
+    ahead: Floats
+    first: Floats
+    rest: tuple[tuple[Floats, Floats], ...]
+    other: Bools
+
+
+def scale_by_loops(seen: Seen, tables: Tables) -> Floats:
+    """(P, H, J) metres; see ``LearnedScale``."""
+    people, joints = seen.observed.shape[0], seen.observed.shape[2]
+    scale = np.empty((people, len(tables.below), joints))
+    logs = np.empty((len(tables.knots), joints))
+    now, moved = np.empty((joints, tables.now.shape[0])), np.empty((4, joints, 3))
+    ahead = np.empty((len(tables.knots), joints, 4))
+    for p in range(people):
+        given = seen.history[p], seen.observed[p]
+        _inputs_now(given, tables, now, moved)
+        _inputs_of_errors(seen.error_m[p], seen.residual_m[p], now)
+        _inputs_ahead(given, seen.forecast[p], tables, ahead)
+        _normalise(now, ahead, tables.mean, tables.deviation)
+        _network(now, ahead, tables, logs)
+        _between_knots(logs, tables, scale[p])
+    return scale
+
+
+# -- the network -----------------------------------------------------------------------------------
+
+
+@part
+def _network(now: Floats, ahead: Floats, tables: Tables, logs: Floats) -> None:
+    """Fill (K, J) with the scale's logarithms."""
+    of_now, of_ahead, first, rest = tables.now, tables.ahead, tables.first, tables.rest
+    hidden = of_now.shape[1]
+    widest = hidden
+    for _, biases in rest:
+        widest = max(widest, len(biases))
+    base, row, into = np.empty(hidden), np.empty(widest), np.empty(widest)
+    used = np.empty(widest + 1, np.intp)
+    for j in range(len(now)):
+        for h in range(hidden):
+            base[h] = first[j, h]
+        for i in range(now.shape[1]):
+            value = now[j, i]
+            for h in range(hidden):
+                base[h] += value * of_now[i, h]
+        for k in range(len(ahead)):
+            a, b, c, d = ahead[k, j, 0], ahead[k, j, 1], ahead[k, j, 2], ahead[k, j, 3]
+            for h in range(hidden):
+                shared = a * of_ahead[0, h] + b * of_ahead[1, h]
+                row[h] = base[h] + (shared + (c * of_ahead[2, h] + d * of_ahead[3, h]))
+            width = hidden
+            for weights, biases in rest:
+                count = _positive(row, width, used)
+                width = len(biases)
+                if width == 1:
+                    into[0] = _sum(row, used[:count], weights) + biases[0]
+                else:
+                    _layer(row, used[:count], weights, into)
+                    for h in range(width):
+                        into[h] += biases[h]
+                row, into = into, row
+            logs[k, j] = row[0]
+
+
+@part
+def _positive(row: Floats, width: int, used: Ints) -> int:
+    """Fill in which inputs are positive or NaN, and return how many are."""
+    count = 0
+    for k in range(width):  # without a branch, which no processor could foresee
+        used[count] = k
+        count += 0 if row[k] <= 0.0 else 1
+    return count
+
+
+@part
+def _sum(row: Floats, used: Ints, weights: Floats) -> float:
+    even = odd = 0.0
+    count = len(used)
+    for i in range(0, count - 1, 2):
+        even += row[used[i]] * weights[used[i], 0]
+        odd += row[used[i + 1]] * weights[used[i + 1], 0]
+    if count % 2:
+        even += row[used[count - 1]] * weights[used[count - 1], 0]
+    return even + odd
+
+
+@part
+def _layer(row: Floats, used: Ints, weights: Floats, into: Floats) -> None:
+    """Fill in what a layer makes of the inputs ``used``, without biases."""
+    count, width, i = len(used), weights.shape[1], 0
+    for h in range(width):
+        into[h] = 0.0
+    while i + 4 <= count:  # four at a time: each sum is read and written once
+        a, b, c, d = used[i], used[i + 1], used[i + 2], used[i + 3]
+        a_is, b_is, c_is, d_is = row[a], row[b], row[c], row[d]
+        for h in range(width):
+            shared = a_is * weights[a, h] + b_is * weights[b, h]
+            into[h] += shared + (c_is * weights[c, h] + d_is * weights[d, h])
+        i += 4
+    while i < count:
+        a = used[i]
+        a_is = row[a]
+        for h in range(width):
+            into[h] += a_is * weights[a, h]
+        i += 1
+
+
+@part
+def _normalise(now: Floats, ahead: Floats, mean: Floats, deviation: Floats) -> None:
+    count = now.shape[1]
+    for i in range(count):
+        for j in range(len(now)):
+            now[j, i] = _bounded((now[j, i] - mean[i]) / deviation[i], -BEYOND, BEYOND)
+    for i in range(4):
+        for k in range(len(ahead)):
+            for j in range(len(now)):
+                value = (ahead[k, j, i] - mean[count + i]) / deviation[count + i]
+                ahead[k, j, i] = _bounded(value, -BEYOND, BEYOND)
+
+
+@part
+def _bounded(value: float, least: float, most: float) -> float:
+    return least if value < least else most if value > most else value
+
+
+@part
+def _between_knots(logs: Floats, tables: Tables, scale: Floats) -> None:
+    """Fill (H, J): never less than before, linear in the logarithm between knots."""
+    knots, joints = logs.shape
+    below, above, on, other = tables.below, tables.above, tables.part, tables.other
+    for j in range(joints):
+        for k in range(1, knots):
+            if logs[k - 1, j] > logs[k, j] or isnan(logs[k - 1, j]):
+                logs[k, j] = logs[k - 1, j]
+        for h in range(len(scale)):
+            lower, higher = logs[below[h], j], logs[above[h], j]
+            value = lower + on[h] * (higher - lower)
+            value = _bounded(value, _LEAST_LOG, _MOST_LOG)
+            scale[h, j] = inf if other[j] or not isfinite(value) else exp(value)
+
+
+# -- its inputs ------------------------------------------------------------------------------------
+
+
+@part
+def _log_speed(value: float) -> float:
+    return log1p(SPEED * (MOST_SPEED if value > MOST_SPEED else value))
+
+
+@part
+def _log_error(value: float) -> float:
+    return log1p(ERROR * (MOST_ERROR if value > MOST_ERROR else value))
+
+
+@part
+def _size(x: float, y: float, z: float) -> float:
+    return sqrt(x * x + y * y + z * z)
+
+
+@part
+def _inputs_now(given: tuple[Floats, Bools], tables: Tables, now: Floats, velocity: Floats) -> None:
+    """Fill the first eleven columns of (J, ``NOW``) by (T, J, 3) places and what was observed.
+
+    ``velocity`` (4, J, 3) is room to work in: over each of ``BACK``, and before.
+    """
+    history, observed = given
+    length, joints = observed.shape
+    backs = (_SHORT, _STEPS, _LONG, _STEPS)
+    for b in range(4):
+        end = length - 1 - (BEFORE - _STEPS if b == 3 else 0)
+        start = max(end - backs[b], 0)
+        per_s = tables.rate_hz / max(end - start, 1)
+        end = length - 1 if end < 0 else end
+        for j in range(joints):
+            both = observed[end, j] and observed[start, j]
+            for i in range(3):
+                moved = history[end, j, i] - history[start, j, i] if both else 0.0
+                velocity[b, j, i] = moved * per_s
+    start, count = max(length - 1 - _STEPS, 0), 0
+    x = y = z = 0.0
+    for j in tables.trunk:
+        count += observed[length - 1, j] and observed[start, j]
+        x, y, z = x + velocity[1, j, 0], y + velocity[1, j, 1], z + velocity[1, j, 2]
+    count = max(count, 1)
+    x, y, z = x / count, y / count, z / count
+    fastest = total = 0.0
+    for j in range(joints):
+        v_x, v_y, v_z = velocity[1, j, 0], velocity[1, j, 1], velocity[1, j, 2]
+        speed = _size(v_x, v_y, v_z)
+        fastest = speed if speed > fastest or isnan(speed) else fastest
+        total += speed
+        now[j, 1] = _log_speed(speed)
+        now[j, 0] = _log_speed(_size(velocity[0, j, 0], velocity[0, j, 1], velocity[0, j, 2]))
+        whole = _size(velocity[2, j, 0], velocity[2, j, 1], velocity[2, j, 2])
+        now[j, 2] = _log_speed(whole)
+        now[j, 3] = _log_speed(_size(v_x - x, v_y - y, v_z - z))
+        v_x, v_y, v_z = v_x - velocity[3, j, 0], v_y - velocity[3, j, 1], v_z - velocity[3, j, 2]
+        now[j, 4] = _log_speed(8.0 * _size(v_x, v_y, v_z))
+        path, share = _path(history, observed, j, tables.rate_hz)
+        now[j, 5] = _log_speed(path)
+        now[j, 6] = _log_speed(0.0 if path < whole else path - whole)
+        now[j, 10] = share
+    trunk, fast = _log_speed(_size(x, y, z)), _log_speed(fastest)
+    mean = _log_speed(total / joints)
+    for j in range(joints):
+        now[j, 7], now[j, 8], now[j, 9] = trunk, fast, mean
+
+
+@part
+def _path(history: Floats, observed: Bools, j: int, rate_hz: float) -> tuple[float, float]:
+    """How fast a joint went along its path of late, m/s, and in which share of it it was seen."""
+    length = len(observed)
+    first = max(length - 1 - _LONG, 0)
+    steps, seen, path = 0, 0, 0.0
+    for t in range(first, length):
+        seen += observed[t, j]
+        if t > first and observed[t, j] and observed[t - 1, j]:
+            x = history[t, j, 0] - history[t - 1, j, 0]
+            y = history[t, j, 1] - history[t - 1, j, 1]
+            z = history[t, j, 2] - history[t - 1, j, 2]
+            path += _size(x, y, z)
+            steps += 1
+    return path * rate_hz / max(steps, 1), seen / (length - first)
+
+
+@part
+def _inputs_of_errors(error_m: Floats, residual_m: float, now: Floats) -> None:
+    """Fill the other columns, by (2, J) errors and the residual."""
+    joints = len(now)
+    for i in range(2):
+        known, total = 0, 0.0
+        for j in range(joints):
+            error = error_m[i, j]
+            unknown = isnan(error)
+            now[j, 11 + i] = 0.0 if unknown else _log_error(error)
+            now[j, 13 + i] = 1.0 if unknown else 0.0
+            if not unknown:
+                known += 1
+                total += MOST_ERROR if error > MOST_ERROR else error
+        body = _log_error(total / max(known, 1))
+        for j in range(joints):
+            now[j, 15 + i] = body
+    unknown = isnan(residual_m)
+    residual = 0.0 if unknown else _log_error(residual_m)
+    for j in range(joints):
+        now[j, 17], now[j, 18] = residual, 1.0 if unknown else 0.0
+
+
+@part
+def _inputs_ahead(
+    given: tuple[Floats, Bools], forecast: Floats, tables: Tables, ahead: Floats
+) -> None:
+    """Fill (K, J, ``AHEAD``), by the places (T, J, 3) before and (H, J, 3) after."""
+    history, observed = given
+    knots, rate_hz, now = tables.knots, tables.rate_hz, len(observed) - 1
+    for k in range(len(knots)):
+        at = knots[k] - 1
+        lead = knots[k] / rate_hz
+        log_lead = log(lead)
+        for j in range(observed.shape[1]):
+            moved = speed = 0.0
+            if observed[now, j]:
+                x = forecast[at, j, 0] - history[now, j, 0]
+                y = forecast[at, j, 1] - history[now, j, 1]
+                moved = speed = _size(x, y, forecast[at, j, 2] - history[now, j, 2])
+            if at > 0:
+                x = forecast[at, j, 0] - forecast[at - 1, j, 0]
+                y = forecast[at, j, 1] - forecast[at - 1, j, 1]
+                speed = _size(x, y, forecast[at, j, 2] - forecast[at - 1, j, 2])
+            ahead[k, j, 0], ahead[k, j, 1] = _log_speed(moved), _log_speed(speed * rate_hz)
+            ahead[k, j, 2], ahead[k, j, 3] = lead, log_lead

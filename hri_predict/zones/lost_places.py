@@ -1,0 +1,47 @@
+"""Zones of lost people whose possible places are known, because other places were seen free.
+
+Each place is a disc on the floor. Somebody in it may stand, crouch or reach out in any direction,
+so each zone is an upright capsule about the disc, an arm's reach wider.
+"""
+
+import numpy as np
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.people.snapshot import LostPerson
+
+ARM_M = 0.85
+"""How far a hand gets from the body's middle: ISO 13855:2010 takes 850 mm for an arm's reach."""
+TOP_M = 2.5
+"""Nobody reaches farther above where they stand: a tall man's grip is at 2.2 m."""
+
+
+def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
+    """(K, S) capsules that hold a person who is in one of ``places``.
+
+    Args:
+        person: with places.
+        until_s: (K,) seconds since ``places_ns`` by which they may have walked on.
+        segments: S; the places are dealt out over them, and joined where there are more.
+    """
+    assert person.places is not None
+    held = _at_most(person.places, segments)
+    places = held[np.arange(segments) % len(held)]
+    radius = places[:, 2] + ARM_M + person.speed_m_s * until_s[:, None]
+    a = np.full((*radius.shape, 3), person.floor_m)
+    a[..., :2] = places[:, :2]
+    b = a.copy()
+    b[..., 2] += np.maximum(person.platform_m + TOP_M - radius, 0.0)
+    return Capsules(a, b, radius)
+
+
+def _at_most(places: Floats, count: int) -> Floats:
+    """(min(D, count), 3) discs that hold all of ``places``: neighbours are joined."""
+    if len(places) <= count:
+        return places
+    joined = []
+    for group in np.array_split(places, count):
+        middle = 0.5 * (group[:, :2].min(0) + group[:, :2].max(0))
+        apart = np.hypot(*(group[:, :2] - middle).T)
+        joined.append([*middle, (apart + group[:, 2]).max()])
+    return np.array(joined)

@@ -1,0 +1,56 @@
+"""Speed classes and the residual: what the node knows about a person before a forecast is judged.
+
+- **speed** of the trunk: *still* below ``STILL_M_S``, *brisk* from ``BRISK_M_S`` on, *slow* in
+  between. A person who walks straight on is far easier to predict than one who sets out, turns or
+  stops. Each class has its own factors on the learned scale.
+- **residual**: how wrong forecasts of this person were lately. It is the mean over joints of the
+  distance between the newest capture and its forecast of ``RESIDUAL_S`` before; the largest such
+  value within the last ``RESIDUAL_S`` counts. The learned scale reads it.
+
+A person whose speed is unknown counts as *slow* in a calibration; a zone then takes the largest
+radii of all speeds (``radii.Radii``). The speed depends on the past alone, so a calibration within
+each class is as valid as one without classes (Mondrian conformal prediction: V. Vovk, A. Gammerman,
+G. Shafer, "Algorithmic Learning in a Random World", 2005, section 4.5).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import norm
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.zones.human_speed import Velocities
+
+STILL_M_S = 0.4
+"""Below this speed the trunk stays: well under walking (1.2 m/s), well over swaying (0.05 m/s)."""
+BRISK_M_S = 1.0
+"""From this speed on a person walks: people prefer 1.2 to 1.4 m/s (R. Bohannon, Age and Ageing 26
+(1997), 15), and are slower when they set out, turn or stop."""
+RESIDUAL_S = 0.4
+"""How old a forecast is when its error counts as the residual, and how long it is remembered."""
+SPEED_CLASSES = ("still", "slow", "brisk")
+_TRUNK = ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
+
+
+def trunk_speed(velocities: Velocities, skeleton: Skeleton) -> Floats:
+    """(P,) speed of the trunk in m/s, the mean of its measured joints; NaN without any.
+
+    Args:
+        velocities: of all joints.
+        skeleton: names the joints.
+    """
+    trunk = trunk_joints(skeleton)
+    velocity, measured = velocities
+    count = measured[:, trunk].sum(1)
+    mean = velocity[:, trunk].sum(1) / np.maximum(count, 1)[:, None]  # 0 where it was not measured
+    return np.where(count > 0, norm(mean), np.nan)
+
+
+def trunk_joints(skeleton: Skeleton) -> list[int]:
+    """Indices of the joints whose mean is the trunk's motion."""
+    return [i for i, name in enumerate(skeleton.joints) if name in _TRUNK]
+
+
+def speed_class(speed_m_s: Floats) -> NDArray[np.intp]:
+    """(P,) index into ``SPEED_CLASSES``; an unknown speed (NaN) is *slow*."""
+    return (~(speed_m_s < STILL_M_S)).astype(np.intp) + (speed_m_s >= BRISK_M_S)

@@ -1,0 +1,78 @@
+"""Which motions the calibration contains: outside these ranges, radii mean nothing.
+
+No two trackers place joints alike, and no two bodies are alike: lengths of bones say nothing about
+whether a forecast can be trusted, so there is no range of them here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import norm
+from hri_predict.zones.human_speed import Velocities, joint_speeds
+
+SHORT_S = 0.12
+"""A forecast up to this far ahead can hardly be wrong, unless the scene itself jumped."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionRanges:
+    """The ranges in the calibration. J joints of the canonical skeleton.
+
+    Attributes:
+        speed_m_s: (J,) highest speed of each joint; infinite or NaN if unknown: never exceeded.
+        ratio_short: the largest ``short_ratio`` of any window.
+    """
+
+    speed_m_s: Floats
+    ratio_short: float
+
+
+def short_ratio(ratio: Floats, judged: Bools) -> Floats:
+    """(N,) median over the judged joints of error / calibrated radius; NaN without any.
+
+    It is the upper median: of two joints, one that is right does not make both right. Above 1, most
+    joints are outside at once. Use it for forecasts not older than ``SHORT_S``.
+
+    Args:
+        ratio: (N, J).
+        judged: (N, J) observed when the forecast was made and now, with a finite radius.
+    """
+    count = judged.sum(-1)
+    if not len(ratio):
+        return np.zeros(0)
+    ordered = np.sort(np.where(judged, ratio, np.inf), axis=-1)
+    middle = np.minimum(count // 2, ratio.shape[-1] - 1)
+    return np.where(count > 0, ordered[np.arange(len(ratio)), middle], np.nan)
+
+
+def motion_ranges(
+    history: Floats, observed: Bools, rate_hz: float, *, ratio_short: float
+) -> MotionRanges:
+    """The ranges of P windows; see ``MotionRanges``.
+
+    NaN for joints that were never measured.
+
+    Args:
+        history: (P, T, J, 3) metres, as in ``PeopleSnapshot``.
+        observed: (P, T, J).
+        rate_hz: steps per second of the history.
+        ratio_short: see ``MotionRanges``.
+    """
+    speed, measured = joint_speeds(history, observed, rate_hz)
+    fastest = np.where(measured, speed, -np.inf).max(0, initial=-np.inf)
+    return MotionRanges(
+        speed_m_s=np.where(measured.any(0), fastest, np.nan), ratio_short=ratio_short
+    )
+
+
+def is_out_of_range(velocities: Velocities, ranges: MotionRanges, *, speed_margin: float) -> Bools:
+    """(P,) whether a joint is faster than ``speed_margin`` times the fastest in the calibration.
+
+    Args:
+        velocities: of the joints of P people.
+        ranges, speed_margin: see above.
+    """
+    velocity, measured = velocities
+    return np.asarray((measured & (norm(velocity) > speed_margin * ranges.speed_m_s)).any(1))

@@ -1,0 +1,296 @@
+"""Live self-check: past forecasts against what people did; zones that were too small get wider.
+
+**Residual**: the mean error of the forecast made ``RESIDUAL_S`` ago; the largest of the last
+``RESIDUAL_S`` counts. See ``motion_class``.
+
+**Widening**: factors >= 1 on the calibrated radii, by person and band of horizons (``BANDS_S``),
+that grow while radii hold less often than their level; see ``adaptive_widening`` for the update,
+its reaction time and its return.
+
+**Out of distribution**: a person's motion lies outside the calibration, so physical limits apply,
+when
+
+- most joints at once leave a radius of the first ``SHORT_S``, by more than ``short_margin`` times
+  the worst case of the calibration (a camera was moved, or an id changed bodies);
+- a joint is faster than in the calibration (``MotionRanges``);
+- a factor is at its bound and forecasts still miss; or
+- there is no room left to remember this person.
+
+This state ends after ``hold_s`` of captures without such a sign.
+
+**Drift**: see ``drift``.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints, Stamps
+from hri_predict.base.machine.compiled import plain
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.zones.human_speed import Velocities, velocities_in
+from hri_predict.zones.learned_scale import LEADS_S
+from hri_predict.zones.motion_class import RESIDUAL_S
+from hri_predict.zones.motion_ranges import MotionRanges, is_out_of_range
+from hri_predict.zones.self_check.drift import Drift
+from hri_predict.zones.self_check.past_forecasts import Asked, PastForecasts
+from hri_predict.zones.self_check.report import Tally
+from hri_predict.zones.self_check.verdict import Terms, verdict
+from hri_predict.zones.self_check.widening import AdaptiveWidening
+from hri_predict.zones.trust import Trust
+
+__all__ = ["MotionRanges", "SelfCheck", "SelfCheckConstants", "Trust"]
+
+BANDS_S = (0.12, 0.24, 0.4, 0.6, 0.8)
+"""Horizons up to each of these share a factor, and so do those beyond the last. If captures come
+slower than 8 a second, none falls into the first band, which is then never widened."""
+MAX_DT_S = 0.1
+"""A longer gap between captures counts as this: it is still one judgement."""
+_FRESH_S = 1e-6
+_RESIDUALS = 64
+"""Residuals remembered of each person: over 0.4 s, of captures at up to 160 Hz."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SelfCheckConstants:
+    """How past forecasts are judged. The module's docstring says how the figures are used.
+
+    Attributes:
+        growth_per_s: a factor that always misses grows by e^this in a second.
+        recover_s: after so long of good coverage radii are not widened.
+        max_factor: widening ends here; beyond it physical limits apply.
+        short_margin: first steps that are wrong by more than this times the worst calibrated ones
+            are a sign of motion out of distribution.
+        speed_margin: so are joints faster than this times the fastest calibrated ones.
+        hold_s: physical limits stay so long after the last sign.
+        max_people: people whose forecasts are remembered; more are out of distribution.
+    """
+
+    growth_per_s: float = 4.0
+    recover_s: float = 5.0
+    max_factor: float = 4.0
+    short_margin: float = 1.1
+    speed_margin: float = 1.2
+    hold_s: float = 1.0
+    max_people: int = 64
+
+
+class SelfCheck:
+    """Remembers forecasts and judges them; one per run, deterministic.
+
+    Args:
+        constants: see ``SelfCheckConstants``.
+        level: of the calibrated radii, 0 < level < 1.
+        of: what they hold at that level, the whole ``body`` at once or each ``joint``.
+        rate_hz: steps per second of the forecasts and of the snapshots' history.
+        horizon_steps: H of the forecasts.
+        ranges: of the calibration; ``None``: unknown, so no motion is out of range.
+    """
+
+    def __init__(
+        self,
+        constants: SelfCheckConstants,
+        *,
+        level: float,
+        of: Literal["body", "joint"],
+        rate_hz: float,
+        horizon_steps: int,
+        ranges: MotionRanges | None,
+    ) -> None:
+        self._constants = constants
+        self._rate_hz = rate_hz
+        self._ranges = ranges
+        self._horizon_ns = round(horizon_steps / rate_hz * 1e9)
+        self._hold_ns = round(constants.hold_s * 1e9)
+        ends = np.arange(1, horizon_steps + 1) / rate_hz
+        self._band: Ints = np.searchsorted(np.array(BANDS_S), ends - 1e-9).astype(np.intp)
+        bands, people = int(self._band[-1]) + 1, constants.max_people
+        self._terms = Terms(self._band, bands, of == "body")
+        self._past = PastForecasts(people, len(JOINTS), rate_hz, horizon_steps)
+        self._ids: list[int | None] = [None] * people
+        self._present_ns: Stamps = np.full(people, NEVER)  # newest tick with this person
+        self._capture_ns: Stamps = np.full(people, NEVER)  # newest capture judged
+        self._sign_ns: Stamps = np.full(people, NEVER)  # newest capture with a sign of it
+        self._residual: Floats = np.zeros((people, _RESIDUALS))
+        self._residual_ns: Stamps = np.full((people, _RESIDUALS), NEVER)
+        self._residuals: Ints = np.zeros(people, np.intp)
+        self._error: Floats = np.full((people, len(LEADS_S), len(JOINTS)), np.nan)  # newest capture
+        band_ends = (*BANDS_S[: bands - 1], float(ends[-1]))
+        self._widening = AdaptiveWidening(
+            people=people,
+            ends_s=np.array(band_ends),
+            level=level,
+            growth_per_s=constants.growth_per_s,
+            recover_s=constants.recover_s,
+            max_factor=constants.max_factor,
+        )
+        self._tally = Tally(people, band_ends)
+        self.drift = Drift(level)
+
+    # -- each tick --------------------------------------------------------------------------------
+
+    def check(self, snapshot: PeopleSnapshot, velocities: Velocities | None = None) -> Trust:
+        """Judge remembered forecasts by the newest captures. Call it before building zones.
+
+        Args:
+            snapshot: people at this tick.
+            velocities: of their joints; ``None``: they are measured here.
+        """
+        slots = self._slots(snapshot)
+        known = np.flatnonzero(slots >= 0)
+        new = known[self._capture_ns[slots[known]] != snapshot.capture_ns[known]]
+        if len(new):
+            if velocities is None:
+                velocities = velocities_in(snapshot, self._rate_hz)
+            self._judge(snapshot, new, slots[new], velocities)
+        trust = self._trust(snapshot, slots)
+        self._tally.tick(trust)
+        return trust
+
+    def note(self, snapshot: PeopleSnapshot, forecast: Forecast, radius: Floats) -> None:
+        """Remember this tick's forecasts.
+
+        Args:
+            snapshot: people at this tick; ``check`` has seen it.
+            forecast: of these people.
+            radius: (P, H, J) metres, calibrated, *before* widening. An infinite radius claims
+                nothing and is not judged. People who are out of distribution need finite ones as
+                well: only who is judged can come back.
+        """
+        slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
+        slots = np.array([slot_of.get(number, -1) for number in snapshot.ids], np.intp)
+        fresh = (snapshot.joint_age_s < _FRESH_S) & snapshot.delivered  # only the truth judges
+        factor = self._widening.factor(slots)[:, self._band]
+        # radii of those who are out of distribution are not used
+        factor[self._is_out_of_distribution(slots, self._capture_ns[slots])] = np.nan
+        for person, slot in enumerate(slots.tolist()):
+            if slot >= 0:
+                self._past.remember(
+                    slot,
+                    int(snapshot.capture_ns[person]),
+                    last=snapshot.last_positions[person],
+                    seen=fresh[person],
+                    forecast=forecast.positions[person],
+                    radius=radius[person],
+                    widened=factor[person],
+                )
+
+    def report(self) -> dict[str, Any]:
+        """For the run's summary: how often past forecasts held, and what was done about it."""
+        return {**self._tally.report(self._ids), "drift": self.drift.report()}
+
+    # -- people come and go -----------------------------------------------------------------------
+
+    def _slots(self, snapshot: PeopleSnapshot) -> Ints:
+        """(P,) the slot of each person, -1 where none is free."""
+        here = set(snapshot.ids)
+        for slot, number in enumerate(self._ids):
+            if number is None or number in here:
+                continue
+            if snapshot.now_ns - int(self._present_ns[slot]) > self._horizon_ns:
+                self._release(slot)
+        slots = np.full(len(snapshot.ids), -1, np.intp)
+        for person, number in enumerate(snapshot.ids):
+            slots[person] = slot = self._slot(number, here)
+            if slot >= 0:
+                self._present_ns[slot] = snapshot.now_ns
+        return slots
+
+    def _slot(self, number: int, here: set[int]) -> int:
+        if number in self._ids:
+            return self._ids.index(number)
+        if None in self._ids:
+            slot = self._ids.index(None)
+        else:  # the person who has been away longest gives way
+            gone = [s for s, other in enumerate(self._ids) if other not in here]
+            if not gone:
+                return -1
+            slot = min(gone, key=lambda s: int(self._present_ns[s]))
+            self._release(slot)
+        self._ids[slot] = number
+        return slot
+
+    def _release(self, slot: int) -> None:
+        number = self._ids[slot]
+        if number is not None:
+            self._tally.close(slot, number)
+        self._ids[slot] = None
+        self._past.forget(slot)
+        self._capture_ns[slot] = self._sign_ns[slot] = NEVER
+        self._widening.forget(slot)
+        self._residual_ns[slot] = NEVER
+        self._error[slot] = np.nan
+
+    # -- judging ----------------------------------------------------------------------------------
+
+    def _judge(
+        self, snapshot: PeopleSnapshot, new: Ints, slots: Ints, velocities: Velocities
+    ) -> None:
+        """Judge people ``new`` of the snapshot, who have a new capture."""
+        capture = snapshot.capture_ns[new]
+        before = self._capture_ns[slots]
+        elapsed = np.where(before == NEVER, 0, capture - np.maximum(before, 0)) * 1e-9
+        self._capture_ns[slots] = capture
+        fresh = (snapshot.joint_age_s[new] < _FRESH_S) & snapshot.delivered
+        sums, residual, error, wrong = verdict(
+            self._past.ring,
+            Asked(slots, capture, plain(snapshot.last_positions[new]), fresh),
+            self._terms,
+            self._widening.own(slots),
+        )
+        self._note_residual(residual, slots, capture)
+        self._error[slots] = error
+        dt = np.minimum(np.maximum(elapsed, 0.0), MAX_DT_S)
+        sign = self._adapt(sums, slots, dt, snapshot.now_ns)
+        if self._ranges is not None:
+            worst = max(1.0, self._ranges.ratio_short)
+            sign |= wrong > self._constants.short_margin * worst
+            velocity, measured = velocities
+            sign |= is_out_of_range(
+                (velocity[new], measured[new]),
+                self._ranges,
+                speed_margin=self._constants.speed_margin,
+            )
+        self._sign_ns[slots[sign]] = capture[sign]
+
+    def _note_residual(self, value: Floats, slots: Ints, capture: Stamps) -> None:
+        known = ~np.isnan(value)
+        slot, at = slots[known], self._residuals[slots[known]]
+        self._residual[slot, at] = value[known]
+        self._residual_ns[slot, at] = capture[known]
+        self._residuals[slot] = (at + 1) % _RESIDUALS
+
+    def _adapt(self, sums: Floats, slots: Ints, dt: Floats, now_ns: int) -> Bools:
+        """Move the factors. Return (Q,) whether one is at its bound and forecasts still miss."""
+        count, in_use, bare, now, then, error = sums
+        self._tally.add(slots, np.stack([count, in_use, bare, then, error], axis=1))
+        self.drift.add(now_ns, float(bare.sum()), float(count.sum()))
+        share_of = np.maximum(count, 1.0)
+        return self._widening.update(
+            slots, dt, judged=count > 0, bare=bare / share_of, now=now / share_of
+        )
+
+    def _trust(self, snapshot: PeopleSnapshot, slots: Ints) -> Trust:
+        kept = slots >= 0
+        capture = snapshot.capture_ns
+        since = capture[:, None] - round(RESIDUAL_S * 1e9)
+        stamps = self._residual_ns[slots]
+        recent = (stamps >= since) & (stamps <= capture[:, None]) & kept[:, None]
+        worst = np.where(recent, self._residual[slots], -np.inf).max(1)
+        out_of_distribution = self._is_out_of_distribution(slots, capture) | ~kept
+        widen = np.where(kept[:, None], self._widening.factor(slots)[:, self._band], 1.0)
+        return Trust(
+            residual_m=np.where(worst >= 0, worst, np.nan),
+            error_m=np.where(kept[:, None, None], self._error[slots], np.nan),
+            widen=widen,
+            out_of_distribution=out_of_distribution,
+        )
+
+    def _is_out_of_distribution(self, slots: Ints, capture: Stamps) -> Bools:
+        """(Q,) whether a person showed a sign within the hold time before ``capture`` (Q,)."""
+        sign = self._sign_ns[slots]
+        return (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)

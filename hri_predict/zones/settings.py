@@ -1,0 +1,188 @@
+"""Settings of zones: how far bodies get, and how often zones hold them."""
+
+from typing import ClassVar, Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from hri_predict.base.quantities.safe_side import LessSafe, Safety
+from hri_predict.base.settings import MIN_HUMAN_M_S, Settings
+
+MIN_HUMAN_M_S2 = 3.0
+"""No joint is assumed to accelerate less: half of what sprinters' trunks do (``HumanLimits``)."""
+MAX_ASSUMED_M_S = 5.0
+"""No person is assumed to be faster: with more, runners would not count as fast."""
+MIN_REACH_SHARE = 0.5
+"""Of the default reach, at least: less is less than people at work do."""
+
+LEVELS = (0.9, 0.95, 0.99)
+"""Coverage levels of calibrated zones."""
+
+
+class Reach(Settings):
+    """How far a joint of one part of the body can get: it is within both of two spheres.
+
+    The first has the radius ``speed_m_s`` t about where the joint was. The second has the radius
+    (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where its present velocity would take it.
+    Every zone is cut to them, so they must not be smaller than what people at work do.
+    """
+
+    speed_m_s: float = Field(ge=2, le=50, description="no joint of this part is faster")
+    burst_m_s: float = Field(
+        ge=1, le=50, description="change of velocity within hundredths of a second"
+    )
+    sustained_m_s2: float = Field(8.3, ge=2, le=100, description="acceleration of the whole body")
+
+    safety: ClassVar[Safety] = {
+        "speed_m_s": LessSafe(
+            below="no zone holds a joint that is faster than {value:g} m/s: {more:.2g} m less in "
+            "each second"
+        ),
+        "burst_m_s": LessSafe(
+            below="a joint that jerks is expected {more:.2g} m less far in each second"
+        ),
+        "sustained_m_s2": LessSafe(
+            below="a body that speeds up for a second is expected {more:.2g} m/s slower"
+        ),
+    }
+
+
+REACH: dict[Literal["trunk", "arm", "leg"], Reach] = {
+    "trunk": Reach(speed_m_s=10.0, burst_m_s=2.0),
+    "arm": Reach(speed_m_s=15.0, burst_m_s=4.5),
+    "leg": Reach(speed_m_s=20.0, burst_m_s=9.0),
+}
+"""See ``HumanLimits``."""
+
+
+class HumanLimits(Settings):
+    """How fast people move: what the standard assumes, and what bodies can do.
+
+    The standard's figures apply without a calibrated forecast: ISO 13855:2010 gives K = 2.0 m/s for
+    an upper limb and 1.6 m/s for a walking body (as quoted in the ifm OY and Schmersal SLC
+    manuals). Accelerations: the body file of SaRA gives 20-25 m/s2 for trunk and head, 30 for legs,
+    50 for arms and hands, and 2 m/s for every joint (JakobThumm/sara-shield,
+    ``safety_shield/config/human_reach_TUM_lab.yaml``).
+
+    No zone needs to exceed ``reach``. SaRA's figures are too small for it: people run, jump and
+    kick. The sprinters of di Prampero et al. (J. Exp. Biol. 208 (2005) 2809) reached 9.46 m/s (SD
+    0.19) and accelerated by 6.42 m/s2 (SD 0.61). Mean + 3 SD give the trunk's speed and every
+    part's sustained acceleration. Bursts and the limbs' speeds are chosen to hold at least 99.9 %
+    of all joints in the recordings of the splits fit, validation and calibration (version 1, CMU
+    alone), up to 1 s ahead (a test checks this on the test recordings).
+    """
+
+    arm_speed_m_s: float = Field(
+        2.0, ge=MIN_HUMAN_M_S, le=MAX_ASSUMED_M_S, description="shoulder to finger tips"
+    )
+    body_speed_m_s: float = Field(
+        1.6, ge=MIN_HUMAN_M_S, le=MAX_ASSUMED_M_S, description="everything else"
+    )
+    physical_speed_m_s: float = Field(
+        2.0,
+        ge=MIN_HUMAN_M_S,
+        le=20,
+        description="every joint without a forecast; its present speed if higher",
+    )
+    arm_acceleration_m_s2: float = Field(
+        50.0, ge=MIN_HUMAN_M_S2, le=1000, description="of arms and hands, at most"
+    )
+    body_acceleration_m_s2: float = Field(
+        30.0, ge=MIN_HUMAN_M_S2, le=1000, description="of everything else, at most"
+    )
+    velocity_error_m_s: float = Field(
+        1.6,
+        ge=0,
+        le=20,
+        description="error of an uncalibrated forecast's velocity at capture; the default, a whole"
+        " walking speed, holds for any predictor",
+    )
+    std_factor: float = Field(
+        0.0, ge=0, le=10, description="zones hold at least so many of the forecast's std; 0: off"
+    )
+    extend_beyond_horizon: bool = Field(
+        False, description="past the last horizon zones grow at the physical speed"
+    )
+    reach: dict[Literal["trunk", "arm", "leg"], Reach] = Field(
+        REACH,
+        description="how far each part of the body can get: trunk, arm, leg",
+    )
+
+    safety: ClassVar[Safety] = {
+        "arm_speed_m_s": LessSafe(
+            below="an arm that comes is expected {more:.2g} m less far in each second",
+            above="an arm of up to {value:g} m/s does not count as fast",
+        ),
+        "body_speed_m_s": LessSafe(
+            below="a person who comes is expected {more:.2g} m less far in each second",
+            above="a person who comes at up to {value:g} m/s does not count as fast",
+        ),
+        "physical_speed_m_s": LessSafe(
+            below="what has no forecast, and the lost, are expected {more:.2g} m less far in each "
+            "second"
+        ),
+        "arm_acceleration_m_s2": LessSafe(
+            below="an arm that sets out is expected {more:.2g} m/s slower after a second"
+        ),
+        "body_acceleration_m_s2": LessSafe(
+            below="a person who sets out is expected {more:.2g} m/s slower after a second"
+        ),
+        "velocity_error_m_s": LessSafe(
+            below="zones without a calibration are {more:.2g} m narrower for each second ahead"
+        ),
+        "std_factor": LessSafe(below="zones hold fewer of the forecast's std"),
+        "extend_beyond_horizon": LessSafe(
+            other="past the horizon zones rest on physical_speed_m_s alone, and the robot need not "
+            "stop within the horizon"
+        ),
+    }
+
+    @field_validator("reach")
+    @classmethod
+    def _every_part(cls, value: dict[str, Reach]) -> dict[str, Reach]:
+        for part in ("trunk", "arm", "leg"):
+            if part not in value:
+                raise ValueError(f"reach needs trunk, arm and leg; {part} is missing")
+            for key in Reach.model_fields:
+                given, usual = getattr(value[part], key), getattr(REACH[part], key)
+                if given < MIN_REACH_SHARE * usual:
+                    raise ValueError(
+                        f"{part}.{key} {given:g} is less than people at work do; give at least "
+                        f"{MIN_REACH_SHARE * usual:g}, the default is {usual:g}"
+                    )
+        return value
+
+
+class CoverageSettings(Settings):
+    """How often zones hold the body (``risk.coverage``); see ``calibration``.
+
+    ``of: joint`` requires each joint to be inside (the joint nearest to the robot is one joint);
+    ``body`` requires all joints at once, which takes larger zones. ``guaranteed`` radii exist only
+    if enough independent recordings support the level; ``estimated`` radii rest on all windows
+    together.
+    """
+
+    level: float = Field(0.99, description="0.9, 0.95 or 0.99")
+    of: Literal["body", "joint"] = Field(
+        "joint", description="what must be inside so often: each joint, or the whole body at once"
+    )
+    basis: Literal["estimated", "guaranteed"] = Field(
+        "estimated",
+        description="estimated: all windows count; guaranteed: separate recordings must support it",
+    )
+    calibration: str | None = Field(
+        None, description="file from hri-predict calibrate; default: the shipped one"
+    )
+    self_check: bool = Field(
+        True, description="compare past forecasts with the truth; widen zones that were too small"
+    )
+
+    safety: ClassVar[Safety] = {
+        "level": LessSafe(below="zones fail to hold a body more often: 1 - {value:g} of the time"),
+        "self_check": LessSafe(other="zones that turn out too small are not noticed or widened"),
+    }
+
+    @model_validator(mode="after")
+    def _known_level(self) -> Self:
+        if self.level not in LEVELS:
+            raise ValueError(f"level must be one of {', '.join(map(str, LEVELS))}")
+        return self

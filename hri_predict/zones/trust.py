@@ -1,0 +1,52 @@
+"""What the self-check says of this tick's forecasts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.protocol.reasons import Reason
+
+BY_CHANCE = 1.1
+"""Factors up to this are no news: radii that hold as often as they say miss now and then. They
+widen, but neither is it said nor does the standard lose its say."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trust:
+    """How far this tick's forecasts can be trusted. P people of the snapshot, H steps.
+
+    Attributes:
+        residual_m: (P,) metres; NaN if no forecast is old enough to be judged.
+        error_m: (P, 2, J) metres, see ``learned_scale.Evidence``; NaN if unknown.
+        widen: (P, H) factors >= 1 for the calibrated radii.
+        out_of_distribution: (P,) whose motion lies outside the calibration: use physical limits.
+    """
+
+    residual_m: Floats
+    error_m: Floats
+    widen: Floats
+    out_of_distribution: Bools
+
+    @property
+    def widened(self) -> Bools:
+        """(P,) whose radii are widened by more than chance would; NaN counts as that."""
+        return ~np.asarray((self.widen <= BY_CHANCE).all(1))
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """``MOTION_UNLIKE`` and ``ZONES_WIDENED`` as they apply, worst first."""
+        found: Sequence[tuple[bool, Reason]] = (
+            (bool(self.out_of_distribution.any()), Reason.MOTION_UNLIKE),
+            (bool((self.widened & ~self.out_of_distribution).any()), Reason.ZONES_WIDENED),
+        )
+        return tuple(reason for holds, reason in found if holds)
+
+    def residual_alone(self) -> "Trust":
+        """The past errors alone, which the scale reads: no widening, no physical limits."""
+        return replace(
+            self,
+            widen=np.ones_like(self.widen),
+            out_of_distribution=np.zeros_like(self.out_of_distribution),
+        )

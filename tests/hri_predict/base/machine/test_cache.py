@@ -1,0 +1,93 @@
+"""The cache: what was made is found again, what is damaged is made anew, nothing depends on it."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from hri_predict.base.machine.cache import cache_folder, cached, forget
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("HRI_PREDICT_CACHE", str(tmp_path / "kept"))
+    return tmp_path / "kept"
+
+
+class Made:
+    def __init__(self):
+        self.times = 0
+
+    def __call__(self):
+        self.times += 1
+        return b"content"
+
+
+def test_what_was_made_is_found_again(folder):
+    make = Made()
+    assert [cached("a", make) for _ in range(3)] == [b"content"] * 3
+    assert make.times == 1
+    forget("a")
+    assert cached("a", make) == b"content"
+    assert make.times == 2
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda b: b[:-1], lambda b: b"", lambda b: b[:33] + b"X" + b[34:]]
+)
+def test_what_is_damaged_is_made_anew_and_told(folder, caplog, damage):
+    make = Made()
+    cached("a", make)
+    (folder / "a").write_bytes(damage((folder / "a").read_bytes()))
+    assert cached("a", make) == b"content"
+    assert "damaged" in caplog.text
+    assert cached("a", make) == b"content"
+    assert make.times == 2
+
+
+@pytest.mark.parametrize(
+    "put",
+    [
+        os.mkfifo,
+        lambda path: path.mkdir(),
+        lambda path: os.truncate(os.open(path, os.O_CREAT | os.O_RDWR), 2**35),
+    ],
+    ids=["a pipe", "a folder", "a file of 32 GiB"],
+)
+def test_what_is_no_file_of_ours_is_never_read(folder, put):
+    folder.mkdir()
+    put(folder / "a")
+    assert cached("a", Made()) == b"content"
+
+
+@pytest.mark.parametrize("put", [os.mkfifo, lambda path: path.symlink_to("/etc/hostname")])
+def test_nothing_is_written_through_a_pipe_or_link(folder, put):
+    folder.mkdir()
+    put(folder / "a.partial")
+    before = Path("/etc/hostname").read_bytes()
+    assert cached("a", Made()) == b"content"
+    assert Path("/etc/hostname").read_bytes() == before
+
+
+@pytest.mark.parametrize("named", ["", "/proc/no/such/folder", "/dev/null/x"])
+def test_without_a_folder_that_can_be_written_nothing_is_kept(monkeypatch, named):
+    monkeypatch.setenv("HRI_PREDICT_CACHE", named)
+    make = Made()
+    assert cached("a", make) == cached("a", make) == b"content"
+    assert make.times == 2
+    forget("a")
+
+
+def test_the_folder_is_the_own_one_or_the_service_s_or_the_user_s(monkeypatch, tmp_path):
+    for name in ("HRI_PREDICT_CACHE", "CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", "/home/somebody")
+    assert str(cache_folder()) == "/home/somebody/.cache/hri-predict"
+    monkeypatch.setenv("XDG_CACHE_HOME", "/xdg")
+    assert str(cache_folder()) == "/xdg/hri-predict"
+    monkeypatch.setenv("CACHE_DIRECTORY", "/var/cache/cell:/var/cache/other")
+    assert str(cache_folder()) == "/var/cache/cell"
+    monkeypatch.setenv("HRI_PREDICT_CACHE", "/own")
+    assert str(cache_folder()) == "/own"
+    monkeypatch.setenv("HRI_PREDICT_CACHE", "~/own")
+    assert str(cache_folder()) == "/home/somebody/own"

@@ -1,0 +1,111 @@
+"""The registry: parts found by name, third parties' among them."""
+
+import importlib
+import sys
+
+import pytest
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import Settings
+from hri_predict.contracts import registry
+
+
+def test_shipped_parts_are_there_and_carry_their_settings():
+    assert {"procedural", "recording"} <= set(registry.names("sources"))
+    assert {"zero_velocity", "constant_velocity", "kalman"} <= set(registry.names("predictors"))
+    assert {"serial", "can"} <= set(registry.names("links"))
+    kinds: tuple[registry.PartKind, ...] = ("sources", "predictors", "links")
+    for kind in kinds:
+        assert registry.names(kind) == sorted(registry.names(kind))
+        for name in registry.names(kind):
+            assert issubclass(registry.load(kind, name).settings_model, Settings)
+
+
+def test_an_unknown_name_is_told_the_nearest_and_all_there_are():
+    with pytest.raises(ConfigError) as caught:
+        registry.load("predictors", "kalmann")
+    message = str(caught.value)
+    assert "unknown predictor 'kalmann'" in message
+    assert "did you mean 'kalman'?" in message
+    assert "constant_velocity" in message
+    assert "zero_velocity" in message
+    assert "\n" not in message
+
+
+@pytest.fixture
+def third_party(tmp_path, monkeypatch):
+    """Another package, with an entry point for a predictor, on the path."""
+    (tmp_path / "other_people_s.py").write_text(
+        "import no_such_library_anywhere\n", encoding="utf-8"
+    )
+    (tmp_path / "good_people_s.py").write_text(
+        "from hri_predict.contracts.predictor import PredictorSettings\n"
+        "class Wonder:\n    settings_model = PredictorSettings\n"
+        "class Bare:\n    pass\n"
+        "NUMBER = 3\n",
+        encoding="utf-8",
+    )
+    (tmp_path / "quitting_people_s.py").write_text("raise SystemExit(0)\n", encoding="utf-8")
+    info = tmp_path / "other_people_s-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: other-people-s\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[hri_predict.predictors]\nbroken = other_people_s:Wonder\nwonder = good_people_s:Wonder\n"
+        "bare = good_people_s:Bare\nnumber = good_people_s:NUMBER\nmodule = good_people_s\n"
+        "quitting = quitting_people_s:Wonder\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    importlib.invalidate_caches()
+    yield
+    for name in ("other_people_s", "good_people_s"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.usefixtures("third_party")
+def test_third_parties_join_by_entry_point():
+    assert "wonder" in registry.names("predictors")
+    assert repr(registry.load("predictors", "wonder")) == "<class 'good_people_s.Wonder'>"
+
+
+@pytest.mark.usefixtures("third_party")
+def test_a_missing_library_is_named_and_harms_nobody_else():
+    assert "broken" in registry.names("predictors")  # naming it imports nothing
+    assert registry.load("predictors", "kalman") is not None
+    with pytest.raises(ConfigError, match=r"no_such_library_anywhere.*install"):
+        registry.load("predictors", "broken")
+
+
+@pytest.mark.parametrize(
+    ("name", "library", "extra"),
+    [("websocket", "websockets.exceptions", "websocket"), ("zenoh", "zenoh", "fleet")],
+)
+def test_a_library_of_an_extra_is_told_with_its_extra(monkeypatch, name, library, extra):
+    ours = ("hri_drivers.sources", "hri_drivers.wires")
+    for loaded in [module for module in sys.modules if module.startswith(ours)]:
+        monkeypatch.delitem(sys.modules, loaded)
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(ConfigError) as caught:
+        registry.load("sources", name)
+    assert library in str(caught.value)
+    assert str(caught.value).endswith(f"; pip install 'hri-predict[{extra}]'")
+
+
+@pytest.mark.usefixtures("third_party")
+@pytest.mark.parametrize("name", ["bare", "number", "module"])
+def test_what_is_no_part_is_refused_in_one_line(name):
+    with pytest.raises(ConfigError, match=rf"'{name}' is not a class .* PredictorSettings; mend"):
+        registry.load("predictors", name)
+
+
+@pytest.mark.usefixtures("third_party")
+def test_a_module_that_exits_does_not_end_the_program():
+    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: 0; mend"):
+        registry.load("predictors", "quitting")
+
+
+@pytest.mark.parametrize("error", [RuntimeError("one\ntwo"), KeyError("x"), SystemExit(0)])
+def test_a_part_that_cannot_be_built_is_told_in_one_line(error):
+    with pytest.raises(ConfigError) as caught, registry.building("link 'x'"):
+        raise error
+    assert "link 'x' cannot be built: " + type(error).__name__ in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,219 @@
+"""The papers' judgement: no future reaches a forecaster; networks see their own units."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from hri_predict.base.errors import PredictorError, RecordingError
+from hri_predict.base.skeleton import make_skeleton
+from hri_predict.lab.evaluation.benchmark import (
+    ActionTests,
+    Protocol,
+    constant_velocity,
+    judge,
+    mean_over,
+    network_forecaster,
+    open_tests,
+    score,
+    zero_velocity,
+)
+from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
+from hri_predict.predictors.neural.network import Network, Shape, last_pose
+
+SHARED = Path(__file__).resolve().parents[5] / "shared" / "data"
+FRAMES = 200  # of the made recordings; every second is used
+
+
+class Mean(Network):
+    """Everything goes to the mean of the window: depends on all that it is shown."""
+
+    def forward(self, window):
+        self.window = window
+        mean = window.positions.mean(1, keepdim=True)
+        return mean.expand(-1, self.shape.horizon_steps, -1, -1)
+
+
+class Forward(Network):
+    """Everything moves forward by 0.1 m a frame."""
+
+    def forward(self, window):
+        ahead = torch.arange(1.0, self.shape.horizon_steps + 1)
+        moved = torch.zeros(self.shape.horizon_steps, 1, 3)
+        moved[:, 0, 0] = 0.1 * ahead
+        return last_pose(window) + moved
+
+
+def pack(folder, expmap):
+    (folder / "test").mkdir(parents=True)
+    np.savez(folder / "test" / "walking_1.npz", expmap=expmap.astype(np.float32))
+    return folder
+
+
+@pytest.fixture
+def expmap(rng):
+    return rng.normal(size=(FRAMES, 117))
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(3)
+
+
+@pytest.mark.parametrize(
+    ("windows", "n_out", "error"),
+    [("all", 25, "mpjpe"), ("all", 10, "mpjpe"), ("8-seeds", 25, "mpjpe"), ("all", 25, "euler")],
+)
+def test_no_forecast_depends_on_frames_after_its_window(
+    tmp_path, rng, expmap, windows, n_out, error
+):
+    """Perturb the recording after one window's end: all windows up to it forecast the same."""
+    protocol = Protocol("cmu", windows, n_out, error)
+    shape = Shape(
+        skeleton=protocol.skeleton,
+        history_steps=protocol.n_in,
+        horizon_steps=25,
+        rate_hz=25.0,
+        framed=True,
+    )
+    forecasters = [zero_velocity(n_out), network_forecaster(protocol, Mean(shape), "mean")]
+    if error == "mpjpe":
+        forecasters.append(constant_velocity(n_out))
+    (before,) = open_tests(protocol, pack(tmp_path / "a", expmap))
+    starts = {
+        "all": np.arange(len(before.history)),
+        "8-seeds": np.random.RandomState(1234567890).randint(0, FRAMES // 2 - 75, 8) + 40,
+    }[windows]
+    end = int(np.sort(starts)[len(starts) // 2]) + protocol.n_in  # of some window, exclusive
+    changed = expmap.copy()
+    changed[2 * (end - 1) + 1 :] = rng.normal(size=(FRAMES - 2 * end + 1, 117))
+    (after,) = open_tests(protocol, pack(tmp_path / "b", changed))
+    earlier = starts + protocol.n_in <= end
+    assert earlier.any()
+    assert not earlier.all()
+    for forecaster in forecasters:
+        same = (forecaster(before.history) == forecaster(after.history)).all((1, 2, 3))
+        assert same[earlier].all()
+        assert not same[~earlier].any()
+    last = starts + protocol.n_in == end
+    assert (before.future != after.future).any((2, 3))[last].all()
+
+
+def test_a_forecaster_is_given_a_copy_without_the_future():
+    given = []
+    tests = ActionTests("walking", np.ones((2, 10, 25, 3)), np.ones((2, 25, 25, 3)))
+
+    def spoils(history):
+        given.append(history.shape)
+        history[:] = np.nan
+        return np.zeros((2, 25, 25, 3))
+
+    made = score(Protocol("cmu", "all", 25), spoils, tests)
+    assert given == [(2, 10, 25, 3)]
+    assert np.isfinite(tests.history).all()
+    assert made.joints == pytest.approx(np.full((25, 25), np.sqrt(3)))
+    assert made.errors == pytest.approx(np.full(25, np.sqrt(3) * 32 / 38))
+
+
+def test_networks_work_in_metres_with_x_forward():
+    protocol = Protocol("cmu", "all", 10)
+    network = Forward(
+        Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
+    )
+    history = np.random.default_rng(0).normal(scale=500.0, size=(3, 10, 25, 3))
+    predicted = network_forecaster(protocol, network, "x")(history)
+    assert predicted.shape == (3, 10, 25, 3)  # of a network of 25 frames
+    moved = predicted - history[:, -1:]
+    for frame in (0, 9):  # z is forward in the benchmark
+        expected = np.broadcast_to([0.0, 0.0, 100.0 * (frame + 1)], (3, 25, 3))
+        np.testing.assert_allclose(moved[:, frame], expected, atol=0.01)
+
+
+def test_a_longer_history_is_unobserved_where_the_window_has_none():
+    network = Mean(
+        Shape(skeleton=CMU25, history_steps=25, horizon_steps=25, rate_hz=25.0, framed=True)
+    )
+    history = np.random.default_rng(0).normal(size=(2, 10, 25, 3))
+    network_forecaster(Protocol("cmu", "all", 25), network, "x")(history)
+    assert not network.window.observed[:, :15].any()
+    assert network.window.observed[:, 15:].all()
+    short = Mean(
+        Shape(skeleton=CMU25, history_steps=4, horizon_steps=25, rate_hz=25.0, framed=True)
+    )
+    network_forecaster(Protocol("cmu", "all", 25), short, "x")(history)
+    newest = history[:, -4:][..., [2, 0, 1]] / 1000
+    np.testing.assert_allclose(short.window.positions.numpy(), newest, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "told"),
+    [
+        (
+            Shape(skeleton=CMU25, history_steps=10, horizon_steps=10, rate_hz=25.0, framed=True),
+            "fewer than --n-out 25",
+        ),
+        (
+            Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0),
+            "in its own frame",
+        ),
+        (
+            Shape(skeleton=CMU38, history_steps=50, horizon_steps=25, rate_hz=25.0, framed=True),
+            "needs cmu25",
+        ),
+        (
+            Shape(
+                skeleton=make_skeleton("s", ["a"], [-1]),
+                history_steps=10,
+                horizon_steps=25,
+                rate_hz=25.0,
+                framed=True,
+            ),
+            "needs cmu25",
+        ),
+    ],
+)
+def test_networks_that_cannot_be_judged_are_refused(shape, told):
+    with pytest.raises(PredictorError, match=told):
+        network_forecaster(Protocol("cmu", "all", 25), Mean(shape), "--predictor x")
+
+
+def test_forecasts_that_are_not_finite_are_refused():
+    tests = ActionTests("walking", np.ones((1, 10, 25, 3)), np.ones((1, 25, 25, 3)))
+    with pytest.raises(PredictorError, match="not finite"):
+        score(Protocol("cmu", "all", 25), lambda _: np.full((1, 25, 25, 3), np.nan), tests)
+
+
+def test_a_forecast_that_is_not_finite_names_its_predictor(tmp_path, expmap):
+    nan = {"lost": lambda h: np.full((len(h), 25, 25, 3), np.nan)}
+    with pytest.raises(PredictorError, match=r"predictor lost: forecast of walking"):
+        judge(Protocol("cmu", "all", 25), pack(tmp_path, expmap), nan)
+
+
+@pytest.mark.parametrize("windows", ["all", "8-seeds"])
+def test_a_recording_that_is_too_short_is_named(tmp_path, expmap, windows):
+    root = pack(tmp_path, expmap[:60])
+    with pytest.raises(RecordingError, match=r"recording .*walking_1\.npz: .*30 frames"):
+        list(open_tests(Protocol("cmu", windows, 25), root))
+
+
+def test_the_mean_needs_all_five_actions(tmp_path, expmap):
+    protocol = Protocol("cmu", "all", 25)
+    scores = judge(protocol, pack(tmp_path, expmap), {"zero": zero_velocity(25)})
+    assert list(scores["zero"]) == ["walking"]
+    assert np.isnan(mean_over(protocol, scores["zero"])).all()
+
+
+@pytest.mark.skipif(not SHARED.exists(), reason="needs ../shared/data")
+def test_euler_error_of_zero_velocity_is_the_printed_one():
+    protocol = Protocol("cmu", "80-seeds", 25, "euler")
+    assert protocol.readings == ((1, 3, 7, 9, 13, 24), (0, 2, 6, 8, 12, 23))
+    scores = judge(protocol, SHARED, {"zero": zero_velocity(25)})["zero"]
+    text = (SHARED / "README.md").read_text(encoding="utf-8")
+    lines = text[text.index("Euler error (radians) of zero velocity") :].splitlines()
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in lines if line[:1] == "|"]
+    table = {row[0]: row[7:] for row in rows[2:8]}
+    assert set(table) == set(scores)
+    for action, cells in table.items():
+        shown = [f"{scores[action].errors[f]:.2f}" for f in protocol.readings[0]]
+        assert shown == cells, action

@@ -1,0 +1,141 @@
+"""The ablation leaves out one augmentation at a time, trains for real, and does nothing twice."""
+
+import signal
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from hri_predict import cli
+from hri_predict.base.errors import ConfigError
+from hri_predict.lab.training import ablation
+from hri_predict.lab.training.config import load_training_config
+from hri_predict.lab.training.windows.augment import AugmentSettings
+from hri_predict.lab.training.windows.motion import MotionSamples
+
+
+@pytest.fixture
+def config(tmp_path) -> Path:
+    """A tiny TrajectoryCNN on two walks of points."""
+    rng = np.random.default_rng(3)
+    for name in ("fit_1", "check_1"):
+        drift = np.arange(400)[:, None, None] * np.array([0.001, 0.0, 0.01])
+        np.savez(
+            tmp_path / f"{name}.npz",
+            positions_world=(rng.normal(size=(1, 38, 3)) + drift).astype(np.float32),
+            fps=np.float32(120), world_ok=np.ones(400, bool), rest_pose_frames=np.int32(0),
+            floor_height=np.float32(0),
+        )  # fmt: skip
+    data = {"fit": ["fit_1.npz"], "validation": ["check_1.npz"]}
+    train = {"windows_per_epoch": 8, "batch": 8}
+    shape = {"history_steps": 15, "horizon_steps": 25, "rate_hz": 25.0}
+    whole = {
+        "predictor": "trajectorycnn", "judgement": "real", "shape": shape, "data": data,
+        "train": train, "out": "elsewhere",
+    }  # fmt: skip
+    path = tmp_path / "tiny.yaml"
+    path.write_text(yaml.safe_dump(whole))
+    return path
+
+
+@pytest.fixture
+def ablate(config, tmp_path, monkeypatch):
+    """Run ``hri-predict ablate`` with some changes; gives its exit status."""
+
+    def call(*changes, out=tmp_path / "runs"):
+        given = ["ablate", config, "--data", tmp_path, "--out", out]
+        given += [word for change in changes for word in ("--set", change)]
+        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, given)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return ended.value.code
+
+    return call
+
+
+def test_each_run_leaves_out_its_own_augmentation_alone(config):
+    runs = ablation.runs(load_training_config(config))
+    whole = AugmentSettings().model_dump()
+    assert runs["all"].data["augment"] == whole
+    left_out = [
+        {key for key, value in run.data["augment"].items() if value != whole[key]}
+        for name, run in runs.items()
+        if name not in ("all", "none")
+    ]
+    assert all(left_out)
+    assert len(set().union(*left_out)) == sum(map(len, left_out))
+    none = runs["none"].data["augment"]
+    assert not any(v for k, v in none.items() if k not in ("noise_m", "outliers_m"))
+    assert len({run.out for run in runs.values()}) == len(runs)
+
+
+@pytest.mark.parametrize("left_out", [2, pytest.param(None, marks=pytest.mark.long)])
+def test_all_are_trained_and_judged_once(ablate, tmp_path, monkeypatch, capsys, left_out):
+    fewer = dict(list(ablation.LEFT_OUT.items())[:left_out])
+    monkeypatch.setattr(ablation, "LEFT_OUT", fewer)
+    out = tmp_path / "runs"
+    smaller = ["train.epochs=1", "options.channels=2"]
+    assert ablate(*smaller) == 0
+    printed = capsys.readouterr().out
+    assert printed == (out / "ablation.md").read_text()
+    rows = [line for line in printed.splitlines()[2:] if line]
+    assert len(rows) == len(ablation.LEFT_OUT) + 1
+    stamp = (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns
+    assert ablate(*smaller) == 0
+    assert capsys.readouterr().out == printed
+    assert (out / "all" / "trajectorycnn.safetensors").stat().st_mtime_ns == stamp
+
+
+def test_a_folder_s_name_may_hold_anything(config, tmp_path):
+    out = str(tmp_path / "runs #1: a")
+    made = ablation.configuration(config, "data #2", out)
+    assert (str(made.out), made.data["root"]) == (out, "data #2")
+
+
+def test_ctrl_c_saves_and_the_same_command_goes_on(ablate, tmp_path, monkeypatch, capsys):
+    draw, calls = MotionSamples.batch, iter(range(100))
+
+    def interrupted(self, rng, size):
+        if size == 8 and next(calls) == 1:
+            signal.raise_signal(signal.SIGINT)
+        return draw(self, rng, size)
+
+    monkeypatch.setattr(MotionSamples, "batch", interrupted)
+    assert ablate("train.epochs=3", "options.channels=2") == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "saved; continue with the same command"
+    assert (tmp_path / "runs" / "all" / "last.pt").exists()
+    assert not (tmp_path / "runs" / "none").exists()
+
+
+def test_a_table_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "ablation.md").mkdir()
+    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: is not a file"):
+        ablation._write(tmp_path / "ablation.md", "table")
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("data.augment=3", "training configuration: data.augment: "),
+        ("predictor=sinn", "is for 'sinn', but the ablation trains trajectorycnn"),
+        (
+            "shape.rate_hz=50",
+            "shape.rate_hz 50: the evaluation on recordings has 25 Hz",
+        ),
+    ],
+)
+def test_what_cannot_end_well_is_refused_before_the_first_run(
+    ablate, tmp_path, capsys, change, says
+):
+    assert ablate(change) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("error: ")
+    assert says in line
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_benchmark_has_no_augmentations(ablate, capsys):
+    assert ablate("judgement=benchmark") == 2
+    assert "need judgement: real" in capsys.readouterr().err

@@ -1,0 +1,221 @@
+"""Evidence: the seconds around an event, in a file that replays, in a chain that holds."""
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.operation.evidence import chain
+from hri_predict.operation.evidence.keeper import Evidence
+from hri_predict.operation.evidence.settings import EvidenceSettings
+from hri_predict.protocol.messages import Level
+from hri_predict.recording import RecordingInfo, open_recording
+from tests.hri_predict.operation.evidence.ticks import MS, tick
+
+INFO = RecordingInfo(
+    joint_map=load_joint_map("canonical"),
+    rate_hz=25.0,
+    declares_noise=True,
+    config="rate_hz: 25",
+)
+CLEAR, STOP = Level.CLEAR, Level.STOP
+
+
+class Run:
+    """A run of a node: 25 ticks and scenes a second, at clear but where told otherwise."""
+
+    def __init__(self, folder, *, threaded=False, **settings):
+        self.now_ms = 1000.0
+        start = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
+        asked = {"folder": "kept", "before_s": 1.0, "after_s": 0.5, **settings}
+        self.evidence = Evidence(
+            EvidenceSettings.model_validate(asked),
+            folder,
+            INFO,
+            robots=["arm 1"],
+            links=[("base", "upper", "hand")],
+            threaded=threaded,
+            wall=lambda: start + timedelta(milliseconds=self.now_ms),
+        )
+
+    def go(self, seconds, level=CLEAR, near=()):
+        for _ in range(round(seconds * 25)):
+            self.now_ms += 40
+            joints = np.full((len(CANONICAL.joints), 3), self.now_ms * 1e-6)
+            person = Person(7, joints, np.ones(len(joints), bool))
+            now_ns = round(self.now_ms * MS)
+            scene = Scene(now_ns - 20 * MS, round(self.now_ms / 40), True, (person,))
+            self.evidence.on_scene(scene, now_ns)
+            self.evidence.on_tick(tick(self.now_ms, level, near=near))
+        return self
+
+    def close(self):
+        self.evidence.close()
+        return self.evidence.report()
+
+
+def events(folder):
+    return [line.data for line in chain.read(folder / "kept") if "also" in line.data]
+
+
+def wrong(folder):
+    return [line for line in chain.read(folder / "kept") if line.wrong]
+
+
+@pytest.mark.parametrize("threaded", [False, True])
+def test_the_seconds_around_a_stop_are_kept_and_can_be_replayed(tmp_path, threaded):
+    run = Run(tmp_path, threaded=threaded).go(3.0).go(0.2, STOP)
+    stop_s = (run.now_ms - 160) / 1e3
+    report = run.go(3.0).close()
+    assert (report["kept"], report["events"], report["failures"]) == (1, {"stop": 1}, 0)
+    (event,) = events(tmp_path)
+    assert (event["kind"], event["robot"], event["reason"]) == ("stop", "arm 1", "PERSON_NEAR")
+    assert event["file"].endswith("-arm_1-stop.mcap")
+    recording = open_recording(tmp_path / "kept" / event["file"])
+    arrivals = np.asarray(recording.arrival_ns) * 1e-9
+    assert arrivals.min() == pytest.approx(stop_s - 1.0, abs=0.081)
+    assert arrivals.max() == pytest.approx(stop_s + 0.5, abs=0.081)
+    assert not wrong(tmp_path)
+
+
+def test_an_event_that_goes_on_stays_in_one_file(tmp_path):
+    run = Run(tmp_path).go(2.0)
+    for _ in range(3):
+        run.go(0.2, STOP).go(0.2)
+    assert run.go(2.0).close()["events"] == {"stop": 3}
+    (event,) = events(tmp_path)
+    assert [(each["robot"], each["kind"]) for each in event["also"]] == [("arm 1", "stop")] * 2
+
+
+def test_an_event_that_never_ends_is_cut(tmp_path):
+    run = Run(tmp_path)
+    for _ in range(330):
+        run.go(0.2, STOP).go(0.2)
+    assert run.close()["kept"] >= 2
+
+
+def test_near_misses_are_counted_by_body_part_and_link(tmp_path):
+    report = Run(tmp_path, of=["stop"]).go(1.0, near=(0,)).go(2.0).go(0.1, near=(0,)).close()
+    assert report["near_misses"] == [
+        {"robot": "arm 1", "body_part": "l_hand", "robot_link": "hand", "count": 2}
+    ]
+    assert report["kept"] == 0  # counted, and not kept: it was not asked for
+
+
+def test_the_event_that_is_open_at_the_end_is_kept(tmp_path):
+    assert Run(tmp_path).go(1.0).go(0.1, STOP).close()["kept"] == 1
+    assert not wrong(tmp_path)
+
+
+def test_the_next_run_continues_the_chain(tmp_path):
+    Run(tmp_path).go(1.0).go(0.1, STOP).close()
+    Run(tmp_path).go(1.0).close()
+    kinds = [line.data["kind"] for line in chain.read(tmp_path / "kept")]
+    assert kinds == ["start", "stop", "end", "start", "end"]
+    assert not wrong(tmp_path)
+
+
+def test_a_torn_log_is_set_aside_and_the_node_starts(tmp_path):
+    Run(tmp_path).go(1.0).close()
+    log = tmp_path / "kept" / chain.LOG
+    log.write_bytes(log.read_bytes()[:-9])
+    Run(tmp_path).close()
+    first = next(chain.read(tmp_path / "kept")).data
+    assert (tmp_path / "kept" / first["broken"]).exists()
+    assert not wrong(tmp_path)
+
+
+def test_a_broken_log_after_a_full_one_still_continues_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(chain, "FULL_BYTES", 100)
+    Run(tmp_path).go(1.0).close()
+    log = tmp_path / "kept" / chain.LOG
+    log.write_bytes(log.read_bytes()[:-9])
+    Run(tmp_path).close()
+    assert not wrong(tmp_path)
+    continued = [line.data.get("continues") for line in chain.read(tmp_path / "kept")]
+    assert continued == [None, "evidence-000001.jsonl", "evidence-000002.jsonl"]
+
+
+def test_a_line_says_how_long_before_the_event_its_file_begins(tmp_path):
+    Run(tmp_path, before_s=5.0).go(1.0).go(0.04, STOP).go(9.0).go(0.04, STOP).close()
+    stops = [each.data for each in chain.read(tmp_path / "kept") if each.data["kind"] == "stop"]
+    assert [each["before_s"] for each in stops] == pytest.approx([1.0, 5.0], abs=0.08)
+
+
+def test_the_oldest_give_way_and_the_log_says_so(tmp_path):
+    noise = np.random.default_rng(0)
+    run = Run(tmp_path, max_mb=1.0, after_s=0.0)
+    joints = len(CANONICAL.joints)
+    for number in range(40):
+        for k in range(100):  # what does not compress
+            person = Person(7, noise.standard_normal((joints, 3)), np.ones(joints, bool))
+            now_ns = round(run.now_ms * MS)
+            run.evidence.on_scene(Scene(now_ns, number * 100 + k, True, (person,)), now_ns)
+        run.go(0.04, STOP).go(1.2)
+    run.close()
+    kept = list((tmp_path / "kept").glob("*.mcap"))
+    assert sum(path.stat().st_size for path in kept) <= 1e6
+    assert len(kept) < 40
+    assert any(line.data["kind"] == "room" for line in chain.read(tmp_path / "kept"))
+    assert not wrong(tmp_path)
+
+
+def test_two_nodes_do_not_share_a_folder(tmp_path):
+    first = Run(tmp_path)
+    with pytest.raises(ConfigError, match="another node keeps its evidence there"):
+        Run(tmp_path)
+    first.close()
+    Run(tmp_path).close()
+
+
+def test_a_folder_that_cannot_be_used_is_one_line(tmp_path):
+    (tmp_path / "kept").write_text("a file")
+    with pytest.raises(ConfigError, match=r"evidence.folder .*kept: .*; name another folder"):
+        Run(tmp_path)
+
+
+def test_a_folder_that_vanishes_is_counted_and_the_run_goes_on(tmp_path):
+    run = Run(tmp_path).go(1.0)
+    (tmp_path / "kept").rename(tmp_path / "elsewhere")
+    report = run.go(0.1, STOP).go(2.0).close()
+    assert report["failures"] >= 1
+    assert report["dropped"] > 0
+
+
+def test_files_of_others_in_the_folder_are_left_alone(tmp_path):
+    (tmp_path / "kept").mkdir()
+    mine = tmp_path / "kept" / "0000-mine.mcap"
+    mine.write_bytes(b"x" * 3_000_000)
+    (tmp_path / "kept" / "0.mcap").symlink_to("nowhere")
+    run = Run(tmp_path, max_mb=1.0)
+    for _ in range(3):
+        run.go(0.1, STOP).go(2.0)
+    assert run.close()["kept"] == 3
+    assert mine.exists()
+    assert len(list((tmp_path / "kept").glob("2026*.mcap"))) == 3
+
+
+def test_a_wall_clock_that_is_set_back_overwrites_nothing(tmp_path):
+    for _ in range(2):  # both runs begin at the same time, by the wall clock
+        Run(tmp_path).go(1.0).go(0.1, STOP).go(2.0).close()
+    assert len(list((tmp_path / "kept").glob("*.mcap"))) == 2
+    assert not wrong(tmp_path)
+
+
+def test_many_events_at_once_make_no_endless_line(tmp_path):
+    run = Run(tmp_path, after_s=30.0)
+    for _ in range(100):
+        run.go(0.04, STOP).go(0.04)
+    run.close()
+    (event,) = events(tmp_path)
+    assert (len(event["also"]), event["more"]) == (50, 49)
+
+
+def test_a_full_ring_is_still_written_when_the_node_ends(tmp_path):
+    run = Run(tmp_path, threaded=True, before_s=30.0).go(30.0).go(0.04, STOP)
+    assert run.close()["kept"] == 1
+    assert next(reversed([*chain.read(tmp_path / "kept")])).data["kind"] == "end"
