@@ -23,17 +23,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 import yaml
 
 from hri_drivers.sources.scene_stream.codec import SEES_ROOM, open_datagram
 from hri_predict.cli.check.check import examine
-from hri_predict.cli.commands import app
 from hri_predict.library.conformance.checks import run_checks
 from hri_predict.library.conformance.predictors import CHECKS, PredictorPart
 from hri_predict.robots.file import read_robot_file
 from hri_predict.run.config import load
 from tests import pages
+from tests.commands import children, root
 from tests.pages import PAGES, ROOT, WIRE_A_CELL, Block
 
 SHARED = ROOT.parent / "shared" / "data"
@@ -134,11 +133,11 @@ def hri_predict(*words: str, cwd: Path) -> None:
 
 def missing(words: list[str]) -> str | None:
     """The first word of a command line that hri-predict does not know: a command or an option."""
-    command: Any = typer.main.get_command(app)
+    command = root()
     for word in words:
-        if word in getattr(command, "commands", {}):
-            command = command.commands[word]
-        elif hasattr(command, "commands") and not word.startswith("-"):
+        if word in (below := children(command)):
+            command = below[word]
+        elif below and not word.startswith("-"):
             return word
         elif word.startswith("--"):
             option = word.partition("=")[0]

@@ -1,36 +1,81 @@
-"""The commands: ``hri-predict demo | run | check | replay | listen | predictors | train | ...``."""
+"""The commands, each found by its name in the entry-point group ``hri_predict.commands``.
 
-from typing import Annotated
+A command's module is imported when the command is called, and no sooner: ``--help`` and
+``--version`` take no library that they do not show. What ``--help`` says of a command is read from
+its source file: the first line of its function's docstring, or of its module's for a group.
+"""
+
+import ast
+from importlib import metadata, util
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from hri_predict import __version__
-from hri_predict.cli import (
-    alerts,
-    convert,
-    discover,
-    evaluate,
-    evidence,
-    fleet,
-    listen,
-    run,
-    service,
-    train,
-    urdf,
-)
-from hri_predict.cli.bench import bench
-from hri_predict.cli.calibrate.calibrate import calibrate
-from hri_predict.cli.check import check, conformance, predictors
-from hri_predict.cli.commission import commission
-from hri_predict.cli.explain.explain import explain
-from hri_predict.cli.explain.report import report
-from hri_predict.cli.generated import config, protocol
-from hri_predict.cli.init.init import init
-from hri_predict.cli.register import register
-from hri_predict.cli.screens.view import view
-from hri_predict.cli.simulate.simulate import simulate
+
+ORDER = (
+    "demo", "run", "init", "check", "alerts", "register", "commission", "replay", "explain",
+    "report", "view", "listen", "fleet", "evidence", "service", "discover", "predictors",
+    "conformance", "train", "ablate", "evaluate", "card", "calibrate", "simulate", "convert",
+    "urdf", "bench", "config", "protocol",
+)  # fmt: skip
+"""In this order ``--help`` lists the commands; those of other packages follow by name."""
+
+
+class Commands(TyperGroup):
+    """The registered commands."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return all names, in the order of the list."""
+        points = _points()
+        return [*(n for n in ORDER if n in points), *sorted(set(points) - set(ORDER))]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command to list, not to run: only its name and its text."""
+        point = _points().get(cmd_name)
+        return None if point is None else TyperCommand(cmd_name, help=_summary(point))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Import the command that the first argument names."""
+        name, _, rest = super().resolve_command(ctx, args)
+        if name is None:
+            return None, None, rest
+        from hri_predict.contracts import registry
+
+        part = registry.load("commands", name)
+        if not isinstance(part, typer.Typer):
+            function, part = part, typer.Typer(add_completion=False)
+            part.command()(function)
+        command = typer.main.get_command(part)
+        command.name = name
+        return name, command, rest
+
+
+def _points() -> dict[str, metadata.EntryPoint]:
+    return {point.name: point for point in metadata.entry_points(group="hri_predict.commands")}
+
+
+def _summary(point: metadata.EntryPoint) -> str:
+    """Return the first line of a command's docstring, read without importing the command."""
+    package, *inside = point.module.split(".")
+    try:
+        found = util.find_spec(package)
+        path = Path(found.origin if found is not None and found.origin is not None else "")
+        if inside:
+            path = path.parent.joinpath(*inside)
+            path = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError):
+        return ""  # a package that is damaged, or no file: calling the command says why
+    functions = (n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == point.attr)
+    text = ast.get_docstring(next(functions, tree)) or ""
+    return text.partition("\n\n")[0]
+
 
 app = typer.Typer(
+    cls=Commands,
     help="Predict where people near a robot will be, and advise the robot's controller in time.",
     no_args_is_help=True,
     add_completion=False,
@@ -52,34 +97,3 @@ def options(
     ] = False,
 ) -> None:
     """Take the options that come before a command's name; the app holds the help text."""
-
-
-app.command()(run.demo)
-app.command()(run.run)
-app.command()(init)
-app.command()(check.check)
-app.command()(alerts.alerts)
-app.command()(register.register)
-app.command()(commission.commission)
-app.command()(run.replay)
-app.command()(explain)
-app.command()(report)
-app.command()(view)
-app.command()(listen.listen)
-app.command()(fleet.fleet)
-app.command()(evidence.evidence)
-app.command()(service.service)
-app.command()(discover.discover)
-app.command()(predictors.predictors)
-app.command()(conformance.conformance)
-app.command()(train.train)
-app.command()(train.ablate)
-app.command()(evaluate.evaluate)
-app.command()(evaluate.card)
-app.command()(calibrate)
-app.command()(simulate)
-app.command()(convert.convert)
-app.command()(urdf.urdf)
-app.add_typer(bench.app, name="bench")
-app.add_typer(config.app, name="config")
-app.add_typer(protocol.app, name="protocol")

@@ -22,7 +22,7 @@ from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
 """What anybody may bring, and ``hri-predict conformance`` checks."""
-Kind = PartKind | Literal["predictor_settings", "cells", "faults", "simulations"]
+Kind = PartKind | Literal["commands", "predictor_settings", "cells", "faults", "simulations"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
 
@@ -48,6 +48,8 @@ def is_ours(kind: Kind, name: str) -> bool:
     return dist is not None and dist.name == "hri-predict"
 
 
+@overload
+def load(kind: Literal["commands"], name: str) -> Any: ...
 @overload
 def load(kind: Literal["sources"], name: str) -> AnySourceClass: ...
 @overload

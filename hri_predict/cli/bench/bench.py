@@ -1,4 +1,4 @@
-"""``bench``: measure the node. Compare times only within one run, not between machines."""
+"""Measure the node. Compare times only within one run, not between machines."""
 
 import json
 import os

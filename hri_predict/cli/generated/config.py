@@ -1,4 +1,4 @@
-"""``config``: what may stand in a configuration, as a JSON schema and as a page."""
+"""Write the JSON schema, or the page, of all settings in a configuration."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ import typer
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
 
-app = typer.Typer(no_args_is_help=True, help="What may stand in a configuration.")
+app = typer.Typer(no_args_is_help=True, help=__doc__)
 
 DOCUMENT = Path("docs/configuration.md")
 

@@ -1,4 +1,4 @@
-"""``protocol``: write the DBC files, document, C header and PLC projects from their definitions."""
+"""Write DBC files, document, C header and PLC projects from the definition of the messages."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,7 +12,7 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.generate import c_header, document, plcopen, scl, structured_text
 from hri_predict.protocol.generate import dbc as dbc_files
 
-app = typer.Typer(no_args_is_help=True, help="Write files from the definition of the messages.")
+app = typer.Typer(no_args_is_help=True, help=__doc__)
 
 
 @app.command()

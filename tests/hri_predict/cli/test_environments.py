@@ -7,10 +7,9 @@ import subprocess
 import sys
 
 import pytest
-import typer
 
 from hri_predict.base.files import data_path
-from hri_predict.cli.commands import app
+from tests.commands import children, root
 from tests.hri_predict.cli import environments
 from tests.hri_predict.cli.environments import ENVIRONMENTS
 
@@ -20,11 +19,9 @@ DEMO = str(data_path("demo.yaml"))
 
 def commands(group=None, words=()):
     """All command lines that there are, without arguments."""
-    group = group or typer.main.get_command(app)
-    for name, command in group.commands.items():
+    for name, command in children(group or root()).items():
         yield [*words, name]
-        if hasattr(command, "commands"):
-            yield from commands(command, (*words, name))
+        yield from commands(command, (*words, name))
 
 
 def cheap_calls(folder):

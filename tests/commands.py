@@ -1,0 +1,22 @@
+"""The command line as a tree, for tests that go through all of it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import typer
+
+from hri_predict.cli.commands import Commands, app
+
+
+def root() -> Any:
+    """The command ``hri-predict`` itself."""
+    return typer.main.get_command(app)
+
+
+def children(command: Any) -> Mapping[str, Any]:
+    """Name -> command, of the commands that a group has; empty for a command without any."""
+    if not isinstance(command, Commands):
+        return getattr(command, "commands", {})
+    context = typer.Context(command)  # type: ignore[arg-type]
+    names = command.list_commands(context)
+    return {name: command.resolve_command(context, [name])[1] for name in names}
