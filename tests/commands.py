@@ -17,6 +17,6 @@ def children(command: Any) -> Mapping[str, Any]:
     """Name -> command, of the commands that a group has; empty for a command without any."""
     if not isinstance(command, Commands):
         return getattr(command, "commands", {})
-    context = typer.Context(command)  # type: ignore[arg-type]
+    context = typer.Context(command)
     names = command.list_commands(context)
     return {name: command.resolve_command(context, [name])[1] for name in names}

@@ -2,6 +2,7 @@
 
 import hashlib
 import importlib
+import importlib.util
 import shlex
 import sys
 import tempfile
@@ -132,6 +133,19 @@ def need_plots() -> None:
         ConfigError: matplotlib is not installed.
     """
     importlib.import_module("hri_predict.lab.evaluation.figures")
+
+
+def need_extra(package: str, extra: str) -> None:
+    """Refuse a command whose package is not installed.
+
+    Raises:
+        ConfigError: names the extra that brings the package.
+    """
+    if importlib.util.find_spec(package) is None:
+        raise ConfigError(
+            f"this needs a package that is not installed: {package}; "
+            f"pip install 'hri-predict[{extra}]'"
+        )
 
 
 def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path]:

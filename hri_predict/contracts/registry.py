@@ -1,9 +1,9 @@
-"""Sources, predictors, links and peers by name; third parties join by entry point.
+"""Parts by name: sources, predictors, links, simulated cells, faults and commands.
 
 A package adds, say, a predictor by an entry point in the group ``hri_predict.predictors``; nothing
 is imported until its name is asked for, so a missing library never breaks what does not need it.
-What a name must stand for is said by the contracts: ``source``, ``predictors.base`` and ``link``
-for the parts that anybody may bring, ``peers`` for what ``hri_sim`` brings.
+What a name must stand for is said by the contracts: ``source``, ``predictor`` and ``link``
+for the parts that any package may bring, ``cell`` for what ``hri_sim`` brings.
 """
 
 import contextlib
@@ -14,15 +14,14 @@ from importlib import metadata
 from typing import Any, Literal, overload
 
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest
-from hri_predict.contracts import benches
-from hri_predict.contracts import cell as peers
+from hri_predict.contracts import cell
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
 from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
 from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
 """What anybody may bring, and ``hri-predict conformance`` checks."""
-Kind = PartKind | Literal["commands", "predictor_settings", "cells", "faults", "simulations"]
+Kind = PartKind | Literal["commands", "predictor_settings", "cells", "faults"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
 
@@ -57,31 +56,13 @@ def load(kind: Literal["predictors"], name: str) -> AnyPredictorClass: ...
 @overload
 def load(kind: Literal["links"], name: str) -> AnyLinkClass: ...
 @overload
-def load(kind: Literal["cells"], name: str) -> peers.CellClass: ...
+def load(kind: Literal["cells"], name: str) -> cell.CellClass: ...
 @overload
-def load(kind: Literal["faults"], name: Literal["source"]) -> peers.SourceFaults: ...
+def load(kind: Literal["faults"], name: Literal["source"]) -> cell.SourceFaults: ...
 @overload
-def load(kind: Literal["faults"], name: Literal["link"]) -> peers.LinkFaults: ...
+def load(kind: Literal["faults"], name: Literal["link"]) -> cell.LinkFaults: ...
 @overload
-def load(kind: Literal["faults"], name: Literal["parse"]) -> peers.FaultParser: ...
-@overload
-def load(kind: Literal["faults"], name: Literal["table"]) -> peers.FaultTable: ...
-@overload
-def load(kind: Literal["faults"], name: Literal["soak"]) -> peers.Soak: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["closed_loop"]) -> peers.ClosedLoop: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["occluded"]) -> peers.Occluded: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["links"]) -> benches.LinkBench: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["fleet"]) -> benches.FleetBench: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["fleet_page"]) -> benches.FleetPageBench: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["trackers"]) -> benches.TrackerBench: ...
-@overload
-def load(kind: Literal["simulations"], name: Literal["node"]) -> benches.NodeBench: ...
+def load(kind: Literal["faults"], name: Literal["parse"]) -> cell.FaultParser: ...
 def load(kind: Kind, name: str) -> Any:
     """Import and return what is registered as ``name``.
 

@@ -17,8 +17,7 @@ from hri_drivers.sources.scene_stream.serial_source import (
     SerialSkeletonSource,
 )
 from hri_drivers.sources.scene_stream.udp_source import UdpSettings, UdpSource
-from hri_predict.contracts import benches, registry
-from hri_predict.contracts import cell as peers
+from hri_predict.contracts import cell, registry
 from hri_predict.contracts.link import (
     AnyLinkClass,
     ChecksTogether,
@@ -40,11 +39,7 @@ from hri_predict.predictors.kdformer.model import KDFormerPredictor
 from hri_predict.predictors.neural.network import Trained, network_class_of
 from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.protocol.can import CanFrame
-from hri_sim import simulation
-from hri_sim.bench import links, trackers
 from hri_sim.controllers.cell import MockCell
-from hri_sim.fault_table.soak import run_soak
-from hri_sim.fault_table.table import run_table
 from hri_sim.faults.injector import FaultySource, FaultyTransport, parse_fault
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.replay import RecordingSettings, RecordingSource
@@ -68,31 +63,20 @@ KDFORMER: PredictorClass[NeuralSettings] = KDFormerPredictor
 AGGREGATED: PredictorClass[NeuralSettings] = AggregatedPredictor
 TRAINED: type[Trained] = KDFormerPredictor
 
-CELL: peers.CellClass = MockCell
-SOURCE_FAULTS: peers.SourceFaults = FaultySource
-LINK_FAULTS: peers.LinkFaults = FaultyTransport
-FAULT_PARSER: peers.FaultParser = parse_fault
-FAULT_TABLE: peers.FaultTable = run_table
-SOAK: peers.Soak = run_soak
-CLOSED_LOOP: peers.ClosedLoop = simulation
-LINK_BENCH: benches.LinkBench = links
-TRACKER_BENCH: benches.TrackerBench = trackers
+CELL: cell.CellClass = MockCell
+SOURCE_FAULTS: cell.SourceFaults = FaultySource
+LINK_FAULTS: cell.LinkFaults = FaultyTransport
+FAULT_PARSER: cell.FaultParser = parse_fault
 
 
 def test_the_registry_gives_what_the_contracts_say():
     assert assert_type(registry.load("sources", "udp"), AnySourceClass) is UDP
     assert assert_type(registry.load("predictors", "kalman"), AnyPredictorClass) is KALMAN
     assert assert_type(registry.load("links", "can"), AnyLinkClass) is CAN
-    assert assert_type(registry.load("cells", "mock"), peers.CellClass) is CELL
-    assert assert_type(registry.load("faults", "source"), peers.SourceFaults) is SOURCE_FAULTS
-    assert assert_type(registry.load("faults", "link"), peers.LinkFaults) is LINK_FAULTS
-    assert assert_type(registry.load("faults", "parse"), peers.FaultParser) is FAULT_PARSER
-    assert assert_type(registry.load("faults", "table"), peers.FaultTable) is FAULT_TABLE
-    assert assert_type(registry.load("faults", "soak"), peers.Soak) is SOAK
-    loop = registry.load("simulations", "closed_loop")
-    assert assert_type(loop, peers.ClosedLoop) is CLOSED_LOOP
-    assert assert_type(registry.load("simulations", "links"), benches.LinkBench) is LINK_BENCH
-    assert registry.load("simulations", "trackers") is TRACKER_BENCH
+    assert assert_type(registry.load("cells", "mock"), cell.CellClass) is CELL
+    assert assert_type(registry.load("faults", "source"), cell.SourceFaults) is SOURCE_FAULTS
+    assert assert_type(registry.load("faults", "link"), cell.LinkFaults) is LINK_FAULTS
+    assert assert_type(registry.load("faults", "parse"), cell.FaultParser) is FAULT_PARSER
 
 
 @pytest.mark.parametrize(

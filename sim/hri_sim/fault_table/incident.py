@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hri_predict.base.settings import validated
-from hri_predict.contracts.cell import FaultOutcome
 from hri_predict.contracts.link import LinkSettings
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
@@ -17,7 +16,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run.config import Config, NodeSettings
 from hri_predict.run.session import Options, View, run
-from hri_sim.fault_table.outcome import MOVING
+from hri_sim.fault_table.outcome import MOVING, FaultOutcome
 
 Span = tuple[float, float]
 """Seconds after the start, from and until."""

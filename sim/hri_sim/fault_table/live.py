@@ -16,7 +16,6 @@ from typing import Any, Literal
 import numpy as np
 
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.contracts.cell import FaultOutcome
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level, NodeState
@@ -24,7 +23,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
-from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected
+from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected, FaultOutcome
 from hri_sim.people.body import Body
 from hri_sim.senders.live_ends import LIVE_ENDS, LiveEnd
 

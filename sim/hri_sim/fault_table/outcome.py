@@ -1,5 +1,6 @@
 """The expected and the measured effect of a fault: one row of the fault table."""
 
+from dataclasses import dataclass, field
 from typing import Literal
 
 from hri_predict.protocol.messages import Level
@@ -19,3 +20,19 @@ Expected = Literal[
     "count only",
     "no contact",
 ]
+
+
+@dataclass(kw_only=True)
+class FaultOutcome:
+    """What was measured of one fault; a row of the fault table."""
+
+    fault: str
+    expected: str
+    acts: str
+    limit_ms: float | None
+    measured_ms: float | None
+    reason: str
+    clear_while_near: int
+    recovered_ms: float | None
+    fine: bool
+    counted: dict[str, int] = field(default_factory=dict)

@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hri_predict.contracts.cell import FaultOutcome
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level, NodeState
@@ -28,7 +27,7 @@ from hri_sim.fault_table.incident import run_incident
 from hri_sim.fault_table.incidents import INCIDENTS
 from hri_sim.fault_table.live import run_live_faults
 from hri_sim.fault_table.node_death import How, die
-from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected
+from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected, FaultOutcome
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
 

@@ -13,12 +13,11 @@ from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
-from hri_predict.contracts.cell import FaultOutcome
 from hri_predict.operation.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, Fleet
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.outcome import RECOVERY_S, Expected
+from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
 from hri_sim.faults.link_faults import FaultyTransport
 from hri_sim.senders.stream_ends import free_tcp_port
 

@@ -13,7 +13,6 @@ from hri_predict.base.errors import ConfigError, UnusableRecordingError
 from hri_predict.base.files import YAML_ENDINGS, read_text
 from hri_predict.base.work.hiring import workers_for
 from hri_predict.base.work.identity import code_digest
-from hri_predict.contracts.cell import SimulationReport, SimulationRequest
 from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording.recording import names_of
 from hri_predict.run.asked import basis_of, demand_use
@@ -25,6 +24,7 @@ from hri_sim.simulation.approach import ApproachSource, map_of, together
 from hri_sim.simulation.bodies import engines_of
 from hri_sim.simulation.cell import Cell, Variant, variants, with_risk
 from hri_sim.simulation.motion import PROCEDURAL, Motion, load_motion
+from hri_sim.simulation.request import SimulationReport, SimulationRequest
 from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
 from hri_sim.simulation.scenario import draw

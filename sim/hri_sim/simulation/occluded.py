@@ -17,7 +17,6 @@ import numpy as np
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.settings import validated
 from hri_predict.base.work.hiring import workers_for
-from hri_predict.contracts.cell import OcclusionRequest, OcclusionRow
 from hri_predict.node.listeners import Tick
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.messages import Level
@@ -25,6 +24,7 @@ from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import BASELINE
+from hri_sim.simulation.request import OcclusionRequest, OcclusionRow
 from hri_sim.simulation.shadows import shadows_of
 
 DURATION_S = 18.0

@@ -30,8 +30,9 @@ def package(folder: Path, entry: str, source: str) -> None:
 
 
 def test_every_command_that_is_registered_has_its_place_in_the_list():
-    ours = [p for p in metadata.entry_points(group="hri_predict.commands") if p.dist is not None]
-    assert {p.name for p in ours if p.dist.name == "hri-predict"} == set(ORDER)
+    points = metadata.entry_points(group="hri_predict.commands")
+    ours = {p.name for p in points if p.dist is not None and p.dist.name == "hri-predict"}
+    assert ours == set(ORDER)
 
 
 @pytest.mark.parametrize("option", ["--version", "--help"])

@@ -53,7 +53,7 @@ def test_the_standard(by_standard, deceleration, reaction_s, terms, distances):
 RUN = """
 import inspect, json, sys
 from dataclasses import replace
-from hri_predict.cli.bench import risk
+from hri_sim.bench.command import risk
 from hri_predict.base.machine.compiled import is_compiled
 
 zones, judge = risk.risk_calls()

@@ -3,7 +3,7 @@
 import gc
 import tracemalloc
 
-from hri_predict.cli.bench import risk
+from hri_sim.bench.command import risk
 
 TICKS, TIMES = 60, 4
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
-from hri_predict.cli.bench.bench import app
+from hri_sim.bench.command.bench import app
 from hri_sim.bench.trackers import NOISES, TRACKERS, cases, walk
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.contracts.cell import OcclusionRequest
 from hri_predict.run import config as configuration
 from hri_sim.simulation import occluded
 from hri_sim.simulation.occluded import draw, play, simulate
+from hri_sim.simulation.request import OcclusionRequest
 
 CONFIG = configuration.shipped("simulate.yaml")
 REQUEST = OcclusionRequest(config=Path(CONFIG), episodes=2, modes=("predictive", "iso", "fixed"))

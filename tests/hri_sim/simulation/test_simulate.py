@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.contracts.cell import SimulationRequest
 from hri_predict.run import config as configuration
 from hri_predict.zones.calibration import shipped_calibration
 from hri_sim.simulation import report, simulate
+from hri_sim.simulation.request import SimulationRequest
 from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
 from tests.hri_predict.base.machine.dask_processes import scheduler, worker
 

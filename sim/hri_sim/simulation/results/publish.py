@@ -8,8 +8,8 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
-from hri_predict.contracts.cell import SimulationReport
 from hri_predict.run.zone_basis import ZoneBasis
+from hri_sim.simulation.request import SimulationReport
 from hri_sim.simulation.results.report import (
     Judged,
     Row,

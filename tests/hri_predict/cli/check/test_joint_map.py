@@ -6,12 +6,12 @@ import pytest
 from typer.testing import CliRunner
 
 from hri_predict.base.files import data_path
-from hri_predict.cli.bench.bench import app
 from hri_predict.cli.check.check import check, examine
 from hri_predict.cli.check.joint_map import joint_map_cost
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
+from hri_sim.bench.command.bench import app
 
 LIVE = ("live_json", "live_mvn", "live_serial", "live_udp", "live_websocket")
 

@@ -1,0 +1,78 @@
+"""The bench on the screen: a table for each section, legible at 80 columns."""
+
+from collections.abc import Sequence
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from hri_sim.bench.command.report.rows import Row
+from hri_sim.bench.command.report.saved import Change
+
+
+def show(console: Console, about: str, rows: Sequence[Row]) -> None:
+    """Print a section: its table, then what its floors, aims and notes say."""
+    beside = any(row.floor is not None or row.aim is not None for row in rows)
+    table = _table(about, ("p50", "p99", "max", *(("beside", "times") if beside else ())), True)
+    for row in rows:
+        cells = [number(row.p50), number(row.p99), number(row.max)]
+        if beside:
+            cells += [_beside(row), _times(row)]
+        table.add_row(row.part, row.unit, *cells)
+    console.print(table)
+    for why in dict.fromkeys(row.why for row in rows if row.why):
+        console.print(f"- {why}", markup=False, highlight=False)
+    for note in dict.fromkeys(f"{row.part}: {row.note}" for row in rows if row.note):
+        console.print(f"- {note}", markup=False, highlight=False)
+
+
+def show_changes(console: Console, changes: Sequence[Change], factor: float) -> None:
+    """Print the ratios of a comparison, and which figures got worse."""
+    table = _table("New over old", ("p50", "p99"), False)
+    for change in changes:
+        ratios = ("" if r is None else f"{r:.2f}" for r in (change.p50, change.p99))
+        table.add_row(f"{change.section}: {change.part}", change.verdict, *ratios)
+    console.print(table)
+    worse = [f"{c.section}: {c.part}" for c in changes if c.verdict == "worse"]
+    if worse:
+        told = f"{len(worse)} of {len(changes)} got worse by more than {factor:g} times:"
+        console.print("\n  ".join((told, *worse)), markup=False, highlight=False)
+    else:
+        told = f"nothing of {len(changes)} got worse by more than {factor:g} times"
+        console.print(told, markup=False, highlight=False)
+
+
+def number(value: float | None) -> str:
+    """Three digits, without an exponent; "" for none."""
+    if value is None:
+        return ""
+    size = abs(value)
+    if size == 0.0:
+        return "0"
+    if size < 0.01:
+        return f"{value:.1g}"
+    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:.2f}"
+
+
+def _beside(row: Row) -> str:
+    """The aim with the figure that it is for, or the floor."""
+    if row.aim is None:
+        return "" if row.floor is None else f"floor {number(row.floor)}"
+    of = "" if row.aim_of == "p50" else f"{row.aim_of} "
+    return f"{of}{'>' if row.more_is_better else '<'} {number(row.aim)}"
+
+
+def _times(row: Row) -> str:
+    """How many times the aim, or the floor, the figure is."""
+    limit, of = (row.floor, "p50") if row.aim is None else (row.aim, row.aim_of)
+    value = getattr(row, of)
+    return f"{value / limit:.2f}" if limit and value is not None else ""
+
+
+def _table(title: str, heads: Sequence[str], unit: bool) -> Table:
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("part", overflow="fold", min_width=22)
+    table.add_column("" if not unit else "unit", no_wrap=True)
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    return table

@@ -1,0 +1,101 @@
+"""The settings of a simulation, and its results."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationRequest:
+    """The settings of a simulation; see ``hri-predict simulate``.
+
+    Predictors are ``NAME`` or ``NAME=WEIGHTS``. A calibration is that of the predictor that it was
+    made for.
+    """
+
+    config: Path
+    predictors: tuple[str, ...] = ()
+    calibrations: tuple[Path, ...] = ()
+    modes: tuple[str, ...] = ()
+    coverages: tuple[float, ...] = ()
+    motions: tuple[str, ...] = ()
+    joint_map: str | None = None
+    tracker: str | None = None
+    noise_m: float | None = None
+    wander_m: float | None = None
+    episodes: int = 2000
+    seed: int = 0
+    people: int = 1
+    jobs: int = 1
+    cluster: str | None = None
+    out: Path | None = None
+    resume: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionRequest:
+    """Episodes with people whom cameras lose; see ``hri-predict simulate --occlude``."""
+
+    config: Path
+    predictor: str | None = None
+    modes: tuple[str, ...] = ("predictive", "iso", "fixed")
+    rates_hz: tuple[float, ...] = (8.0, 15.0, 30.0)
+    episodes: int = 2000
+    first: int = 0
+    seed: int = 0
+    cameras: int = 1
+    free_space: bool = False
+    occlude: bool = True
+    jobs: int = 1
+    cluster: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class OcclusionRow:
+    """The result of one episode in one mode.
+
+    Attributes:
+        index, mode: the episode's index and mode.
+        contacts, contacts_standing: touches of a moving and of a standing robot.
+        permitted: mean speed limit, as a share of the robot's highest speed.
+        lost: share of the ticks in which somebody was lost.
+    """
+
+    index: int
+    mode: str
+    contacts: int
+    contacts_standing: int
+    permitted: float
+    lost: float
+
+
+class ReportTable(Protocol):
+    """A table of texts: one row per line, the first column names it."""
+
+    @property
+    def title(self) -> str: ...  # noqa: D102
+
+    @property
+    def columns(self) -> Sequence[str]: ...  # noqa: D102
+
+    @property
+    def rows(self) -> Sequence[Sequence[str]]: ...  # noqa: D102
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationReport:
+    """The result of a simulation, as shown and written.
+
+    Attributes:
+        tables, notes: for people.
+        json: the same for programs.
+        files: the files written.
+        disagreements: one line for each episode with a different result in the whole node.
+    """
+
+    tables: Sequence[ReportTable]
+    notes: Sequence[str]
+    json: str
+    files: Sequence[Path]
+    disagreements: Sequence[str]
