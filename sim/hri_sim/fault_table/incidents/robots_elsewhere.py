@@ -101,11 +101,11 @@ def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> 
         "swings_across.yaml",
         _DOUBTED,
         _reaches_into_its_way(wait_s, speed_m_s),
-        duration_s=16.0,
+        duration_s=20.0,
         lies=({"kind": "stand", "start_s": since_s},),
         modes=_ALL_MODES,
-        not_clear=(4.0, 16.0),
-        not_moving=(4.0, 16.0),
+        not_clear=(4.0, 20.0),
+        not_moving=(4.0, 20.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     )
 
@@ -166,7 +166,7 @@ ROBOTS_ELSEWHERE = (
     ),
     _frozen_on_its_way(4.7, wait_s=5.2, speed_m_s=1.2),
     _frozen_on_its_way(4.9, wait_s=4.4, speed_m_s=1.3),
-    _frozen_while_it_stands(0.0, wait_s=1.0, speed_m_s=1.2),
+    _frozen_while_it_stands(0.0, wait_s=2.5, speed_m_s=1.0),
     _frozen_while_it_stands(1.0, wait_s=2.5, speed_m_s=1.0),
     _waits(
         "people are far away",
