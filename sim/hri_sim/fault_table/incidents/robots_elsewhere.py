@@ -123,7 +123,7 @@ def _waits(name: str, script: Sequence[Mapping[str, Any]], **story: Any) -> Inci
 
 
 _UR10E: Mapping[str, Any] = {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2}
-_DOUBTED = _UR10E | {"motion": {"kind": "state", "stale_s": 0.1, "still_s": 2.0}}
+_DOUBTED = {**_UR10E, "motion": {"kind": "state", "stale_s": 0.1, "still_s": 2.0}}
 _BESIDE_ITS_WAY = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
 _LONG_WAY = "vehicle_drives_far.yaml"
 _RAIL = "rail_end_to_end.yaml"
