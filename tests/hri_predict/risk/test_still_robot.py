@@ -66,8 +66,8 @@ def test_while_people_hold_it_it_need_not_move(mode: str) -> None:
 
 
 def test_it_does_not_back_out_of_an_unknown_place() -> None:
-    recovery = {"motion": {"plan": "pick_and_place"}, "modes": {"recovery": {"speed_m_s": 0.06}}}
-    robot = cell("predictive", **recovery)
+    modes = {"recovery": {"speed_m_s": 0.06}}
+    robot = cell("predictive", motion={"plan": "pick_and_place"}, modes=modes)
     robot.settle(NEAR_M, ticks=TICKS + 30)
     advice = robot.settle(0.6, ticks=10, request=OperatingMode.RECOVERY)
     assert (advice.mode, advice.level) == (OperatingMode.AUTOMATIC, Level.STOP)
