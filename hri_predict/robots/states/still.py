@@ -1,8 +1,8 @@
 """Whether a robot that may move is ever seen to move.
 
 States that are frozen while a robot stands look like those of a robot that waits (``frozen``). But
-a robot that is permitted to move, and whose joints do not change for long, is either: it is not
-proven alive, and its place is trusted again once a joint changes.
+a robot that is permitted to move for long, and whose joints do not change meanwhile, may be either.
+It is not proven to be where it says until a joint changes.
 """
 
 from hri_predict.robots.states.frozen import BASE_DITHER, DITHER
