@@ -196,8 +196,8 @@ _TEXT = {
         "the controller reports the base's pose and velocity",
     ),
     Reason.ROBOT_STATE_FROZEN: (
-        "RobotState repeats an old place: it reports motion, but no new place, or a stop that is "
-        "impossible",
+        "RobotState repeats an old place: it reports motion, but no new place, a stop that is "
+        "impossible, or none of the motion that is permitted",
         "the positions in RobotState change again, or the controller is started again",
     ),
     Reason.ROBOT_STATES_CONTRADICT: (

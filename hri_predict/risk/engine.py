@@ -238,6 +238,8 @@ class RiskEngine:
         now_ns = snapshot.now_ns
         remarks = [self._remarks(robot, now_ns) for robot in range(len(self._trackers))]
         advices = self._levels(snapshot, bodies, findings, remarks)
+        for tracker, advice in zip(self._trackers, advices, strict=True):
+            tracker.advise(advice.speed_limit_m_s or 0.0, now_ns)
         for robot, obedience in self._obedience.items():
             obedience.advise(advices[robot].speed_limit_m_s or 0.0, now_ns)
         lies = [r for found in findings.robots for r in found.unknown if r in _LIES]

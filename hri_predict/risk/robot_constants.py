@@ -96,7 +96,7 @@ class RobotConstants:
         curve = StoppingCurve.of(self.model.stopping, self.robot.max_speed_m_s)
         radius_m = self.fixed_radius_m
         if self.risk.fixed_radius_m is None:
-            radius_m = max(radius_m, self.model.reach_m + self.needed_m())
+            radius_m = max(radius_m, self.anywhere_m)
         tools = {number: own.revised() for number, own in self.tools.items()}
         return replace(self, curve=curve, fixed_radius_m=radius_m, tools=tools)
 
@@ -114,6 +114,11 @@ class RobotConstants:
     def max_speed_m_s(self) -> float:
         """The robot's highest speed in production."""
         return self.robot.max_speed_m_s
+
+    @property
+    def anywhere_m(self) -> float:
+        """Farther from its base than this, people are safe wherever the robot is."""
+        return self.model.reach_m + self.needed_m()
 
     @property
     def longest_s(self) -> float:

@@ -35,6 +35,7 @@ class RobotMotion:
         model, curve: the robot's.
         plan, on_plan: its planned path and its place on it; both or neither.
         confirmed: whether its motion so far proves the direction of ``qd``.
+        proven: whether its states were seen to change while it may move.
         tool: number of the tool counted with; ``None``: none is named, or the worst of all.
     """
 
@@ -52,6 +53,7 @@ class RobotMotion:
     plan: Plan | None
     on_plan: OnPlan | None
     confirmed: bool = True
+    proven: bool = True
     tool: int | None = None
 
     @classmethod
@@ -86,6 +88,7 @@ class RobotMotion:
             plan=plan if now.on_plan is not None else None,
             on_plan=now.on_plan if plan is not None else None,
             confirmed=now.confirmed,
+            proven=now.proven,
             tool=now.tool,
         )
 

@@ -18,6 +18,8 @@ MIN_STALE_S = 0.005
 """Controllers send RobotState every 2 to 20 ms."""
 MIN_ACCELERATION_M_S2 = 0.5
 """Arms accelerate their fastest point by more than 1 m/s^2; what was not measured is 5."""
+MIN_STILL_S = 0.5
+"""A robot that may move moves by then, unless it waits: its reaction, and its first steps."""
 POSITION_TOLERANCE = 0.01
 """How far beyond a limit a reported position may lie, rad or m: sensor noise, rounding."""
 
@@ -40,6 +42,13 @@ class StateMotion(Settings):
         le=1000,
         description="of the fastest point, at most; bounds its motion since RobotState",
     )
+    still_s: float | None = Field(
+        None,
+        ge=MIN_STILL_S,
+        le=3600,
+        description="time in which it may move and RobotState does not change at all; after it,"
+        " people within its reach stop it until it changes; default: never",
+    )
     plan: str | None = Field(
         None,
         min_length=1,
@@ -47,7 +56,7 @@ class StateMotion(Settings):
         " state lies on it, the robot is predicted along it",
     )
 
-    safety: ClassVar[Safety] = {
+    safety: ClassVar[Safety] = harmless("still_s") | {
         "stale_s": LessSafe(
             above="the robot may have moved for {value:g} s since the RobotState that is used"
         ),

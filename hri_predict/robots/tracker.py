@@ -25,6 +25,7 @@ from hri_predict.robots.states.frozen import FrozenCheck
 from hri_predict.robots.states.line import Line, Received
 from hri_predict.robots.states.plausibility import HELD_S, StateCheck
 from hri_predict.robots.states.reader import StateReader
+from hri_predict.robots.states.still import StillCheck
 from hri_predict.robots.trajectory import load_trajectory, standing_at
 
 PLACE_STEP_S = 0.3
@@ -56,6 +57,7 @@ class RobotNow:
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
         confirmed: whether the motion so far proves the direction of ``qd``.
+        proven: whether its place is believed; see ``StillCheck``.
         tool: number of the tool that is counted with; ``None``: none is named, or the worst of all.
         asked: what its controllers ask for.
         place_s: its place on the plan by its joints alone, while recovery is asked for: backing
@@ -71,6 +73,7 @@ class RobotNow:
     capsules: Capsules | None = None
     on_plan: OnPlan | None = None
     confirmed: bool = True
+    proven: bool = True
     tool: int | None = None
     asked: Asked = NOTHING_ASKED
     place_s: float | None = None
@@ -132,6 +135,7 @@ class RobotTracker:
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
         self._asked = AskedByLinks()
+        self._still = StillCheck(self._reported.still_s, model.dof - model.reported)
         self._place_s: float | None = None
         motion = settings.motion
         if isinstance(motion, StandingMotion):
@@ -176,6 +180,11 @@ class RobotTracker:
         tool = self._named(state)
         line.state = Received(np.array(q), np.array(qd), state.mode, received_ns, tool)
         self._asked.take(state, received_ns, link)
+        self._still.take(q, link)
+
+    def advise(self, limit_m_s: float, now_ns: int) -> None:
+        """Note the speed limit that goes out to the robot at ``now_ns``; 0 for a stop."""
+        self._still.advise(limit_m_s, now_ns)
 
     def _new_line(self) -> Line:
         model = self.model
@@ -267,6 +276,7 @@ class RobotTracker:
             age_s=age_s,
             capsules=capsules,
             confirmed=line.check.confirmed,
+            proven=self._still.is_proven,
             tool=tool,
         )
 

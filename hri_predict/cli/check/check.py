@@ -37,7 +37,7 @@ from hri_predict.cli.check.listen import show as show_heard
 from hri_predict.cli.check.lost import first_start_note, lost_notes, state_path
 from hri_predict.cli.check.machine.realtime import look
 from hri_predict.cli.check.machine.realtime import show as show_machine
-from hri_predict.cli.check.modes import mode_notes
+from hri_predict.cli.check.modes import mode_notes, still_note
 from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
 from hri_predict.cli.check.touch import measure_touch, show_touch
 from hri_predict.cli.common import without_effect
@@ -232,6 +232,7 @@ def examine(config: Config) -> dict[str, Any]:
         "less_safe": [asdict(each) for each in less_safe_settings(config)],
         "notes": [
             *(note for robot in config.node.robots for note in mode_notes(robot)),
+            *still_note(config.node.robots, config.node.risk.mode),
             *_notes(config),
             *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),

@@ -1,6 +1,9 @@
-"""What ``check`` says of the operating modes that a configuration allows, and of robots by file."""
+"""What ``check`` says of the operating modes that a configuration allows, and of how the node
+knows where its robots are."""
 
-from hri_predict.robots.model import RobotSettings, TrajectoryMotion
+from collections.abc import Sequence
+
+from hri_predict.robots.model import RobotSettings, StateMotion, TrajectoryMotion
 
 
 def mode_notes(robot: RobotSettings) -> list[str]:
@@ -32,3 +35,24 @@ def mode_notes(robot: RobotSettings) -> list[str]:
             f"{modes.muting.share:.0%} of the time; they must be protected by other means"
         )
     return notes
+
+
+def still_note(robots: Sequence[RobotSettings], mode: str) -> list[str]:
+    """One note on the robots whose frozen RobotState is believed while they stand.
+
+    In mode ``fixed``, it does not matter where an arm is within its reach.
+    """
+    believed = [
+        robot.name
+        for robot in robots
+        if isinstance(robot.motion, StateMotion)
+        and robot.motion.still_s is None
+        and (mode != "fixed" or robot.base is not None)
+    ]
+    if not believed:
+        return []
+    return [
+        f"{', '.join(believed)}: a RobotState that freezes while the robot stands is not noticed "
+        "when the robot moves on; motion.still_s notices it, and also stops a robot that waits "
+        "for longer while people are within its reach"
+    ]

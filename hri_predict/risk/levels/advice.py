@@ -14,7 +14,7 @@ from hri_predict.base.arrays import Ints
 from hri_predict.base.skeleton import JOINTS, in_words
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level
-from hri_predict.protocol.reasons import CLEARED, RISING, Reason
+from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
@@ -24,6 +24,7 @@ from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.risk.levels.named_zones import zone_demand
 from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.levels.steady_reason import SteadyReason
+from hri_predict.risk.levels.waiting import why_and_until
 from hri_predict.risk.permitted import NEAR_M
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
@@ -285,6 +286,9 @@ def asked_of(
                 people = found.standard
         if found.contact is not None:
             demand, people = _with_contact(found.contact, robot, demand, people)
+    if found.wherever is not None:
+        by_reach = demand_of(found.wherever, risk, max_speed_m_s, Reason.ROBOT_STATE_FROZEN)
+        demand = by_reach | demand
     if found.unseen is not None:
         demand = demand | demand_of(found.unseen, risk, max_speed_m_s, Reason.OUT_OF_VIEW)
     return demand, people
@@ -342,7 +346,7 @@ def _detail(
         return ""
     ids, speeds = bodies.zones.ids, bodies.speeds
     is_clear = advised.level is Level.CLEAR
-    text, clears_when = _released(advised, robot.risk) or (reason.text, reason.clears_when)
+    text, clears_when = why_and_until(robot, found, advised, reason)
     parts = [f"{robot.name}: {NOTE if is_clear else ''}{text}"]
     if demand.reason not in (Reason.NONE, reason):
         parts.append(demand.reason.text)
@@ -368,20 +372,6 @@ def _detail(
     if robot.tools and found.tool is None:
         parts.append("no tool is confirmed: the worst of all counts")
     return "; ".join(parts if is_clear else [*parts, f"clears when {clears_when}"])
-
-
-def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
-    """What a robot waits for that may move again or soon will, and what ends that, in words."""
-    if advised.reason is not Reason.RELEASE_PENDING:
-        return None
-    if advised.level is not Level.SLOW:
-        confirm = f"{risk.release_captures} new captures in a row confirm it"
-        is_warning = advised.level is Level.WARN
-        return "what the warning was for has cleared" if is_warning else CLEARED, confirm
-    return (
-        f"{RISING}: the speed limit rises by {risk.speed_rise_m_s2:g} m/s each second",
-        "it has risen to what people allow",
-    )
 
 
 def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:

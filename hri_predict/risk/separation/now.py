@@ -1,5 +1,6 @@
 """Separation judged by where body and robot are now: modes ``iso`` and ``fixed``."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -201,10 +202,22 @@ def by_standard(
     return worst_of(found)
 
 
-def by_circle(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> Finding:
+def wherever_it_is(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> Finding:
+    """By all places that the robot can reach: it may be elsewhere than it says.
+
+    Around a standing base, this is the circle of mode ``fixed``. A moving base may be anywhere.
+    """
+    radius_m = robot.anywhere_m if motion.model.mobile is None else math.inf
+    return by_circle(robot, motion, bodies, radius_m)
+
+
+def by_circle(
+    robot: RobotConstants, motion: RobotMotion, bodies: BodyZones, radius_m: float | None = None
+) -> Finding:
     """By the circle around the base, for the person nearest to it; it is wider for fast people.
 
-    The circle moves with a base that moves. With tools, it is that of the worst.
+    The circle moves with a base that moves. With tools, it is that of the worst. ``radius_m``:
+    default: that of mode ``fixed``.
     """
     zones = bodies.zones.capsules
     human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)
@@ -222,7 +235,7 @@ def by_circle(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> 
     return judge_fixed(
         found=replace(found, person=int(person), segment=int(segment), link=0),
         from_base_m=float(from_base[person, segment]),
-        radius_m=robot.fixed_radius_m,
+        radius_m=robot.fixed_radius_m if radius_m is None else radius_m,
         max_speed_m_s=robot.max_speed_m_s,
         margins_m=robot.risk.margins_m,
         speed_m_s=motion.speed_m_s,

@@ -22,7 +22,7 @@ from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.backing_out import why_not_backing_out
 from hri_predict.risk.separation.in_time import TimeByTime, farthest
 from hri_predict.risk.separation.nearest import BodiesInTime
-from hri_predict.risk.separation.now import by_circle, by_standard
+from hri_predict.risk.separation.now import by_circle, by_standard, wherever_it_is
 from hri_predict.risk.separation.outlook import Outlook, outlooks
 from hri_predict.risk.separation.unseen import beside_view
 from hri_predict.risk.separation.warm_up import warm_up
@@ -47,6 +47,8 @@ class RobotFindings:
             where not (``BodyZones.as_assumed``). The milder of the two counts.
         contact: in mode ``hybrid``, in the same case: what contact permits a robot that may touch
             people.
+        wherever: of a robot that is not proven to be where it says: about the people, for all
+            places that it can reach; ``None`` if it is proven, or nobody is here.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
         tool: number of the tool counted with; ``None``: none is named, or the worst of all.
@@ -60,6 +62,7 @@ class RobotFindings:
     people: Finding | None = None
     standard: Finding | None = None
     contact: Finding | None = None
+    wherever: Finding | None = None
     unseen: Finding | None = None
     speed_m_s: float = 0.0
     tool: int | None = None
@@ -169,11 +172,14 @@ class Separation:
         if not isinstance(motion, RobotMotion):
             return RobotFindings(unknown=motion)
         people, standard, contact = (_numbered(each, motion) for each in about_people)
-        unseen = self._unseen(robot, motion, bodies)
+        unseen, wherever = self._unseen(robot, motion, bodies), None
+        if not motion.proven and len(bodies.zones.ids):
+            wherever = wherever_it_is(self._robots[robot], motion, bodies)
         return RobotFindings(
             people=people,
             standard=standard,
             contact=contact,
+            wherever=wherever,
             unseen=unseen,
             speed_m_s=motion.speed_m_s,
             tool=motion.tool,
@@ -256,7 +262,8 @@ class Separation:
         for i in range(len(self._robots)):
             if i == robot:
                 continue
-            other = self._constants(i, motions[i]) if i in motions else None
+            is_known = i in motions and motions[i].proven
+            other = self._constants(i, motions[i]) if is_known else None
             if other is not None and motions[i].speed_m_s <= FOLLOWS * other.max_speed_m_s:
                 known = motions[i]
                 moved_m = known.clearance_m - self._settings.clearance_m

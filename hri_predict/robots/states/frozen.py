@@ -15,7 +15,7 @@ cannot be new:
 
 A robot that stands reports the same place for minutes, with velocities of zero: that is believed.
 So a state that is frozen while the robot stands, or moves more slowly than these rules see, is not
-recognised from this controller alone.
+recognised from this controller alone; ``still`` doubts it once the robot may have moved for long.
 """
 
 from collections.abc import Callable

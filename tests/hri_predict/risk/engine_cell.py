@@ -91,6 +91,7 @@ class Cell:
         self.now_ns = 1_000_000_000
         self.captures = 0
         self.turn = 0.3  # rad/s of the base
+        self.positions = READY
         self.said: dict[str, Any] = {}  # what RobotState says besides
         self.assessment: Assessment
 
@@ -132,7 +133,7 @@ class Cell:
                 robot=0,
                 mode=mode,
                 counter=self.captures % 256,
-                positions=READY,
+                positions=self.positions,
                 velocities=velocities,
                 **self.said,
                 request=request,

@@ -1,6 +1,6 @@
 """Robots that travel far, and are said to be elsewhere, while a person stands in their way."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -68,8 +68,7 @@ def _elsewhere(
     )
 
 
-def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
-    """Both controllers say that the arm stands where it is, and a person reaches into its way."""
+def _reaches_into_its_way(wait_s: float, speed_m_s: float) -> Mapping[str, Any]:
     script = [
         {"do": "wait", "seconds": wait_s},
         {"do": "walk", "to": [0.25, -1.5], "speed_m_s": speed_m_s},
@@ -77,11 +76,16 @@ def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incid
         {"do": "reach", "hand": "right", "to": [0.1, -1.05, 0.9], "hold_s": 8.0},
         {"do": "wait", "seconds": 20.0},
     ]
+    return {"start": [2.5, -4.5], "repeat": False, "script": script}
+
+
+def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
+    """Both controllers say that the arm stands where it is, and a person reaches into its way."""
     return _elsewhere(
         f"an arm that swings to another station is frozen at {since_s} s",
         "swings_across.yaml",
-        {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2},
-        {"start": [2.5, -4.5], "repeat": False, "script": script},
+        _UR10E,
+        _reaches_into_its_way(wait_s, speed_m_s),
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": since_s},),
         not_clear=(since_s + 0.2, 16.0),
@@ -90,6 +94,36 @@ def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incid
     )
 
 
+def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
+    """The same before it has left its first station: ``still_s`` notices that it never does."""
+    return _elsewhere(
+        f"an arm that stands at a station is frozen at {since_s} s",
+        "swings_across.yaml",
+        _DOUBTED,
+        _reaches_into_its_way(wait_s, speed_m_s),
+        duration_s=20.0,
+        lies=({"kind": "stand", "start_s": since_s},),
+        modes=_ALL_MODES,
+        not_clear=(4.0, 20.0),
+        not_moving=(4.0, 20.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    )
+
+
+def _waits(name: str, script: Sequence[Mapping[str, Any]], **story: Any) -> Incident:
+    """An arm that tells the truth, and waits for 4 s at a station."""
+    person = {"start": [2.5, -4.5], "repeat": False, "script": script}
+    return _elsewhere(
+        f"it is not, an arm waits at a station, {name}",
+        "swings_and_waits.yaml",
+        _DOUBTED,
+        person,
+        **story,
+    )
+
+
+_UR10E: Mapping[str, Any] = {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2}
+_DOUBTED = {**_UR10E, "motion": {"kind": "state", "stale_s": 0.1, "still_s": 2.0}}
 _BESIDE_ITS_WAY = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
 _LONG_WAY = "vehicle_drives_far.yaml"
 _RAIL = "rail_end_to_end.yaml"
@@ -132,6 +166,29 @@ ROBOTS_ELSEWHERE = (
     ),
     _frozen_on_its_way(4.7, wait_s=5.2, speed_m_s=1.2),
     _frozen_on_its_way(4.9, wait_s=4.4, speed_m_s=1.3),
+    _frozen_while_it_stands(0.0, wait_s=2.5, speed_m_s=1.0),
+    _frozen_while_it_stands(1.0, wait_s=2.5, speed_m_s=1.0),
+    _waits(
+        "people are far away",
+        [{"do": "wait", "seconds": 20.0}],
+        duration_s=8.0,
+        modes=_ALL_MODES,
+        moving=(4.0, 8.0),
+        never_says=(Reason.ROBOT_STATE_FROZEN,),
+    ),
+    _waits(
+        "a person comes within its reach and goes again",
+        [
+            {"do": "walk", "to": [1.5, -2.6], "speed_m_s": 1.4},
+            {"do": "wait", "seconds": 4.0},
+            {"do": "walk", "to": [2.5, -4.8], "speed_m_s": 1.4},
+            {"do": "wait", "seconds": 20.0},
+        ],
+        duration_s=13.0,
+        not_moving=(4.0, 5.5),
+        moving=(10.0, 13.0),
+        says=(Reason.ROBOT_STATE_FROZEN,),
+    ),
     _elsewhere(
         "obeys, and is configured to follow a file",
         _RAIL,

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from hri_predict.cli.check.check import examine
-from hri_predict.cli.check.modes import mode_notes
+from hri_predict.cli.check.modes import mode_notes, still_note
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run import config as configuration
 from hri_sim.baseline_demo import BASELINE
@@ -47,6 +47,16 @@ def test_muting_says_for_which_share_of_the_time() -> None:
 def test_nothing_is_said_by_default_and_all_where_all_is_allowed() -> None:
     assert notes() == []
     assert len(notes(**MODES)) == 3
+
+
+def test_robots_whose_freeze_at_a_standstill_is_not_noticed_are_named_in_one_note() -> None:
+    arms = [RobotSettings.model_validate({**ARM, "name": name}) for name in ("left", "right")]
+    doubted = RobotSettings.model_validate({**ARM, "motion": {"kind": "state", "still_s": 2}})
+    (note,) = still_note([*arms, doubted], "predictive")
+    assert note.startswith("left, right: a RobotState that freezes while the robot stands")
+    assert "motion.still_s notices it" in note
+    assert still_note([doubted], "predictive") == []
+    assert still_note(arms, "fixed") == []  # it holds wherever in its reach the arm is
 
 
 def test_check_shows_them(tmp_path: Path) -> None:
