@@ -5,18 +5,20 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.explaining.values import number, text
-from hri_predict.protocol.reasons import CLEARED, RISING
+from hri_predict.protocol.reason_row import Kind
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 from hri_predict.recording import Told
 
 SEVERITY = {"CLEAR": 0, "WARN": 1, "SLOW": 2, "STOP": 3, "UNKNOWN": 3, "FAULT": 4}
 """Unknown levels count as *unknown*; both that and a fault mean stop."""
 STOPS = ("STOP", "UNKNOWN", "FAULT")
 LEVELS = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
-WAITING = ("RELEASE_PENDING", "LATCHED")
+WAITING = tuple(r.name for r in Reason if r.row.kind is Kind.WAITING)
 """Reasons that only say that what came before is not over."""
-_STEADY = ("PERSON_NEAR", "PERSON_APPROACHING", "CONTACT_POSSIBLE")
+_PENDING = Reason.RELEASE_PENDING.row.rank or 0
+_STEADY = tuple(r.name for r in Reason if (r.row.rank or 0) > _PENDING)
 """Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
-_OF_NODE = ("STARTING", "STOPPING")
+_OF_RUN = tuple(r.name for r in Reason if r.row.kind is Kind.RUN)
 _NS = 1e9
 GAP_NS = 2_000_000_000
 """After so long without advice nobody knows what was advised: an episode ends there. It ends, too,
@@ -80,7 +82,7 @@ class Episode:
             lasted_ns = phase.last_ns - phase.first.utc_ns
             says_more = phase.reason not in WAITING
             cause = phase if says_more else self.cause_before(phase.first.utc_ns) or phase
-            return cause.reason not in _OF_NODE, SEVERITY[phase.level], says_more, lasted_ns
+            return cause.reason not in _OF_RUN, SEVERITY[phase.level], says_more, lasted_ns
 
         return max(self.phases, key=telling)
 
@@ -89,7 +91,7 @@ class Episode:
         """Whether nothing but the run's start or its end kept the robot from moving."""
         if any(phase.level in ("STOP", "FAULT") for phase in self.phases):
             return False
-        return self.phases[0].reason == "STARTING" or self.worst.reason in _OF_NODE
+        return self.phases[0].reason == "STARTING" or self.worst.reason in _OF_RUN
 
     @property
     def stopped_ns(self) -> int:

@@ -34,12 +34,6 @@ REASONS = {
     OperatingMode.RECOVERY: Reason.RECOVERY,
     OperatingMode.MUTED: Reason.MUTED,
 }
-_BY_PEOPLE = (
-    Reason.PERSON_NEAR,
-    Reason.PERSON_APPROACHING,
-    Reason.ZONE_OCCUPIED,
-    Reason.ZONE_ENTRY_PREDICTED,
-)
 _NOT_BY_PEOPLE = "people do not stop the robot"
 _WITHIN_BAND = (
     "people are not near enough to stop the robot again; a stop that holds clears when they "
@@ -196,7 +190,7 @@ class Modes:
             return _WITHIN_BAND if within else _NOT_BY_PEOPLE
         if not situation.is_known:
             return ""  # said by the caller
-        if situation.beside_unseen or demand.reason not in _BY_PEOPLE:
+        if situation.beside_unseen or not demand.reason.row.in_view:
             return "something other than people in view stops the robot"
         return situation.not_backing_out
 

@@ -14,6 +14,7 @@ from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import CANONICAL, JOINTS, in_words
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.protocol.messages import Advice, Level, RobotMode
+from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.levels.demand import severity
@@ -81,16 +82,7 @@ def test_the_separation_is_the_distance(mode):
     assert cell.settle().separation_m is None
 
 
-SCENE = [
-    Reason.NO_INPUT,
-    Reason.INPUT_STALE,
-    Reason.INPUT_FROZEN,
-    Reason.INPUT_REPEATS,
-    Reason.INPUT_RELATIVE,
-    Reason.SOURCE_BLIND,
-    Reason.ROOM_NOT_SEEN_EMPTY,
-    Reason.STATE_UNTRUSTED,
-]
+SCENE = [reason for reason in Reason if reason.row.kind in (Kind.INPUT, Kind.MEMORY)]
 
 
 @MODES
