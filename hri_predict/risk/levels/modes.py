@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.robots.asked import Asked
 from hri_predict.robots.modes import ModeSettings
@@ -185,8 +185,8 @@ class Modes:
         level = demand.release if goes_on else demand.level
         if demand.level is Level.FAULT:
             return _NOT_BY_PEOPLE
-        if severity(level) < severity(Level.STOP):
-            within = severity(demand.release) >= severity(Level.STOP)
+        if level.may_move:
+            within = not demand.release.may_move
             return _WITHIN_BAND if within else _NOT_BY_PEOPLE
         if not situation.is_known:
             return ""  # said by the caller

@@ -17,7 +17,6 @@ from hri_predict.protocol.messages import Advice, Level, RobotMode
 from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
-from hri_predict.risk.levels.demand import severity
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
@@ -341,7 +340,7 @@ def test_nearer_never_raises_the_limit_or_lowers_the_level(mode, x, nearer, turn
     assert near.speed_limit_m_s is not None
     assert far.speed_limit_m_s is not None
     assert near.speed_limit_m_s <= far.speed_limit_m_s
-    assert severity(near.level) >= severity(far.level)
+    assert near.level.rank >= far.level.rank
 
 
 @MODES
@@ -368,7 +367,7 @@ def test_numbers_that_are_none_never_give_clear_near_a_person(mode, where, value
         forecast.positions[0, :, hit] = value
     for _ in range(8):
         advice = cell.step(0.9, last_positions=last, joint_age_s=age, forecast=forecast)
-        assert severity(advice.level) == severity(Level.STOP)
+        assert advice.level.rank == Level.STOP.rank
         assert advice.speed_limit_m_s == 0.0
         for number in (advice.separation_m, advice.predicted_separation_m, advice.time_to_breach_s):
             assert number is None or np.isfinite(number)
