@@ -25,7 +25,7 @@ from hri_predict.base.settings import Settings
 from hri_predict.operation.alerting.alert import Alert, ZoneAlert, as_data, more
 from hri_predict.operation.alerting.command import CommandHook
 from hri_predict.operation.alerting.hooks import Hooks
-from hri_predict.operation.alerting.kinds import AnyHook
+from hri_predict.operation.alerting.kinds import KINDS, AnyHook
 from hri_predict.operation.alerting.sender import Place
 from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.operation.monitoring.flapping import Change, Flapping
@@ -52,7 +52,7 @@ class AlertSettings(Settings):
     )
     timeout_s: float = Field(5.0, ge=0.1, le=600, description="end a command that runs longer")
     to: list[AnyHook] = Field(
-        [], max_length=16, description="further receivers: webhook, mqtt, email, syslog, command"
+        [], max_length=16, description=f"further receivers: {', '.join(KINDS)}"
     )
 
     @property
