@@ -29,6 +29,7 @@ from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.lab.datasets.splits import in_pack, is_pack, split
+from hri_predict.recording.format_table import ENDINGS
 from hri_predict.recording.formats.csv_table import is_recording
 
 if TYPE_CHECKING:
@@ -64,7 +65,6 @@ CalibrationsOption = Annotated[
         show_default="the shipped ones",
     ),
 ]
-_RECORDINGS = (".npz", ".bvh", ".c3d", ".trc", ".csv", ".mcap")
 
 
 def without_effect(flags: Mapping[str, Any], where: str) -> None:
@@ -165,11 +165,11 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
     pack = _pack_around(entry)
     if use is not None and pack is not None:
         return _below(entry, pack, use)
-    named = sorted(p for p in entry.rglob("*") if p.suffix.lower() in _RECORDINGS)
+    named = sorted(p for p in entry.rglob("*") if p.suffix.lower() in ENDINGS)
     found = [path for path in named if path.suffix.lower() != ".csv" or _is_recording(path)]
     if not found:
         raise ConfigError(
-            f"--data {entry}: holds no recording ({', '.join(_RECORDINGS)}); give another folder"
+            f"--data {entry}: holds no recording ({', '.join(ENDINGS)}); give another folder"
         )
     return found
 

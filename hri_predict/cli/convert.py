@@ -21,8 +21,9 @@ from hri_predict.cli.common import (
 )
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.bounded import watching
-from hri_predict.recording.converting import ENDINGS, WRITERS, write_recording
+from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
+from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, ENDINGS, of_ending
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.possible import check_possible
@@ -34,13 +35,11 @@ _MAX_START_S = 1e9
 
 def convert(
     *,
-    source: Annotated[
-        Path, typer.Argument(metavar="INPUT", help=".npz, .bvh, .c3d, .trc, .csv or .mcap")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="INPUT", help=ANY_ENDING)],
     output: Annotated[Path, typer.Argument(help="The file to write; its ending gives the format.")],
     to: Annotated[
         str | None,
-        typer.Option(help=f"Write this format: {', '.join(WRITERS)} (amass and pack are .npz)."),
+        typer.Option(help=f"Write this format: {', '.join(BY_NAME)} (amass and pack are .npz)."),
     ] = None,
     person: Annotated[
         int | None,
@@ -137,12 +136,13 @@ def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
 
 def _format(output: Path, to: str | None) -> str:
     if to is not None:
-        return str(one_of("--to", to, list(WRITERS)))
-    if output.suffix.lower() not in ENDINGS:
+        return str(one_of("--to", to, list(BY_NAME)))
+    possible = of_ending(output.suffix.lower())
+    if not possible:
         raise ConfigError(
             f"{output}: unknown ending '{output.suffix}'; use {', '.join(ENDINGS)}, or --to"
         )
-    return ENDINGS[output.suffix.lower()]
+    return possible[0].name
 
 
 def _unit(text: str) -> float:

@@ -26,6 +26,7 @@ from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.operation.monitoring.summary import Summary
 from hri_predict.operation.service import logs
 from hri_predict.operation.service.notify import Notifier, has_terminal
+from hri_predict.recording.format_table import ANY_ENDING
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.config import Config
@@ -145,7 +146,7 @@ def run(
 
 def replay(
     *,
-    recording: Annotated[Path, typer.Argument(help=".npz, .bvh, .c3d, .trc, .csv or .mcap.")],
+    recording: Annotated[Path, typer.Argument(help=f"{ANY_ENDING}.")],
     config: Annotated[Path, typer.Option(help="The node's YAML configuration.")] = Path(
         "configs/demo.yaml"
     ),

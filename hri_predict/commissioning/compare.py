@@ -14,13 +14,12 @@ from dataclasses import dataclass, field
 from hri_predict.commissioning.playback import AdviceRow, Played
 from hri_predict.commissioning.report import GridResult, RobotAdvice, Walk
 from hri_predict.commissioning.walk import advice_by_robot
+from hri_predict.protocol.messages import Level
 
 SAME_M = 0.002
 """Differences of distances below this come from processors that round otherwise, metres."""
 SAME_M_S = 0.002
 """The same of speeds, m/s."""
-RANK = {"clear": 0, "warn": 1, "slow": 2, "stop": 3, "unknown": 3, "fault": 3}
-"""How much a level forbids. *Stop*, *unknown* and *fault* all mean stop."""
 
 
 @dataclass(slots=True)
@@ -87,7 +86,7 @@ def _advices(
     reasons = _Change()
     pairs = list(_paired(old, new))
     for was, row in pairs:
-        milder = RANK[was.level] - RANK[row.level]
+        milder = Level[was.level.upper()].rank - Level[row.level.upper()].rank
         if was.level != row.level:
             text = f"{was.level} -> {row.level}"
             changes["level"][milder <= 0].add(row.time_s, abs(milder), text)

@@ -13,13 +13,12 @@ from hri_predict.protocol.reasons import Reason
 
 Limit = Callable[[int], float]
 """Robot's index -> the highest speed that the test allows it now, m/s; 0: stop."""
-_MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 
 
 def lowered(advice: Advice, limit_m_s: float) -> Advice:
     """The advice with a limit that is no higher than ``limit_m_s``, m/s; a stop stays a stop."""
     granted = advice.speed_limit_m_s or 0.0
-    if advice.level not in _MOVING or granted <= 0:
+    if not advice.level.may_move or granted <= 0:
         return advice
     if not limit_m_s > 0:  # NaN too
         return replace(advice, level=Level.STOP, reason=Reason.SHADOW_MODE, speed_limit_m_s=0.0)

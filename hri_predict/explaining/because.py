@@ -31,8 +31,7 @@ _SHORT = {
 }
 _OBEYS_ADVICES = 12
 """A robot may take so many advices, half a second, to keep a lower limit."""
-_FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDENED")
-"""What makes zones larger, and so a person nearer."""
+_WIDEN_ZONES = {r.name for r in Reason if r.row.widens_zones}
 
 
 def because(about: Situation) -> str:
@@ -148,7 +147,7 @@ def _needed(advice: Told) -> str:
 def _forecast(about: Situation) -> str:
     """What made the zones larger than usual."""
     there = _reasons(about)
-    return "".join(f"; {reason_text(name)}" for name in _FORECAST if name in there)
+    return "".join(f"; {reason_text(name)}" for name in there if name in _WIDEN_ZONES)
 
 
 def _reasons(about: Situation) -> list[str]:

@@ -5,18 +5,18 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_predict.explaining.values import number, text
-from hri_predict.protocol.reasons import CLEARED, RISING
+from hri_predict.protocol.messages import LEVELS, Level
+from hri_predict.protocol.reason_row import Kind
+from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 from hri_predict.recording import Told
 
-SEVERITY = {"CLEAR": 0, "WARN": 1, "SLOW": 2, "STOP": 3, "UNKNOWN": 3, "FAULT": 4}
-"""Unknown levels count as *unknown*; both that and a fault mean stop."""
-STOPS = ("STOP", "UNKNOWN", "FAULT")
-LEVELS = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
-WAITING = ("RELEASE_PENDING", "LATCHED")
+LEVEL_NAMES = tuple(level.name for level in LEVELS)
+WAITING = tuple(r.name for r in Reason if r.row.kind is Kind.WAITING)
 """Reasons that only say that what came before is not over."""
-_STEADY = ("PERSON_NEAR", "PERSON_APPROACHING", "CONTACT_POSSIBLE")
+_PENDING = Reason.RELEASE_PENDING.row.rank or 0
+_STEADY = tuple(r.name for r in Reason if (r.row.rank or 0) > _PENDING)
 """Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
-_OF_NODE = ("STARTING", "STOPPING")
+_OF_RUN = tuple(r.name for r in Reason if r.row.kind is Kind.RUN)
 _NS = 1e9
 GAP_NS = 2_000_000_000
 """After so long without advice nobody knows what was advised: an episode ends there. It ends, too,
@@ -76,11 +76,11 @@ class Episode:
         That the node starts or stops names an episode only if nothing else does.
         """
 
-        def telling(phase: Phase) -> tuple[bool, int, bool, int]:
+        def telling(phase: Phase) -> tuple[bool, tuple[bool, int], bool, int]:
             lasted_ns = phase.last_ns - phase.first.utc_ns
             says_more = phase.reason not in WAITING
             cause = phase if says_more else self.cause_before(phase.first.utc_ns) or phase
-            return cause.reason not in _OF_NODE, SEVERITY[phase.level], says_more, lasted_ns
+            return cause.reason not in _OF_RUN, severity(phase.level), says_more, lasted_ns
 
         return max(self.phases, key=telling)
 
@@ -89,12 +89,12 @@ class Episode:
         """Whether nothing but the run's start or its end kept the robot from moving."""
         if any(phase.level in ("STOP", "FAULT") for phase in self.phases):
             return False
-        return self.phases[0].reason == "STARTING" or self.worst.reason in _OF_NODE
+        return self.phases[0].reason == "STARTING" or self.worst.reason in _OF_RUN
 
     @property
     def stopped_ns(self) -> int:
         """How long of it the robot had to stand."""
-        return sum(p.last_ns - p.first.utc_ns for p in self.phases if p.level in STOPS)
+        return sum(p.last_ns - p.first.utc_ns for p in self.phases if not Level[p.level].may_move)
 
     def lost_s(self, full_m_s: float) -> float:
         """Working time that it cost, s: a second at half of the full speed (m/s) counts half."""
@@ -114,12 +114,20 @@ def lost_s(lasted_s: float, permitted_m: float, full_m_s: float) -> float:
 def level_of(advice: dict[str, Any]) -> str:
     """The level's name; ``UNKNOWN`` for whatever is none."""
     level = advice.get("level")
-    return level if isinstance(level, str) and level in SEVERITY else "UNKNOWN"
+    return level if isinstance(level, str) and level in Level.__members__ else "UNKNOWN"
+
+
+def severity(level: str) -> tuple[bool, int]:
+    """Order in which levels name an episode or a moment: by what the robot was asked.
+
+    But a fault names it before any other stop, however short it was: people must mend its cause.
+    """
+    return level == Level.FAULT.name, Level[level].rank
 
 
 def slows(advice: dict[str, Any]) -> bool:
     """Whether an advice slows or stops its robot."""
-    return SEVERITY[level_of(advice)] >= SEVERITY["SLOW"]
+    return Level[level_of(advice)].rank >= Level.SLOW.rank
 
 
 def waits(advice: dict[str, Any]) -> bool:

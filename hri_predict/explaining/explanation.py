@@ -15,13 +15,14 @@ from hri_predict.explaining.because import (
     remedy,
 )
 from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
-from hri_predict.explaining.episodes import SEVERITY, WAITING, Episode, level_of
+from hri_predict.explaining.episodes import WAITING, Episode, level_of
 from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import Situation, nearest_episodes
 from hri_predict.explaining.speeds import full_speeds
 from hri_predict.explaining.times import NS, dated, shown
 from hri_predict.explaining.values import listed, mapped, number, text
+from hri_predict.protocol.messages import Level
 
 TERMS = {
     "s_h": "S_h person's way until the robot stands",
@@ -83,7 +84,7 @@ def explain(about: Situation) -> dict[str, Any]:
 
 def _answer(about: Situation) -> str:
     level, when = level_of(about.advice.data), about.clock(about.advice.utc_ns)
-    if SEVERITY[level] < SEVERITY["SLOW"]:
+    if Level[level].rank < Level.SLOW.rank:
         return f"{when} {about.robot} {level}: it was neither slowed nor stopped"
     return f"{when} {about.robot} {level} because {because(about)}"
 
@@ -191,4 +192,4 @@ def listing(episode: Episode, recordings: Recordings) -> dict[str, Any]:
 
 def is_slowed(found: Mapping[str, Any]) -> bool:
     """Whether an explanation is of a slowdown or stop."""
-    return SEVERITY[found["level"]] >= SEVERITY["SLOW"]
+    return Level[found["level"]].rank >= Level.SLOW.rank

@@ -5,7 +5,7 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.explaining.counters import LinkNow, Moved, links_at, moved
-from hri_predict.explaining.episodes import SEVERITY, Episode, episodes, level_of, slows, waits
+from hri_predict.explaining.episodes import Episode, episodes, level_of, severity, slows, waits
 from hri_predict.explaining.people_seen import people_seen
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.times import NS, Asked, dated, shown
@@ -79,7 +79,7 @@ def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation
         )
     if not found:
         raise ConfigError(_nothing(recordings, at))
-    chosen = robot or max(found, key=lambda name: SEVERITY[level_of(found[name].data)])
+    chosen = robot or max(found, key=lambda name: severity(level_of(found[name].data)))
     advice = found[chosen]
     slowed = slows(advice.data)
     episode = episode_around(recordings, chosen, advice.utc_ns) if slowed else None
@@ -102,7 +102,7 @@ def _worst(advice: list[Told], at: Asked) -> Told | None:
     within = [t for t in advice if at.start_ns <= t.utc_ns < at.start_ns + at.width_ns]
     before = newest(advice, at.start_ns)
     within = within if before is None or within else [before]
-    return max(within, key=lambda t: (SEVERITY[level_of(t.data)], not waits(t.data)), default=None)
+    return max(within, key=lambda t: (severity(level_of(t.data)), not waits(t.data)), default=None)
 
 
 def _nothing(recordings: Recordings, at: Asked) -> str:

@@ -40,8 +40,6 @@ from hri_predict.robots.tracker import RobotTracker
 
 log = logging.getLogger(__name__)
 
-_NO_TROUBLE = (Reason.ZONES_WIDENED, Reason.TEACH, Reason.RECOVERY)
-
 
 class Node:
     """One node: people in, advice out.
@@ -272,8 +270,7 @@ class Node:
             return NodeState.FAULT
         if self.state is NodeState.STARTING and snapshot.newest_capture_ns is None:
             return NodeState.STARTING
-        # widened zones are the self-check at work, and modes are asked for: muting means trouble
-        trouble = [r for r in reasons if r not in _NO_TROUBLE]
+        trouble = any(reason.row.is_trouble for reason in reasons)
         if trouble or snapshot.reasons or not all(link.connected for link in self._links):
             return NodeState.DEGRADED
         return NodeState.RUNNING

@@ -20,6 +20,34 @@ class Level(IntEnum):
     STOP = 4
     FAULT = 5
 
+    @property
+    def rank(self) -> int:
+        """How much the robot is asked: 0 at CLEAR, 3 at STOP, UNKNOWN and FAULT, which all stop it.
+
+        Advice is decided, combined and compared by this order (docs/decisions/levels.md).
+        """
+        return min(_URGENCY[self], _URGENCY[Level.STOP])
+
+    @property
+    def may_move(self) -> bool:
+        """Whether the robot may move at all."""
+        return self in _MAY_MOVE
+
+    @property
+    def urgency(self) -> int:
+        """How much people are asked: as ``rank``, but UNKNOWN exceeds STOP, and FAULT exceeds both.
+
+        Screens and alerts pick the level to show by this order: a stop passes when people step
+        back; *unknown* and *fault* must be mended.
+        """
+        return _URGENCY[self]
+
+
+LEVELS = (Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP, Level.UNKNOWN, Level.FAULT)
+"""All levels, the least urgent first."""
+_URGENCY = {level: urgency for urgency, level in enumerate(LEVELS)}
+_MAY_MOVE = frozenset((Level.CLEAR, Level.WARN, Level.SLOW))
+
 
 class NodeState(IntEnum):
     """Life cycle of the node."""

@@ -1,30 +1,12 @@
 """Writes a recording in any format."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.base.files import atomic_file
-from hri_predict.recording.formats.amass import write_amass
-from hri_predict.recording.formats.bvh_writer import write_bvh
-from hri_predict.recording.formats.c3d import write_c3d
-from hri_predict.recording.formats.csv_table import write_csv
-from hri_predict.recording.formats.mcap_writer import write_mcap
-from hri_predict.recording.formats.npz import write_pack
-from hri_predict.recording.formats.trc import write_trc
+from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.frames import Written
 from hri_predict.recording.recording import Recording
-
-WRITERS: dict[str, Callable[[Path, Recording], Written]] = {
-    "amass": write_amass,
-    "bvh": write_bvh,
-    "c3d": write_c3d,
-    "csv": write_csv,
-    "mcap": write_mcap,
-    "pack": write_pack,
-    "trc": write_trc,
-}
-ENDINGS = {".npz": "amass", **{f".{kind}": kind for kind in ("bvh", "c3d", "csv", "mcap", "trc")}}
 
 
 def write_recording(recording: Recording, output: Path, to: str, *, force: bool = False) -> Written:
@@ -33,7 +15,7 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
     Args:
         recording: what to write.
         output: the file.
-        to: one of ``WRITERS``.
+        to: name of its format, one of ``BY_NAME``.
         force: replace an existing file; never the one that is read.
 
     Raises:
@@ -44,7 +26,7 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
         if output.exists():
             _check_replaceable(recording, output, force)
         with atomic_file(output) as partial:
-            return WRITERS[to](partial, recording)
+            return BY_NAME[to].write(partial, recording)
     except OSError as error:
         raise RecordingError(
             f"{output}: cannot be written: {error.strerror or error}; name another file"

@@ -2,45 +2,23 @@
 
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, RecordingError, UnusableRecordingError
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.recording.formats.amass import is_amass, read_amass
-from hri_predict.recording.formats.bvh import read_bvh
-from hri_predict.recording.formats.c3d import read_c3d
-from hri_predict.recording.formats.csv_table import read_csv
-from hri_predict.recording.formats.npz import read_npz
-from hri_predict.recording.formats.trc import read_trc
-from hri_predict.recording.mcap.reader import read_mcap
+from hri_predict.recording.format_table import ENDINGS, of_ending
 from hri_predict.recording.naming import check_known, with_map
 from hri_predict.recording.possible import PUBLISHED, check_possible
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.refusing.relative import check_relative
 from hri_predict.recording.refusing.unseen import without_unseen
-from hri_predict.recording.sniffing import ending_of, seems
+from hri_predict.recording.sniffing import seems
 from hri_predict.recording.unused import tell_unused
-
-ACCEPTED = (
-    "accepted are .npz (the data pack's layouts, AMASS with joints), .bvh, .c3d, .trc, .csv, and "
-    ".mcap (recorded by this node)"
-)
 
 log = logging.getLogger(__name__)
 _noted: set[Path] = set()
 """Recordings whose notes were logged: commands open some of them several times."""
-_Reader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
-_READERS: dict[str, _Reader] = {
-    ".bvh": read_bvh,
-    ".c3d": read_c3d,
-    ".trc": read_trc,
-    ".csv": read_csv,
-    ".npz": lambda path, person, unit_m, axes: (
-        read_amass(path, person, unit_m, axes) if is_amass(path) else read_npz(path, person)
-    ),
-    ".mcap": lambda path, person, unit_m, axes: read_mcap(path),
-}
 
 
 def open_recording(
@@ -72,15 +50,16 @@ def open_recording(
         raise RecordingError(f"recording {path}: no such file; check the path")
     if not path.is_file():
         what = "a folder; name a file in it" if path.is_dir() else "a device, not a file"
-        raise RecordingError(f"recording {path}: is {what}; {ACCEPTED}")
+        raise RecordingError(f"recording {path}: is {what}; {_accepted()}")
     ending = path.suffix.lower()
     try:
         if path.stat().st_size == 0:
             raise RecordingError(f"recording {path}: is empty (0 bytes); copy it again")
-        if ending not in _READERS:
+        if ending not in ENDINGS:
             raise RecordingError(f"recording {path}: {_unknown(path, ending)}")
         try:
-            recording = _READERS[ending](path, person, unit_m, axes)
+            read = next(each.read for each in of_ending(ending) if each.is_mine(path))
+            recording = read(path, person, unit_m, axes)
         except RecordingError as error:
             raise RecordingError(f"{error}{_but(path, ending)}") from error
         if joint_map is not None:
@@ -126,18 +105,27 @@ def _check_known(path: Path, joint_map: JointMap) -> None:
         raise UnusableRecordingError(f"recording {path}: {error}") from error
 
 
+def _accepted() -> str:
+    """Name the kinds that are read."""
+    kinds = []
+    for ending in ENDINGS:
+        only = ", ".join(each.only for each in of_ending(ending) if each.only)
+        kinds.append(f"{ending} ({only})" if only else ending)
+    return f"accepted are {', '.join(kinds[:-1])}, and {kinds[-1]}"
+
+
 def _unknown(path: Path, ending: str) -> str:
     """Why a file of this ending is not opened, and what it seems to be."""
-    what = seems(path)
-    if ending_of(what):
-        return f"seems to be {what}; name it so (its ending is '{ending}')"
+    own, what = seems(path)
+    if own:
+        return f"seems to be {own}, {what}; name it so (its ending is '{ending}')"
     seeming = f", and its content seems to be {what}" if what else ""
-    return f"unknown kind '{ending or 'no ending'}'{seeming}; {ACCEPTED}"
+    return f"unknown kind '{ending or 'no ending'}'{seeming}; {_accepted()}"
 
 
 def _but(path: Path, ending: str) -> str:
     """What the file seems to be, if its name says something else."""
-    what = seems(path)
-    if not what or ending_of(what) == ending:
+    own, what = seems(path)
+    if not what or own == ending:
         return ""
-    return f" (its content seems to be {what})"
+    return f" (its content seems to be {f'{own}, {what}' if own else what})"

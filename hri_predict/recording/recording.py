@@ -34,7 +34,7 @@ class Recording:
 
     Attributes:
         path: the file.
-        kind: "cmu", "assembly", "motion", "amass", "bvh", "c3d", "csv", "mcap" or "trc".
+        kind: its format, such as "bvh" (``recording.format_table``), or the data pack's layout.
         joint_map: names of the source's joints and how they become canonical ones.
         rate_hz: nominal scenes per second.
         scenes: in the order of arrival; joints in metres, z up, in the file's own frame, or

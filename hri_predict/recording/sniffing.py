@@ -3,12 +3,11 @@
 import zipfile
 from pathlib import Path
 
+from hri_predict.recording.format_table import FORMATS
+
 HEAD_BYTES = 4096
-# First bytes, and what they begin; for kinds that are read, the proper ending comes first.
-_MAGIC: tuple[tuple[bytes, str], ...] = (
-    (b"\x89MCAP0\r\n", ".mcap, MCAP"),
-    (b"HIERARCHY", ".bvh, BVH"),
-    (b"PathFileType", ".trc, markers as OpenSim's TRC"),
+# First bytes, and what they begin, of kinds that are not read.
+_OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"\x93NUMPY", "a single NumPy array (.npy)"),
     (b"\x89HDF\r\n\x1a\n", "HDF5, or MATLAB 7.3"),
     (b"MATLAB 5.0 MAT-file", "MATLAB"),
@@ -44,32 +43,29 @@ _MAGIC: tuple[tuple[bytes, str], ...] = (
 )
 
 
-def seems(path: Path) -> str:
-    """What the file seems to be, such as ".bvh, BVH" or "FBX"; "" if unknown.
+def seems(path: Path) -> tuple[str, str]:
+    """Return the ending and the content of a file by its first bytes.
+
+    They are (".bvh", "BVH") or ("", "FBX"): the ending is "" for a kind that is not read, and both
+    are "" for an unknown one.
 
     Raises:
         OSError: it cannot be read.
     """
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    if head.startswith(b"PK\x03\x04"):
-        return _zip(path)
     if head[4:8] == b"ftyp":
-        return "a film (MP4)"
+        return "", "a film (MP4)"
     text = head.removeprefix(b"\xef\xbb\xbf").lstrip()
-    for magic, what in _MAGIC:
+    for magic, what in _OTHERS:
         if head.startswith(magic) or (magic.isascii() and text.startswith(magic)):
-            return what
-    if len(head) >= 512 and head[1] == 0x50 and head[0] > 1:
-        return ".c3d, C3D"
-    if b"\0" in head:
-        return ""
-    return _text(text)
-
-
-def ending_of(what: str) -> str:
-    """The ending for what ``seems`` found; "" for a kind that is not read."""
-    return what.split(",")[0] if what.startswith(".") else ""
+            return "", what
+    for each in FORMATS:
+        if each.looks(path, head):
+            return each.ending, each.content
+    if head.startswith(b"PK\x03\x04"):
+        return "", _zip(path)
+    return "", "" if b"\0" in head else _text(text)
 
 
 def _zip(path: Path) -> str:
@@ -78,8 +74,6 @@ def _zip(path: Path) -> str:
             names = archive.namelist()
     except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
         return "a damaged zip archive"
-    if names and all(name.endswith(".npy") for name in names):
-        return ".npz, NumPy"
     if "[Content_Types].xml" in names:
         return "an Office document: save it as CSV"
     return "a zip archive: unpack it"
@@ -90,6 +84,4 @@ def _text(text: bytes) -> str:
         return "JSON"
     if text.startswith(b"<"):
         return "Xsens MVNX" if b"<mvnx" in text else "XML"
-    first = text.split(b"\n", 1)[0]
-    separators = max(first.count(b","), first.count(b";"), first.count(b"\t"))
-    return ".csv, a table as text" if separators >= 2 else ""
+    return ""

@@ -14,6 +14,7 @@ from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts.predictor import Forecast, problem_in
 from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, floor_distance
 from hri_predict.risk.contact.judges import contact_judges
@@ -42,9 +43,6 @@ FUTURE_NS = 50_000_000
 """A capture that is later than now by more than this means a broken clock."""
 STRETCH_STEP = 1.1
 """A late stop is revised in such steps while it lasts: each costs a table."""
-_LIES = {Reason.ROBOT_VELOCITY_WRONG, Reason.ROBOT_STATE_JUMPED}
-_LIES |= {Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT}
-_OF_PREDICTOR = (Reason.PREDICTOR_FAILED, Reason.PREDICTOR_LATE)
 
 
 class RiskEngine:
@@ -195,7 +193,7 @@ class RiskEngine:
     ) -> BodyZones:
         """First call: where everybody may be. Depends on no robot; arguments as for ``assess``."""
         if self._settings.mode == "reactive":  # asks for no forecast, so none can be missing
-            forecast, reasons = None, [r for r in reasons if r not in _OF_PREDICTOR]
+            forecast, reasons = None, [r for r in reasons if r.row.kind is not Kind.PREDICTOR]
         if forecast is not None and problem_in(forecast, self._shape(snapshot)):
             forecast, reasons = None, (*reasons, Reason.PREDICTOR_FAILED)
         velocities = velocities_in(snapshot, self._rate_hz)
@@ -242,7 +240,7 @@ class RiskEngine:
             tracker.advise(advice.speed_limit_m_s or 0.0, now_ns)
         for robot, obedience in self._obedience.items():
             obedience.advise(advices[robot].speed_limit_m_s or 0.0, now_ns)
-        lies = [r for found in findings.robots for r in found.unknown if r in _LIES]
+        lies = [r for found in findings.robots for r in found.unknown if r.row.contradicts]
         drift = [Reason.CALIBRATION_DRIFT] if self._is_drifting else []
         modes = [REASONS[a.mode] for a in advices if a.mode in REASONS]
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]

@@ -5,16 +5,6 @@ from collections.abc import Sequence
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 
-BY_PEOPLE = frozenset(
-    {
-        Reason.PERSON_NEAR,
-        Reason.PERSON_APPROACHING,
-        Reason.PERSON_LOST,
-        Reason.SPEED_UNKNOWN,
-        Reason.CONTACT_POSSIBLE,
-    }
-)
-"""With these reasons the distance of a person decides the level."""
 STANDS_M_S = 0.01
 """A robot that is slower stands, as far as words go."""
 NOTE = "no person is too close; note: "
@@ -78,7 +68,7 @@ def apart_text(
         more = f"more is needed to {'start' if stands else 'move on'}"
     if CLEARED in detail or RISING in detail:
         more = "new captures must confirm it" if CLEARED in detail else "the speed limit rises"
-    more = f"; {more}" if more and reason in BY_PEOPLE else ""
+    more = f"; {more}" if more and reason.row.by_distance else ""
     return f"{apart}, to spare {slack_m:.2f} m at {speed_m_s:.2f} m/s{more}"
 
 

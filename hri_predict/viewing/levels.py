@@ -1,8 +1,10 @@
 """How levels, people and rooms look on all screens: colours, and which level is the worst."""
 
 from collections.abc import Iterable
+from operator import attrgetter
 
 from hri_predict.base.markup import LEVEL_COLOURS
+from hri_predict.protocol.messages import Level
 
 Rgb = tuple[int, int, int]
 
@@ -18,7 +20,6 @@ LOST: Rgb = COLOURS["UNKNOWN"]
 FORECAST: Rgb = (90, 190, 255)
 VIEW: Rgb = (80, 170, 190)
 GRID: Rgb = (95, 103, 112)
-_WORST = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN", "FAULT")
 
 
 def colour(level: str) -> Rgb:
@@ -27,9 +28,9 @@ def colour(level: str) -> Rgb:
 
 
 def worst(levels: Iterable[str]) -> str:
-    """The level that asks most; UNKNOWN without any."""
-    known = [level if level in _WORST else "UNKNOWN" for level in levels]
-    return max(known, key=_WORST.index, default="UNKNOWN")
+    """The most urgent level; UNKNOWN without any, and for a name that is not a level."""
+    known = [Level.__members__.get(level, Level.UNKNOWN) for level in levels]
+    return max(known, key=attrgetter("urgency"), default=Level.UNKNOWN).name
 
 
 def css(rgb: Rgb) -> str:

@@ -13,11 +13,11 @@ from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import Grounds
-from hri_predict.risk.wording import BY_PEOPLE, apart_text, clears_beside, reason_beside, troubles
+from hri_predict.risk.wording import apart_text, clears_beside, reason_beside, troubles
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
-from hri_predict.viewing.room import SEES_NOTHING, room_of
+from hri_predict.viewing.room import room_of, sees
 
 STEPS = 8
 """So many moments of the horizon are sent, now and its end among them."""
@@ -83,7 +83,7 @@ def facts_of(tick: Tick, config: Config, cut_off: Sequence[str] = ()) -> dict[st
     return {
         "node_s": tick.now_ns * 1e-9,
         "places": [] if snapshot is None else _places(snapshot),
-        "sees": snapshot is not None and SEES_NOTHING.isdisjoint(snapshot.reasons),
+        "sees": snapshot is not None and sees(snapshot.reasons),
         **state_facts(tick.status.node_state, reasons, cut_off),
         "robots": [_robot(advice, config) for advice in tick.advices],
         "people": [*tracked, *lost],
@@ -140,7 +140,8 @@ def pair_facts(
 
     "near" is for whoever stands there, and "" unless a person decides the level.
     """
-    decides = bool(who) and pair_m is not None and level is not Level.CLEAR and reason in BY_PEOPLE
+    by_distance = level is not Level.CLEAR and reason.row.by_distance
+    decides = bool(who) and pair_m is not None and by_distance
     near = f"{who}, {max(0.0, pair_m or 0.0):.2f} m from the {in_words(link) or 'robot'}"
     return {
         "speed_m_s": speed_m_s,

@@ -31,7 +31,7 @@ from hri_predict.viewing.packing import (
     who_of,
 )
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
-from hri_predict.viewing.room import SEES_NOTHING, band_of_text, room_of_text
+from hri_predict.viewing.room import band_of_text, room_of_text, sees
 
 WINDOW_NS = 30_000_000_000
 WINDOWS = 4
@@ -249,7 +249,7 @@ class _Said:
             "people": ids,
             "tracked": tracked,
             "age_s": _number(status.get("age_s")),
-            "sees": bool(status) and SEES_NOTHING.isdisjoint(reasons),
+            "sees": bool(status) and sees(reasons),
             "named": {name: [z["occupied"], z["entry_s"]] for name, z in named.items()},
             "zones": [],
             "times_s": [0.0],

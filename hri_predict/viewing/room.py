@@ -1,6 +1,6 @@
 """What a configuration says, for pictures: what the sensor sees and does not see, and the band."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import yaml
@@ -8,27 +8,11 @@ from pydantic import TypeAdapter
 
 from hri_predict.base.files import load_yaml
 from hri_predict.base.settings import Region, Vector3
+from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run.config import Config
 
-SEES_NOTHING = frozenset(
-    {
-        Reason.NO_INPUT,
-        Reason.INPUT_STALE,
-        Reason.SOURCE_BLIND,
-        Reason.INPUT_FROZEN,
-        Reason.CLOCK_JUMP,
-        Reason.CLOCK_DRIFT,
-        Reason.INPUT_IMPOSSIBLE,
-        Reason.INPUT_REPEATS,
-        Reason.INPUT_RELATIVE,
-        Reason.BODY_NOT_UPRIGHT,
-        Reason.PERSON_NOT_LOCATED,
-        Reason.TOO_MANY_PEOPLE,
-    }
-)
-"""With one of these, scenes prove of no place that nobody is there (``People``)."""
 _POINTS = TypeAdapter(list[Vector3])
 
 
@@ -70,6 +54,11 @@ def room_of_text(text: str, cell: str) -> dict[str, Any]:
         )
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError):
         return _room(cell=cell)
+
+
+def sees(reasons: Iterable[Reason]) -> bool:
+    """Whether scenes can prove that a place is empty, given the reasons of Status."""
+    return all(reason.row.kind is not Kind.INPUT for reason in reasons)
 
 
 def band_of_text(text: str) -> float | None:

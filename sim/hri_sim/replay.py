@@ -28,6 +28,7 @@ from hri_predict.contracts.scene import Scene
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
+from hri_predict.recording.format_table import ANY_ENDING
 from hri_predict.recording.possible import check_size
 from hri_predict.recording.recording import SELF_EXPLAINED
 
@@ -42,7 +43,7 @@ class RecordingSettings(SourceSettings):
     keeps_ids: bool = Field(
         True, description="false for a recording of a tracker that may give an id to somebody else"
     )
-    path: str = Field(min_length=1, description=".npz, .bvh, .c3d, .trc, .csv or .mcap")
+    path: str = Field(min_length=1, description=ANY_ENDING)
     place: Vector3 | None = Field(
         None, description="[x, y, yaw] in the room of the recording's start"
     )

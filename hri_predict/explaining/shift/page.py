@@ -6,9 +6,10 @@ from typing import Any
 
 from hri_predict.base.markup import LEVEL_COLOURS, Content, Markup, document, join, table, tag
 from hri_predict.base.skeleton import in_words
-from hri_predict.explaining.episodes import LEVELS
+from hri_predict.explaining.episodes import LEVEL_NAMES
 from hri_predict.explaining.shift.charts import histogram, legend, level_bars
 from hri_predict.explaining.values import metres
+from hri_predict.protocol.messages import LEVELS
 
 _STYLE = """
 * { box-sizing: border-box; }
@@ -87,10 +88,10 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
         legend(),
         level_bars([("all", robot["seconds_at"])]),
         table(
-            ("", *LEVELS),
+            ("", *LEVEL_NAMES),
             [
-                ("time", *(_time(robot["seconds_at"][name]) for name in LEVELS)),
-                ("share", *(_percent(robot["seconds_at"][name] / total) for name in LEVELS)),
+                ("time", *(_time(robot["seconds_at"][name]) for name in LEVEL_NAMES)),
+                ("share", *(_percent(robot["seconds_at"][name] / total) for name in LEVEL_NAMES)),
             ],
         ),
         tag("h3", "By hour"),
@@ -131,7 +132,7 @@ def _robot(robot: Mapping[str, Any]) -> Markup:
 
 def _hour(hour: Mapping[str, Any]) -> tuple[Content, ...]:
     at = hour["seconds_at"]
-    standing = at["STOP"] + at["UNKNOWN"] + at["FAULT"]
+    standing = sum(at[level.name] for level in LEVELS if not level.may_move)
     share = _percent(hour["permitted_share"])
     return hour["from"], _time(sum(at.values())), hour["stops"], _time(standing), share
 

@@ -6,8 +6,7 @@ from typing import Any
 
 from hri_predict.explaining.because import brief, link_of, part_of
 from hri_predict.explaining.episodes import (
-    LEVELS,
-    STOPS,
+    LEVEL_NAMES,
     Episode,
     EpisodeFinder,
     level_of,
@@ -16,6 +15,7 @@ from hri_predict.explaining.episodes import (
 from hri_predict.explaining.shift.spread import Spread
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import mapped, number
+from hri_predict.protocol.messages import Level
 from hri_predict.recording import RecordingInfo, Told
 
 LONGEST = 10
@@ -30,7 +30,7 @@ _NEAR_SHARE, _MOVING_M_S = 0.2, 0.01
 class Hour:
     """Seconds at each level, sum of limit x seconds, and stops that began."""
 
-    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LEVELS, 0.0))
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LEVEL_NAMES, 0.0))
     limit_s: float = 0.0
     stops: int = 0
 
@@ -54,7 +54,7 @@ class RobotShift:
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.seconds = dict.fromkeys(LEVELS, 0.0)
+        self.seconds = dict.fromkeys(LEVEL_NAMES, 0.0)
         self.not_recorded_s = 0.0
         self.hours: dict[int, Hour] = {}
         self.kinds: dict[tuple[str, str], Kind] = {}
@@ -110,7 +110,7 @@ class RobotShift:
 
     def _ended(self, episode: Episode, info: RecordingInfo) -> None:
         worst = episode.worst
-        stops = worst.level in STOPS
+        stops = not Level[worst.level].may_move
         is_stop = stops and not episode.is_of_run
         lasted_ns = episode.stopped_ns if stops else episode.last_ns - episode.start_ns
         seconds = lasted_ns / NS

@@ -5,7 +5,7 @@ from typing import Any
 
 from hri_predict.explaining.because import reason_text
 from hri_predict.explaining.counters import rise
-from hri_predict.explaining.episodes import LEVELS, robot_of
+from hri_predict.explaining.episodes import LEVEL_NAMES, robot_of
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.foresight import Foresight
 from hri_predict.explaining.shift.robot import HOUR_NS, LONGEST, RobotShift
@@ -151,7 +151,7 @@ def _robot(robot: RobotShift, full_m_s: float | None, recordings: Recordings) ->
         "name": robot.name,
         "seconds": round(seconds, 1),
         "not_recorded_s": round(robot.not_recorded_s, 1),
-        "seconds_at": {name: round(robot.seconds[name], 1) for name in LEVELS},
+        "seconds_at": {name: round(robot.seconds[name], 1) for name in LEVEL_NAMES},
         "stops": robot.stops.count,
         "stopped_s": round(robot.stops.seconds, 1),
         "lost_s": _lost(sum(kind.lost_s(top) for kind in robot.kinds.values()), top),
@@ -185,7 +185,7 @@ def _robot(robot: RobotShift, full_m_s: float | None, recordings: Recordings) ->
         "hours": [
             {
                 "from": shown(max(key * HOUR_NS, recordings.start_ns), recordings, 0),
-                "seconds_at": {name: round(hour.seconds[name], 1) for name in LEVELS},
+                "seconds_at": {name: round(hour.seconds[name], 1) for name in LEVEL_NAMES},
                 "stops": hour.stops,
                 "permitted_share": _hourly(hour.limit_s, sum(hour.seconds.values()) * top),
             }

@@ -26,6 +26,10 @@ class CommandHook(HookSettings):
     retry_s: float = Field(0.0, ge=0, le=3600, description="run it again so long if it fails")
     timeout_s: float = Field(5.0, ge=0.1, le=600, description="end the program after this time")
 
+    def create_sender(self, place: Place) -> Sender:
+        """See the base class."""
+        return CommandSender(self, place)
+
     @property
     def where(self) -> str:
         """The program's name; its arguments may hold anything."""

@@ -1,30 +1,30 @@
-"""The kinds of hooks: settings and sender of each, by name."""
+"""The kinds of hooks, a row each."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, get_args
 
 from pydantic import Field
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.operation.alerting.command import CommandHook, CommandSender
+from hri_predict.operation.alerting.command import CommandHook
 from hri_predict.operation.alerting.hook import Hook
-from hri_predict.operation.alerting.mail import MailHook, MailSender
-from hri_predict.operation.alerting.mqtt import MqttHook, MqttSender
+from hri_predict.operation.alerting.mail import MailHook
+from hri_predict.operation.alerting.mqtt import MqttHook
 from hri_predict.operation.alerting.sender import Place, Sender
 from hri_predict.operation.alerting.settings import HookSettings
-from hri_predict.operation.alerting.syslog import SyslogHook, SyslogSender
-from hri_predict.operation.alerting.webhook import WebhookHook, WebhookSender
+from hri_predict.operation.alerting.syslog import SyslogHook
+from hri_predict.operation.alerting.webhook import WebhookHook
 
-AnyHook = Annotated[
-    CommandHook | WebhookHook | MqttHook | MailHook | SyslogHook, Field(discriminator="kind")
-]
-_SENDERS: dict[type[HookSettings], Any] = {
-    CommandHook: CommandSender,
-    WebhookHook: WebhookSender,
-    MqttHook: MqttSender,
-    MailHook: MailSender,
-    SyslogHook: SyslogSender,
-}
+_Kinds = (
+    CommandHook
+    | WebhookHook
+    | MqttHook
+    | MailHook
+    | SyslogHook
+)  # fmt: skip
+AnyHook = Annotated[_Kinds, Field(discriminator="kind")]
+KINDS = tuple(get_args(hook.model_fields["kind"].annotation)[0] for hook in get_args(_Kinds))
+"""Their names."""
 
 
 def sender_of(settings: HookSettings, place: Place) -> Sender:
@@ -34,10 +34,9 @@ def sender_of(settings: HookSettings, place: Place) -> Sender:
         ConfigError: a secret, a certificate or a package is missing.
     """
     try:
-        sender: Sender = _SENDERS[type(settings)](settings, place)
+        return settings.create_sender(place)
     except ConfigError as error:
         raise ConfigError(f"alert hook {settings.label}: {error}") from error
-    return sender
 
 
 def hooks_of(settings: Sequence[HookSettings], place: Place) -> list[Hook]:

@@ -88,6 +88,10 @@ class MailHook(HookSettings):
             raise ValueError("security: none would send the password in clear; use starttls or tls")
         return self
 
+    def create_sender(self, place: Place) -> Sender:
+        """See the base class."""
+        return MailSender(self, place)
+
     @property
     def where(self) -> str:
         """The server."""

@@ -95,6 +95,10 @@ class MqttHook(HookSettings):
             raise ValueError("a password needs 'username'")
         return self
 
+    def create_sender(self, place: Place) -> Sender:
+        """See the base class."""
+        return MqttSender(self, place)
+
     @property
     def where(self) -> str:
         """The broker."""

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from hri_predict.base.settings import Settings
 from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert
 from hri_predict.operation.alerting.secret import read_secret
+from hri_predict.operation.alerting.sender import Place, Sender
 
 LevelName = Literal["unknown", "clear", "warn", "slow", "stop", "fault"]
 Text = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -46,6 +47,14 @@ class HookSettings(Settings):
     @property
     def where(self) -> str:
         """The receiver as text, without a secret."""
+        raise NotImplementedError
+
+    def create_sender(self, place: Place) -> Sender:
+        """Create what sends the alerts of this hook; opens no connection.
+
+        Raises:
+            ConfigError: a secret, a certificate or a package is missing.
+        """
         raise NotImplementedError
 
     @property

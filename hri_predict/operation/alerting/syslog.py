@@ -69,6 +69,10 @@ class SyslogHook(HookSettings):
             raise ValueError("ca_file has no effect without protocol: tls; remove it")
         return self
 
+    def create_sender(self, place: Place) -> Sender:
+        """See the base class."""
+        return SyslogSender(self, place)
+
     @property
     def where(self) -> str:
         """The receiver."""

@@ -70,6 +70,10 @@ class WebhookHook(HookSettings):
             raise ValueError("give one of: url, url_file, url_env")
         return self
 
+    def create_sender(self, place: Place) -> Sender:
+        """See the base class."""
+        return WebhookSender(self, place)
+
     @property
     def where(self) -> str:
         """The server; the path may be a secret."""

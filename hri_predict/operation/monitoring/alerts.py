@@ -25,7 +25,7 @@ from hri_predict.base.settings import Settings
 from hri_predict.operation.alerting.alert import Alert, ZoneAlert, as_data, more
 from hri_predict.operation.alerting.command import CommandHook
 from hri_predict.operation.alerting.hooks import Hooks
-from hri_predict.operation.alerting.kinds import AnyHook
+from hri_predict.operation.alerting.kinds import KINDS, AnyHook
 from hri_predict.operation.alerting.sender import Place
 from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.operation.monitoring.flapping import Change, Flapping
@@ -34,8 +34,6 @@ from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
 
-_CONDITIONS = (Reason.STATE_UNTRUSTED, Reason.ACKNOWLEDGE_REPEATED)
-"""What somebody must see to, though no level changes with it."""
 _WRITE_S = 1.0
 """Time to write what is queued when the node stops."""
 
@@ -54,7 +52,7 @@ class AlertSettings(Settings):
     )
     timeout_s: float = Field(5.0, ge=0.1, le=600, description="end a command that runs longer")
     to: list[AnyHook] = Field(
-        [], max_length=16, description="further receivers: webhook, mqtt, email, syslog, command"
+        [], max_length=16, description=f"further receivers: {', '.join(KINDS)}"
     )
 
     @property
@@ -152,11 +150,11 @@ class Alerts:
     def observe(self, advices: tuple[Advice, ...], reasons: Sequence[Reason] = ()) -> None:
         """Take the advices of one tick; queue an alert for each changed level. Never blocks.
 
-        ``reasons`` are those of Status; one of ``_CONDITIONS`` is news at any level.
+        ``reasons`` are those of Status; one with ``is_news`` is news at any level.
         """
         for held in self._flapping.due(self._now_s()):
             self._hand_over(None, held)
-        condition = next((reason for reason in reasons if reason in _CONDITIONS), None)
+        condition = next((reason for reason in reasons if reason.row.is_news), None)
         for advice in advices:
             self._watch_distance(advice)
             # a new reason for unknown is news; the reason for a stop may change with every step

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from hri_predict.operation.alerting.alert import Alert, ZoneAlert
+from hri_predict.protocol.messages import Level
 
 WINDOW_S = 15.0
 REPEATS = 3
@@ -19,7 +20,6 @@ HOLDS_S = 5.0
 FIRST_S, AGAIN_S = 10.0, 60.0
 """or at the latest after the first of these, and of the second while the state goes on to change.
 """
-_SEVERITY = {"clear": 0, "warn": 1, "slow": 2, "stop": 3, "unknown": 4, "fault": 5}
 _ZONES = {"empty": 0, "entry predicted": 1, "occupied": 2}
 
 Change = Alert | ZoneAlert
@@ -30,7 +30,7 @@ class _Subject:
 
     Attributes:
         came: times of the newest changes, by state.
-        reported: severity of what was reported last; the state is never more severe than this.
+        reported: urgency of what was reported last; the state is never more severe than this.
         held: newest change, if it waits.
         held_back: number of changes since the last report that were not reported.
     """
@@ -56,7 +56,7 @@ class Flapping:
         came = subject.came.setdefault(_state(change), deque(maxlen=REPEATS))
         repeats = len(came) == REPEATS and came[0] > change.time_s - WINDOW_S
         came.append(change.time_s)
-        if not repeats or _severity(change) > subject.reported:
+        if not repeats or _urgency(change) > subject.reported:
             if not repeats and subject.held is None:
                 subject.patience_s = FIRST_S
             return self._report(subject, change, change.time_s)
@@ -87,7 +87,7 @@ class Flapping:
     def _report(self, subject: _Subject, change: Change, now_s: float) -> Change:
         others = subject.held_back - (change is subject.held)
         subject.held, subject.held_back = None, 0
-        subject.reported, subject.reported_s = _severity(change), now_s
+        subject.reported, subject.reported_s = _urgency(change), now_s
         return replace(change, held_back=others) if others else change
 
 
@@ -97,7 +97,7 @@ def _state(change: Change) -> tuple[str, str]:
     return change.level, change.reason
 
 
-def _severity(change: Change) -> int:
+def _urgency(change: Change) -> int:
     if isinstance(change, ZoneAlert):
         return _ZONES.get(change.state, 0)
-    return _SEVERITY.get(change.level, 4)
+    return Level.__members__.get(change.level.upper(), Level.UNKNOWN).urgency

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from hri_predict.operation.monitoring.fleet import SILENT, UNKNOWN, CellRow, RobotRow
+from hri_predict.protocol.messages import LEVELS
 
 GONE = "GONE"
 """No messages: the level is not known, and nobody says so."""
-WORST_FIRST = ("FAULT", GONE, "UNKNOWN", "STOP", "SLOW", "WARN", "CLEAR")
+WORST_FIRST = [level.name for level in reversed(LEVELS)]
+WORST_FIRST.insert(WORST_FIRST.index("UNKNOWN"), GONE)
 _LIVE = ("running", "degraded")
 _WHY = {SILENT: "no advice for this robot", UNKNOWN: "its capture is too old"}
 

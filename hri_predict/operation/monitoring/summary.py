@@ -17,7 +17,7 @@ from hri_predict.node.node import Node
 from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.operation.monitoring.source_report import source_table
 from hri_predict.people.clock.clock_alignment import ClockEstimate
-from hri_predict.protocol.messages import Advice, Level
+from hri_predict.protocol.messages import LEVELS, Advice, Level
 
 
 class LevelCounter(Listener):
@@ -52,7 +52,8 @@ class LevelCounter(Listener):
             was = self._levels.get(advice.robot)
             if advice.level is not was:
                 # a change from stop or unknown to slow is a release, not a slowdown
-                self.slowdowns += advice.level is Level.SLOW and was in (Level.CLEAR, Level.WARN)
+                milder = was is not None and was.rank < Level.SLOW.rank
+                self.slowdowns += advice.level is Level.SLOW and milder
                 self.stops += advice.level is Level.STOP
                 self._levels[advice.robot] = advice.level
             name = advice.level.name.lower()
@@ -228,8 +229,7 @@ def summarise(
     )
 
 
-_LEVELS = ("clear", "warn", "slow", "stop", "unknown", "fault")
-"""From the mildest on."""
+_LEVELS = tuple(level.name.lower() for level in LEVELS)
 
 
 def _link_row(link: Link, connected: bool) -> dict[str, Any]:

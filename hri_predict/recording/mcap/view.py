@@ -4,6 +4,7 @@ It is decimated, and it is for the eye: the exact numbers are in /scene, /zones 
 """
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,6 @@ def _rgb(code: str) -> tuple[float, float, float]:
 
 
 LEVEL_RGB = {level: _rgb(LEVEL_COLOURS[level.name]) for level in Level}
-_WORST = (Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP, Level.UNKNOWN, Level.FAULT)
 _BONES = [(joint, parent) for joint, parent in enumerate(PARENTS) if parent >= 0]
 _WAIST = JOINTS.index("waist")
 
@@ -107,7 +107,8 @@ def _ends(capsules: Capsules, where: Any) -> tuple[Floats, Floats]:
 
 def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
     """``foxglove.SceneUpdate``: what is not there any more fades by its lifetime."""
-    worst = max((level for *_, level, _ in picture.robots), key=_WORST.index, default=Level.UNKNOWN)
+    levels = [level for *_, level, _ in picture.robots]
+    worst = max(levels, key=attrgetter("urgency"), default=Level.UNKNOWN)
     entities = []
 
     def add(name: str, **parts: list[Any]) -> None:

@@ -31,7 +31,7 @@ from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.wording import BY_PEOPLE, NOTE, STANDS_M_S
+from hri_predict.risk.wording import NOTE, STANDS_M_S
 from hri_predict.zones.body_zones import BodyZones
 
 _TOO_CLOSE = "too close for the robot's present speed"
@@ -184,7 +184,7 @@ class Levels:
         elif reason is Reason.NONE and (bodies.reasons or remarks):
             reason = (*bodies.reasons, *remarks)[0]
         reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
-        who = people if people is not None and natural.reason in BY_PEOPLE else None
+        who = people if people is not None and natural.reason.row.by_distance else None
         detail = _detail(
             self._robots[robot],
             bodies,

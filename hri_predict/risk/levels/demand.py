@@ -2,25 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 
-_SEVERITY = {
-    Level.CLEAR: 0,
-    Level.WARN: 1,
-    Level.SLOW: 2,
-    Level.STOP: 3,
-    Level.UNKNOWN: 3,
-    Level.FAULT: 3,
-}
-
-
-def severity(level: Level) -> int:
-    """How much a level demands; *unknown* and *fault* demand a stop."""
-    return _SEVERITY[level]
+by_rank = attrgetter("rank")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,11 +55,11 @@ class Demand:
 
     def milder(self, other: "Demand") -> "Demand":
         """One demand is enough: take the lower levels and the higher limits."""
-        rank, other_rank = severity(self.level), severity(other.level)
+        rank, other_rank = self.level.rank, other.level.rank
         mild = other if (other_rank, self.limit_m_s) < (rank, other.limit_m_s) else self
         return Demand(
             level=mild.level,
-            release=min(self.release, other.release, key=severity),
+            release=min(self.release, other.release, key=by_rank),
             limit_m_s=max(self.limit_m_s, other.limit_m_s),
             release_limit_m_s=max(self.release_limit_m_s, other.release_limit_m_s),
             reason=mild.reason,
@@ -78,21 +67,21 @@ class Demand:
 
     def at_least(self, level: Level, reason: Reason) -> "Demand":
         """The same, but no milder than ``level``, for ``reason``."""
-        milder = severity(self.level) < severity(level)
+        milder = self.level.rank < level.rank
         return replace(
             self,
             level=level if milder else self.level,
-            release=max(self.release, level, key=severity),
+            release=max(self.release, level, key=by_rank),
             reason=reason if milder else self.reason,
         )
 
     def full_or_stop(self, reason: Reason) -> "Demand":
         """The same for a robot that keeps no speed limit: a demand to slow becomes a stop."""
         slows = self.level is Level.SLOW
-        release_slows = severity(self.release) >= severity(Level.SLOW)
+        release_slows = self.release.rank >= Level.SLOW.rank
         return Demand(
             level=Level.STOP if slows else self.level,
-            release=max(self.release, Level.STOP, key=severity) if release_slows else self.release,
+            release=max(self.release, Level.STOP, key=by_rank) if release_slows else self.release,
             limit_m_s=0.0 if slows else self.limit_m_s,
             release_limit_m_s=0.0 if release_slows else self.release_limit_m_s,
             reason=reason if slows else self.reason,
@@ -100,9 +89,9 @@ class Demand:
 
     def __or__(self, other: "Demand") -> "Demand":
         """Both demands hold: take the severer level with its reason and the lower limits."""
-        rank, other_rank = severity(self.level), severity(other.level)
+        rank, other_rank = self.level.rank, other.level.rank
         worse = other if (other_rank, self.limit_m_s) > (rank, other.limit_m_s) else self
-        release = max(self.release, other.release, key=severity)
+        release = max(self.release, other.release, key=by_rank)
         return Demand(
             level=worse.level,
             release=release,
@@ -134,7 +123,7 @@ def demand_of(
     release = level(finding.slack_m - settings.band_m, slow_band, warn_band)
     return Demand(
         level=now,
-        release=max(now, release, key=severity),
+        release=max(now, release, key=by_rank),
         limit_m_s=0.0 if now is Level.STOP else slow,
         release_limit_m_s=0.0 if release is Level.STOP else slow_band,
         reason=reason if now is not Level.CLEAR else Reason.NONE,

@@ -9,7 +9,7 @@ noise at a threshold, and here nothing crossed a threshold. This happens at most
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.demand import Demand, by_rank
 
 
 class FirstSight:
@@ -52,7 +52,7 @@ class FirstSight:
         recently = self._last is not None and captures - self._last <= self._captures
         if captures - since > self._captures or recently:
             return None
-        if severity(demand.release) >= severity(Level.STOP):
+        if not demand.release.may_move:
             return None
         self._last = captures
-        return max(level, demand.release, key=severity), min(limit_m_s, demand.release_limit_m_s)
+        return max(level, demand.release, key=by_rank), min(limit_m_s, demand.release_limit_m_s)

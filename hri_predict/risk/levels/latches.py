@@ -10,12 +10,6 @@ from hri_predict.risk.levels.machine import LevelMachine
 
 MAX_LATCH_ID = 65_000
 """Latch ids wrap here: they are 16 bits on the wire."""
-_BLIND = frozenset(
-    (Reason.SOURCE_BLIND, Reason.INPUT_STALE, Reason.INPUT_FROZEN, Reason.INPUT_REPEATS)
-)
-
-
-_MAY_BE_LOST = frozenset((Reason.ROOM_NOT_SEEN_EMPTY, Reason.STATE_UNTRUSTED))
 
 
 class LatchIds:
@@ -47,10 +41,11 @@ def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[st
     Before the first capture, nothing was seen, so nothing can be lost from view: the cause is
     ``start``.
     """
+    of_reasons = {reason.row.latches for reason in untrusted}
     causes = []
-    if snapshot.captures and not _BLIND.isdisjoint(untrusted):
+    if snapshot.captures and "blind" in of_reasons:
         causes.append("blind")
-    if snapshot.lost or not _MAY_BE_LOST.isdisjoint(untrusted):
+    if snapshot.lost or "lost" in of_reasons:
         causes.append("lost")
     return causes
 

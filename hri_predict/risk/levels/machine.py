@@ -20,7 +20,7 @@ from typing import Any
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.demand import Demand, by_rank
 from hri_predict.risk.levels.first_sight import FirstSight
 from hri_predict.risk.settings import RiskSettings
 
@@ -125,7 +125,7 @@ class LevelMachine:
         for cause in causes:
             self.latch(cause)
         lasting = any(cause in self._causes for cause in causes)
-        self._cause_cleared = severity(demand.release) < severity(Level.STOP) and not lasting
+        self._cause_cleared = demand.release.may_move and not lasting
         again = self._first_sight.update(demand, self._level, self._limit, captures)
         if again is not None and not self._causes:
             self._level, self._limit = again
@@ -166,23 +166,23 @@ class LevelMachine:
         """Change the level. Return why it is severer than the demand; ``None`` if it is not."""
         if demand.level is Level.STOP:
             self.latch("stop")
-        if self._causes and severity(demand.level) < severity(Level.STOP):
+        if self._causes and demand.level.may_move:
             self._agreed = 0
             self._level = Level.STOP
             return Reason.LATCHED
-        if severity(demand.level) >= severity(self._level):
+        if demand.level.rank >= self._level.rank:
             self._agreed = 0
             self._level = demand.level
             return None
         release = demand.release
         rising = self._limit < self._max_speed  # a robot that is not yet at full speed is slowed
         if rising:
-            release = max(release, Level.SLOW, key=severity)
-        if severity(release) >= severity(self._level):  # within the band, or still rising
+            release = max(release, Level.SLOW, key=by_rank)
+        if release.rank >= self._level.rank:  # within the band, or still rising
             self._agreed = 0
-            if severity(release) == severity(self._level):
+            if release.rank == self._level.rank:
                 self._level = release  # the unknown is now known
-            within = severity(demand.release) >= severity(self._level)
+            within = demand.release.rank >= self._level.rank
             return demand.reason if within and demand.reason else Reason.RELEASE_PENDING
         if captures != self._last_capture:
             if self._agreed == 0:
@@ -194,15 +194,15 @@ class LevelMachine:
         if not self._lasts(demand):
             return Reason.RELEASE_PENDING
         self._level = release
-        return None if severity(release) == severity(demand.level) else Reason.RELEASE_PENDING
+        return None if release.rank == demand.level.rank else Reason.RELEASE_PENDING
 
     def _lasts(self, demand: Demand) -> bool:
         """Whether the speed, if it keeps falling, is enough for that many further captures."""
         then = 2 * demand.release_limit_m_s - self._counted_from
-        return severity(self._level) < severity(Level.STOP) or then >= self._settings.min_speed_m_s
+        return self._level.may_move or then >= self._settings.min_speed_m_s
 
     def _move_limit(self, demand: Demand, seconds: float) -> None:
-        if severity(self._level) >= severity(Level.STOP):
+        if not self._level.may_move:
             self._limit = 0.0
             return
         rising = self._limit + self._settings.speed_rise_m_s2 * seconds

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.robots.asked import Asked
 from hri_predict.robots.modes import ModeSettings
@@ -34,12 +34,6 @@ REASONS = {
     OperatingMode.RECOVERY: Reason.RECOVERY,
     OperatingMode.MUTED: Reason.MUTED,
 }
-_BY_PEOPLE = (
-    Reason.PERSON_NEAR,
-    Reason.PERSON_APPROACHING,
-    Reason.ZONE_OCCUPIED,
-    Reason.ZONE_ENTRY_PREDICTED,
-)
 _NOT_BY_PEOPLE = "people do not stop the robot"
 _WITHIN_BAND = (
     "people are not near enough to stop the robot again; a stop that holds clears when they "
@@ -191,12 +185,12 @@ class Modes:
         level = demand.release if goes_on else demand.level
         if demand.level is Level.FAULT:
             return _NOT_BY_PEOPLE
-        if severity(level) < severity(Level.STOP):
-            within = severity(demand.release) >= severity(Level.STOP)
+        if level.may_move:
+            within = not demand.release.may_move
             return _WITHIN_BAND if within else _NOT_BY_PEOPLE
         if not situation.is_known:
             return ""  # said by the caller
-        if situation.beside_unseen or demand.reason not in _BY_PEOPLE:
+        if situation.beside_unseen or not demand.reason.row.in_view:
             return "something other than people in view stops the robot"
         return situation.not_backing_out
 

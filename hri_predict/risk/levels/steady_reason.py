@@ -11,23 +11,6 @@ are given at once. The level and the speed limit do not depend on this.
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 
-_RANK = {
-    reason: rank
-    for rank, reason in enumerate(
-        (
-            Reason.NONE,
-            Reason.ZONES_WIDENED,
-            Reason.MOTION_UNLIKE,
-            Reason.PERSON_FAST,
-            Reason.RELEASE_PENDING,
-            Reason.CONTACT_POSSIBLE,
-            Reason.PERSON_APPROACHING,
-            Reason.PERSON_NEAR,
-        )
-    )
-}
-"""Mildest first. Reasons that are not listed here are given, and replaced, at once."""
-
 
 class SteadyReason:
     """The reason's memory of one robot's advice.
@@ -42,6 +25,7 @@ class SteadyReason:
         self._level: Level | None = None
         self._reason = Reason.NONE
         self._waiting = Reason.NONE  # the severest of the milder ones that were seen meanwhile
+        self._waiting_rank = 0
         self._agreed = 0
         self._last_capture: int | None = None
 
@@ -55,15 +39,15 @@ class SteadyReason:
         """
         is_new = captures != self._last_capture
         self._last_capture = captures
-        rank, held = _RANK.get(reason), _RANK.get(self._reason)
+        rank, held = reason.row.rank, self._reason.row.rank
         if level is not self._level or rank is None or held is None:
             self._level, self._needed = level, self._first
             return self._give(reason)
         if rank >= held:
             self._needed *= 1 + (rank > held)
             return self._give(reason)
-        if not self._agreed or rank > _RANK[self._waiting]:
-            self._waiting = reason
+        if not self._agreed or rank > self._waiting_rank:
+            self._waiting, self._waiting_rank = reason, rank
         self._agreed += is_new
         return self._give(self._waiting) if self._agreed >= self._needed else self._reason
 

@@ -49,7 +49,6 @@ from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
 U = TypeVar("U")
 
 COUNTERS = 1 << 16  # values of RobotState's counter
-_MOVING_LEVELS = (Level.CLEAR, Level.WARN, Level.SLOW)
 _FULL_SPEED_TOLERANCE = 0.01  # m/s: rounding on the wire does not count as a slowdown
 _MAX_EVENTS = 1000
 _MAX_ROUND_TRIPS = 10_000
@@ -330,7 +329,7 @@ class ControllerCore(Generic[U]):
             self._report.max_gap_s = max(self._report.max_gap_s, gap_s)
         self._last_advice_ns = now_ns
         limit = 0.0
-        if advice.level in _MOVING_LEVELS and advice.speed_limit_m_s is not None:
+        if advice.level.may_move and advice.speed_limit_m_s is not None:
             limit = max(0.0, advice.speed_limit_m_s)
         self._heard = _Heard(now_ns, self._age_bound(advice, now_ns), limit, advice.level)
         permit = Permit(limit, advice.level.name.lower(), advice.mode)
@@ -380,7 +379,7 @@ class ControllerCore(Generic[U]):
             return "starting"
         if self._errors > self._settings.tolerated_errors:
             return "errors"
-        if self._heard.level not in _MOVING_LEVELS:
+        if not self._heard.level.may_move:
             return ""  # a stop is a stop at any age
         if self._heard.age_bound_s is None:
             return "no age"

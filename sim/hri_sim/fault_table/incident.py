@@ -16,7 +16,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.run.config import Config, NodeSettings
 from hri_predict.run.session import Options, View, run
-from hri_sim.fault_table.outcome import MOVING, FaultOutcome
+from hri_sim.fault_table.outcome import FaultOutcome
 
 Span = tuple[float, float]
 """Seconds after the start, from and until."""
@@ -149,9 +149,9 @@ class _Watch(View):
         incident, found = self._incident, []
         if clear := self.count(incident.not_clear, lambda level: level is Level.CLEAR):
             found.append(f"clear in {clear} ticks of {incident.not_clear}")
-        if moving := self.count(incident.not_moving, lambda level: level in MOVING):
+        if moving := self.count(incident.not_moving, lambda level: level.may_move):
             found.append(f"motion permitted in {moving} ticks of {incident.not_moving}")
-        if incident.moving and not self.count(incident.moving, lambda level: level in MOVING):
+        if incident.moving and not self.count(incident.moving, lambda level: level.may_move):
             found.append(f"no motion permitted in {incident.moving}")
         given = {reason for _, _, reason in self._ticks}
         found += [f"never says {r.name}" for r in incident.says if r not in given]

@@ -23,7 +23,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
-from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected, FaultOutcome
+from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
 from hri_sim.people.body import Body
 from hri_sim.senders.live_ends import LIVE_ENDS, LiveEnd
 
@@ -195,7 +195,7 @@ class _Watch(View):
 
 
 def _well(level: Level, state: NodeState) -> bool:
-    return level in MOVING and state is NodeState.RUNNING
+    return level.may_move and state is NodeState.RUNNING
 
 
 def _is_outcome(case: LiveCase, level: Level, reason: Reason, state: NodeState) -> bool:

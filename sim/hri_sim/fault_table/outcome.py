@@ -3,9 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from hri_predict.protocol.messages import Level
-
-MOVING = (Level.CLEAR, Level.WARN, Level.SLOW)
 RECOVERY_S = 6.0  # from the fault's end until the advice is as before it
 
 Expected = Literal[

@@ -27,7 +27,7 @@ from hri_sim.fault_table.incident import run_incident
 from hri_sim.fault_table.incidents import INCIDENTS
 from hri_sim.fault_table.live import run_live_faults
 from hri_sim.fault_table.node_death import How, die
-from hri_sim.fault_table.outcome import MOVING, RECOVERY_S, Expected, FaultOutcome
+from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
 
@@ -376,12 +376,12 @@ class _Watch(View):
             return state is NodeState.DEGRADED and level is not Level.CLEAR
         if case.expected == "not clear":
             return level is not Level.CLEAR and (not case.reasons or reason in case.reasons)
-        return level not in MOVING or state is not NodeState.RUNNING  # of "count only": must not be
+        return not level.may_move or state is not NodeState.RUNNING  # of "count only": must not be
 
     def _recovery(self, case: Case) -> float | None:
         """Return when the node runs and permits motion again after the fault's end."""
         end = case.end_s
         for t, level, _, state in self._ticks:
-            if t >= end and level in MOVING and state is NodeState.RUNNING:
+            if t >= end and level.may_move and state is NodeState.RUNNING:
                 return (t - end) * 1e3 if t - end <= RECOVERY_S else None
         return None

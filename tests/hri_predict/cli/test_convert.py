@@ -3,6 +3,7 @@
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,12 @@ import pytest
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli import main
-from hri_predict.recording import converting, open_recording
+from hri_predict.recording import open_recording
+from hri_predict.recording.format_table import BY_NAME, ENDINGS, of_ending
 from hri_sim.replay import RecordingSettings, RecordingSource
+
+OF_ANY_JOINTS = [ending for ending in ENDINGS if ending != ".bvh"]
+"""A BVH needs most joints of a body."""
 
 TABLE = "time_s,person,waist_x,waist_y,waist_z,l_wrist_x,l_wrist_y,l_wrist_z\n" + "".join(
     f"{k / 50},{person},{k / 100},{person},1.0,0.3,{person},1.2\n"
@@ -117,23 +122,22 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
     assert "is the recording that is read" in mistake("two.csv", "link.csv", "--force")
 
 
-@pytest.mark.parametrize("ending", ["csv", "c3d", "npz", "mcap", "trc"])
+@pytest.mark.parametrize("ending", OF_ANY_JOINTS)
 @pytest.mark.parametrize("problem", [KeyboardInterrupt, OSError(28, "No space left on device")])
 def test_what_breaks_off_leaves_nothing_half(cli, tmp_path, monkeypatch, ending, problem):
-    kind = converting.ENDINGS[f".{ending}"]
-    write = converting.WRITERS[kind]
-    (tmp_path / f"a.{ending}").write_bytes(b"old")
+    chosen = of_ending(ending)[0]
+    (tmp_path / f"a{ending}").write_bytes(b"old")
 
     def broken(path, recording):
-        write(path, recording)
+        chosen.write(path, recording)
         raise problem
 
-    monkeypatch.setitem(converting.WRITERS, kind, broken)
-    status, out, err = cli("two.csv", f"a.{ending}", "--force")
+    monkeypatch.setitem(BY_NAME, chosen.name, replace(chosen, write=broken))
+    status, out, err = cli("two.csv", f"a{ending}", "--force")
     assert (status, out) == ((130, "") if problem is KeyboardInterrupt else (2, ""))
     assert problem is KeyboardInterrupt or "No space left" in err
-    assert (tmp_path / f"a.{ending}").read_bytes() == b"old"
-    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([f"a.{ending}", "two.csv"])
+    assert (tmp_path / f"a{ending}").read_bytes() == b"old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([f"a{ending}", "two.csv"])
 
 
 def test_mistakes_are_one_line_with_the_remedy(mistake):
@@ -159,10 +163,10 @@ def test_units_of_what_states_its_own_are_refused(cli, mistake):
     assert "--units: has no effect on two.mcap" in mistake("two.mcap", "a.csv", "--units", "mm")
 
 
-@pytest.mark.parametrize("ending", ["csv", "c3d", "npz", "mcap", "trc"])
+@pytest.mark.parametrize("ending", OF_ANY_JOINTS)
 def test_a_converted_recording_is_a_source_of_the_node(cli, ending):
-    assert cli("two.csv", f"a.{ending}")[0] == 0
-    settings = RecordingSettings(kind="recording", path=f"a.{ending}", start_s=0.1)
+    assert cli("two.csv", f"a{ending}")[0] == 0
+    settings = RecordingSettings(kind="recording", path=f"a{ending}", start_s=0.1)
     source = RecordingSource(settings, Path())
     source.open(1_000_000_000)
     scene = source.poll(1_000_000_000)

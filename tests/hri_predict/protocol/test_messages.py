@@ -5,6 +5,7 @@ import re
 import pytest
 
 from hri_predict.protocol.messages import (
+    LEVELS,
     Advice,
     Level,
     Message,
@@ -68,3 +69,18 @@ def test_reasons_say_person_not_nobody_or_somebody():
     for reason in Reason:
         words = set(re.findall(r"[a-z]+", f"{reason.text} {reason.clears_when}".lower()))
         assert words.isdisjoint({"nobody", "somebody", "anybody", "everybody", "whoever"}), reason
+
+
+def test_whatever_is_not_clear_warn_or_slow_stops_the_robot() -> None:
+    assert {level for level in Level if level.may_move} == {Level.CLEAR, Level.WARN, Level.SLOW}
+
+
+def test_to_a_robot_unknown_and_fault_are_stops() -> None:
+    assert [level.rank for level in LEVELS] == [0, 1, 2, 3, 3, 3]
+    for level in Level:
+        assert level.may_move == (level.rank < Level.STOP.rank)
+
+
+def test_people_see_a_fault_before_what_is_unknown_and_that_before_a_stop() -> None:
+    assert sorted(Level, key=lambda level: level.urgency) == list(LEVELS)
+    assert Level.STOP.urgency < Level.UNKNOWN.urgency < Level.FAULT.urgency

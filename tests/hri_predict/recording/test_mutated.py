@@ -11,7 +11,8 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
-from hri_predict.recording.converting import WRITERS, write_recording
+from hri_predict.recording.converting import write_recording
+from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.naming import map_of_names
 
 TOKENS = (b"nan", b"1e999", b"-1", b"99999999999", b"\t", b",", b"\n", b"", b"\0", b"\xff", b'"')
@@ -34,7 +35,7 @@ def _seed_file(folder: Path, kind: str) -> Path:
         scenes=scenes,
         arrival_ns=times,
     )
-    path = folder / f"seed.{'npz' if kind == 'amass' else kind}"
+    path = folder / f"seed{BY_NAME[kind].ending}"
     write_recording(recording, path, kind)
     return path
 
@@ -71,7 +72,7 @@ def _opened(path: Path) -> tuple[Recording | None, str]:
         return None, str(error)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in WRITERS if kind != "pack"])
+@pytest.mark.parametrize("kind", [kind for kind in BY_NAME if kind != "pack"])
 def test_every_damage_ends_in_a_recording_or_one_line(tmp_path, kind):
     path = _seed_file(tmp_path, kind)
     data = path.read_bytes()

@@ -12,8 +12,9 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
-from hri_predict.recording.converting import WRITERS, write_recording
+from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
+from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.naming import map_of_names
 
 TOLERANCE_M = {"csv": 5.1e-7, "trc": 5.1e-8, "c3d": 2e-6, "amass": 2e-6, "pack": 2e-6, "mcap": 0}
@@ -59,7 +60,7 @@ def made(joints, ids=(1,), frames=4, rate_hz=30.0, missing=0.3, seed=0) -> Recor
 
 
 def through(recording: Recording, to: str, folder: Path, **options) -> Recording:
-    path = folder / f"out.{'npz' if to in ('amass', 'pack') else to}"
+    path = folder / f"out{BY_NAME[to].ending}"
     write_recording(recording, path, to, force=True)
     assert list(folder.glob("*.partial")) == []
     return open_recording(path, any_joints=True, **options)
@@ -226,7 +227,7 @@ def test_a_person_who_is_not_there_is_named():
 
 
 def test_every_writer_has_a_tolerance_or_its_own_tests():
-    assert {*TOLERANCE_M, "bvh"} == set(WRITERS)
+    assert {*TOLERANCE_M, "bvh"} == set(BY_NAME)
 
 
 @pytest.mark.parametrize("to", SEVERAL)

@@ -14,9 +14,9 @@ from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import CANONICAL, JOINTS, in_words
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.protocol.messages import Advice, Level, RobotMode
+from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZoneSettings
-from hri_predict.risk.levels.demand import severity
 from hri_predict.risk.separation.stage import RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
@@ -81,16 +81,7 @@ def test_the_separation_is_the_distance(mode):
     assert cell.settle().separation_m is None
 
 
-SCENE = [
-    Reason.NO_INPUT,
-    Reason.INPUT_STALE,
-    Reason.INPUT_FROZEN,
-    Reason.INPUT_REPEATS,
-    Reason.INPUT_RELATIVE,
-    Reason.SOURCE_BLIND,
-    Reason.ROOM_NOT_SEEN_EMPTY,
-    Reason.STATE_UNTRUSTED,
-]
+SCENE = [reason for reason in Reason if reason.row.kind in (Kind.INPUT, Kind.MEMORY)]
 
 
 @MODES
@@ -349,7 +340,7 @@ def test_nearer_never_raises_the_limit_or_lowers_the_level(mode, x, nearer, turn
     assert near.speed_limit_m_s is not None
     assert far.speed_limit_m_s is not None
     assert near.speed_limit_m_s <= far.speed_limit_m_s
-    assert severity(near.level) >= severity(far.level)
+    assert near.level.rank >= far.level.rank
 
 
 @MODES
@@ -376,7 +367,7 @@ def test_numbers_that_are_none_never_give_clear_near_a_person(mode, where, value
         forecast.positions[0, :, hit] = value
     for _ in range(8):
         advice = cell.step(0.9, last_positions=last, joint_age_s=age, forecast=forecast)
-        assert severity(advice.level) == severity(Level.STOP)
+        assert advice.level.rank == Level.STOP.rank
         assert advice.speed_limit_m_s == 0.0
         for number in (advice.separation_m, advice.predicted_separation_m, advice.time_to_breach_s):
             assert number is None or np.isfinite(number)

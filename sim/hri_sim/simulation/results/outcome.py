@@ -25,7 +25,6 @@ HORIZON_S = 1.0
 NEAR_M = 0.25
 """A stop was right if a person would have come this near to a robot that went on."""
 JUDGED_EVERY = 5  # ticks between two judged predictions of a touch
-_MILD = (Level.CLEAR, Level.WARN)
 _ADVISED = ("stop", "unknown", "fault")  # causes of a stop that are advice, not the wire
 
 
@@ -164,7 +163,7 @@ def outcome(*, cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Trut
         found.cycles += (paths[-1] - paths[start]) / trajectory.duration_s
         found.cycles_empty += (paths_alone[-1] - paths_alone[start]) / trajectory.duration_s
         if model.name in truth.first_touch:
-            mild = [levels[robot] in _MILD for levels in log.levels]
+            mild = [levels[robot].rank < Level.SLOW.rank for levels in log.levels]
             _count_touch(
                 found=found,
                 times=times,

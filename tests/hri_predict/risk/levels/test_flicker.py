@@ -8,7 +8,6 @@ import pytest
 
 from hri_predict import load_predictor
 from hri_predict.protocol.messages import Level
-from hri_predict.risk.levels.demand import severity
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.zones.calibration import load_calibration, shipped_calibration
 from tests.hri_predict.risk.engine_cell import HISTORY, RATE_HZ, Cell, body
@@ -69,9 +68,9 @@ def test_so_it_is_with_calibrated_zones_of_a_trained_predictor(mode, seed):
 
 
 def check(told):
-    levels = [level for level, _ in itertools.groupby(severity(level) for level, _ in told)]
+    levels = [level for level, _ in itertools.groupby(level.rank for level, _ in told)]
     top = levels.index(max(levels))
-    assert levels[top] == severity(Level.STOP)
+    assert levels[top] == Level.STOP.rank
     assert levels[: top + 1] == sorted(set(levels[: top + 1]))
     assert levels[top:] == sorted(set(levels[top:]), reverse=True)
     for _, ticks in itertools.groupby(told, key=lambda each: each[0]):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.levels.demand import Demand, combined, demand_of, severity
+from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.machine import LevelMachine
 from hri_predict.risk.separation.now import judge_iso
 from hri_predict.risk.settings import RiskSettings
@@ -191,15 +191,15 @@ def test_advice_is_never_milder_than_asked(sequence, latch):
     last, agreeing = run(CLEAR), 1
     for demand, new_capture in sequence:
         advised = run(demand, new_capture=new_capture)
-        assert severity(advised.level) >= severity(demand.level)
+        assert advised.level.rank >= demand.level.rank
         assert advised.limit_m_s <= demand.limit_m_s
         assert advised.limit_m_s <= last.limit_m_s + 0.5 * 0.04 + 1e-9
-        if severity(advised.level) == severity(Level.STOP):
+        if advised.level.rank == Level.STOP.rank:
             assert advised.limit_m_s == 0.0
         assert (advised.level is Level.UNKNOWN) >= (demand.level is Level.UNKNOWN)
-        stopped = severity(demand.release) >= severity(Level.STOP)
+        stopped = demand.release.rank >= Level.STOP.rank
         agreeing = 0 if stopped else agreeing + new_capture
-        if severity(last.level) == 3 and severity(advised.level) < 3:
+        if last.level.rank == 3 and advised.level.rank < 3:
             assert agreeing >= 3
         last = advised
 

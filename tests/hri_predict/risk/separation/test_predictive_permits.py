@@ -15,7 +15,7 @@ from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import asked_of
-from hri_predict.risk.levels.demand import Demand, severity
+from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Separation
 from hri_predict.risk.settings import RiskSettings
@@ -41,7 +41,7 @@ DEMANDS = st.builds(
 
 
 def ranks(demand):
-    return severity(demand.level), severity(demand.release)
+    return demand.level.rank, demand.release.rank
 
 
 def limits(demand):
@@ -61,7 +61,7 @@ def test_milder_is_the_lower_level_and_the_higher_limit_of_each(one, other):
 def test_milder_has_no_order(one, other):
     both, turned = one.milder(other), other.milder(one)
     assert (ranks(both), limits(both)) == (ranks(turned), limits(turned))
-    if severity(one.level) != severity(other.level) or one.limit_m_s != other.limit_m_s:
+    if one.level.rank != other.level.rank or one.limit_m_s != other.limit_m_s:
         assert (both.level, both.reason) == (turned.level, turned.reason)
 
 
@@ -176,7 +176,7 @@ def test_it_permits_more_than_iso_where_somebody_walks_away():
     for x in PLACES:
         bodies = sphere(x, speed_m_s=1.2, growth_m_s=0.2)  # forecast well: 0.2 m wider in a second
         iso, predictive = judged("iso", bodies).demand, judged("predictive", bodies).demand
-        assert severity(predictive.level) <= severity(iso.level)
+        assert predictive.level.rank <= iso.level.rank
         assert predictive.limit_m_s >= iso.limit_m_s
         permitted += predictive.limit_m_s > iso.limit_m_s
     assert permitted > 3
@@ -255,7 +255,7 @@ def test_somebody_odd_beside_who_moves_as_assumed_keeps_the_zones():
     found = judged("predictive", beside)
     by_zones = judged("predictive", odd).demand
     assert limits(found.demand) <= limits(by_zones)
-    assert severity(found.demand.level) >= severity(by_zones.level)
+    assert found.demand.level.rank >= by_zones.level.rank
 
 
 @pytest.mark.long

@@ -1,0 +1,157 @@
+"""The formats of recordings: a row each. Readers, writers, endings, help and checks follow from it.
+
+A new format is a module in ``formats`` and a row here.
+"""
+
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hri_predict.recording.formats.amass import is_amass, read_amass, write_amass
+from hri_predict.recording.formats.bvh import read_bvh
+from hri_predict.recording.formats.bvh_writer import write_bvh
+from hri_predict.recording.formats.c3d import read_c3d, write_c3d
+from hri_predict.recording.formats.csv_table import read_csv, write_csv
+from hri_predict.recording.formats.mcap_writer import write_mcap
+from hri_predict.recording.formats.npz import read_npz, write_pack
+from hri_predict.recording.formats.trc import read_trc, write_trc
+from hri_predict.recording.frames import Written
+from hri_predict.recording.mcap.reader import read_mcap
+from hri_predict.recording.recording import Recording
+
+Reader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
+"""Arguments: file, person's id, metres per unit, axes; see ``open_recording``."""
+
+
+def _anything(path: Path) -> bool:
+    return True
+
+
+def _begins(magic: bytes) -> Callable[[Path, bytes], bool]:
+    """Return a test of the first bytes; a text may begin with a byte-order mark and with blanks."""
+    return lambda path, head: head.startswith(magic) or _text(head).startswith(magic)
+
+
+def _is_npz(path: Path, head: bytes) -> bool:
+    if not head.startswith(b"PK\x03\x04"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = archive.namelist()
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return False
+    return bool(names) and all(name.endswith(".npy") for name in names)
+
+
+def _is_c3d(path: Path, head: bytes) -> bool:
+    return len(head) >= 512 and head[1] == 0x50 and head[0] > 1
+
+
+def _is_table(path: Path, head: bytes) -> bool:
+    if b"\0" in head or _text(head).startswith((b"{", b"[", b"<")):
+        return False
+    first = _text(head).split(b"\n", 1)[0]
+    return max(first.count(b","), first.count(b";"), first.count(b"\t")) >= 2
+
+
+def _text(head: bytes) -> bytes:
+    return head.removeprefix(b"\xef\xbb\xbf").lstrip()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One format.
+
+    Attributes:
+        name: as ``convert --to`` takes it.
+        ending: of its files. Of several formats with one ending, the first writes where only the
+            ending is given, and the first whose ``is_mine`` holds reads.
+        read, write: its reader and its writer.
+        looks: whether a file looks like it, from its path and its first bytes; only for
+            explanations, never to read it.
+        content: what such content is called.
+        only: which files of this ending are read; "" for all.
+        is_mine: whether a file of this ending is this format's.
+    """
+
+    name: str
+    ending: str
+    read: Reader
+    write: Callable[[Path, Recording], Written]
+    looks: Callable[[Path, bytes], bool]
+    content: str
+    only: str = ""
+    is_mine: Callable[[Path], bool] = _anything
+
+
+FORMATS = (
+    Format(
+        name="amass",
+        ending=".npz",
+        read=read_amass,
+        write=write_amass,
+        looks=_is_npz,
+        content="NumPy",
+        only="AMASS with joints",
+        is_mine=is_amass,
+    ),
+    Format(
+        name="pack",
+        ending=".npz",
+        read=lambda path, person, unit_m, axes: read_npz(path, person),
+        write=write_pack,
+        looks=_is_npz,
+        content="NumPy",
+        only="the data pack's layouts",
+    ),
+    Format(
+        name="bvh",
+        ending=".bvh",
+        read=read_bvh,
+        write=write_bvh,
+        looks=_begins(b"HIERARCHY"),
+        content="BVH",
+    ),
+    Format(
+        name="c3d",
+        ending=".c3d",
+        read=read_c3d,
+        write=write_c3d,
+        looks=_is_c3d,
+        content="C3D",
+    ),
+    Format(
+        name="trc",
+        ending=".trc",
+        read=read_trc,
+        write=write_trc,
+        looks=_begins(b"PathFileType"),
+        content="markers as OpenSim's TRC",
+    ),
+    Format(
+        name="csv",
+        ending=".csv",
+        read=read_csv,
+        write=write_csv,
+        looks=_is_table,
+        content="a table as text",
+    ),
+    Format(
+        name="mcap",
+        ending=".mcap",
+        read=lambda path, person, unit_m, axes: read_mcap(path),
+        write=write_mcap,
+        looks=_begins(b"\x89MCAP0\r\n"),
+        content="MCAP",
+        only="recorded by this node",
+    ),
+)
+BY_NAME = {each.name: each for each in sorted(FORMATS, key=lambda each: each.name)}
+ENDINGS = tuple(dict.fromkeys(each.ending for each in FORMATS))
+ANY_ENDING = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
+
+
+def of_ending(ending: str) -> list[Format]:
+    """Return the formats of files with this ending, such as ".npz"; empty if it is unknown."""
+    return [each for each in FORMATS if each.ending == ending]
