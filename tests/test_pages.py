@@ -14,9 +14,20 @@ HEADINGS = ["Context", "Decision", "Why", "What it costs", "When to revisit"]
 UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME_benchmark.yaml", "NAME.py"}
 BASES = (
     *(".", "configs", "drivers", "drivers/c", "drivers/hri_drivers", "sim/hri_sim/faults"),
-    *("hri_predict", "hri_predict/predictors", "hri_predict/recording", "hri_predict/zones"),
-    "tests/hri_predict/recording",
+    *("hri_predict", "hri_predict/operation", "hri_predict/predictors", "hri_predict/protocol"),
+    *("hri_predict/recording", "hri_predict/risk/levels", "hri_predict/zones"),
+    *("sim/hri_sim/fault_table", "tests/hri_predict/protocol", "tests/hri_predict/recording"),
 )
+MAX_COLUMNS = 100
+
+
+def drawing():
+    """The way of a frame, as text."""
+    found = re.search(
+        r"## The way of a frame\n.*?```text\n(.*?)```", CONTRIBUTING.read_text(), re.S
+    )
+    assert found is not None
+    return found[1]
 
 
 def moved():
@@ -48,10 +59,22 @@ def test_links_lead_somewhere(page):
 
 def test_contributing_names_only_files_that_are_there():
     named = re.findall(r"`([\w./]+\.(?:py|md|yaml|toml|st|h|c))`", CONTRIBUTING.read_text("utf-8"))
-    assert len(named) > 40
+    assert len(named) > 30
     for name in named:
         if Path(name).name not in UNIQUE:
             assert any((ROOT / base / name).exists() for base in BASES), name
+
+
+def test_the_way_of_a_frame_names_only_files_that_are_there():
+    named = re.findall(r"[\w/]+\.\w+", drawing())
+    assert len(named) > 15
+    assert [
+        n for n in named if not any((ROOT / b / n).exists() for b in (".", "hri_predict"))
+    ] == []
+
+
+def test_the_way_of_a_frame_fits_a_page():
+    assert max(map(len, drawing().splitlines())) <= MAX_COLUMNS
 
 
 def test_every_reason_that_the_safety_page_names_is_given_by_the_code():
