@@ -1,4 +1,4 @@
-"""CHANGELOG, CONTRIBUTING and the decisions name only what is there."""
+"""CHANGELOG, CONTRIBUTING, upgrade notes and decisions name only what is there."""
 
 import re
 from importlib.util import find_spec
@@ -9,6 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 CHANGELOG = ROOT / "CHANGELOG.md"
+UPGRADE = ROOT / "docs" / "guides" / "upgrade.md"
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 HEADINGS = ["Context", "Decision", "Why", "What it costs", "When to revisit"]
 UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME_benchmark.yaml", "NAME.py"}
@@ -31,14 +32,14 @@ def drawing():
 
 
 def moved():
-    """(before, now) of every module in the changelog's table."""
-    table = CHANGELOG.read_text(encoding="utf-8").split("Modules moved into folders")[1]
+    """(before, now) of every module in the table of the page on upgrades."""
+    table = UPGRADE.read_text(encoding="utf-8").split("moved without an alias")[1]
     rows = re.findall(r"\| `(hri_[\w.]+)`[^|]*\| `(hri_[\w.]+)` \|", table)
     assert len(rows) > 50
     return rows
 
 
-def test_every_module_that_moved_is_where_the_changelog_says():
+def test_every_module_that_moved_is_where_the_upgrade_page_says():
     assert [now for _, now in moved() if find_spec(now) is None] == []
 
 
@@ -51,7 +52,7 @@ def test_every_module_that_moved_is_gone_from_where_it_was():
     assert [before for before, _ in moved() if still_a_module(before)] == []
 
 
-@pytest.mark.parametrize("page", [CONTRIBUTING, CHANGELOG, *DECISIONS], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", [CONTRIBUTING, CHANGELOG, UPGRADE, *DECISIONS], ids=lambda p: p.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
