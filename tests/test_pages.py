@@ -52,7 +52,9 @@ def test_every_module_that_moved_is_gone_from_where_it_was():
     assert [before for before, _ in moved() if still_a_module(before)] == []
 
 
-@pytest.mark.parametrize("page", [CONTRIBUTING, CHANGELOG, UPGRADE, *DECISIONS], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "page", [CONTRIBUTING, CHANGELOG, UPGRADE, *DECISIONS], ids=lambda p: p.name
+)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
