@@ -19,7 +19,8 @@ BASES = (
     *("hri_predict/recording", "hri_predict/risk/levels", "hri_predict/zones"),
     *("sim/hri_sim/fault_table", "tests/hri_predict/protocol", "tests/hri_predict/recording"),
 )
-MAX_COLUMNS = 100
+MAX_COLUMNS = 82
+"""Of a fenced block: as many as a page of the site shows without scrolling."""
 
 
 def drawing():
