@@ -83,6 +83,7 @@ def test_between_opposite_directions_turns_half_about_the_axis_given():
     torch.testing.assert_close(expmap(between(x, -x, y)), math.pi * y)
 
 
+@pytest.mark.filterwarnings("ignore::torch.jit.TracerWarning")
 def test_a_traced_copy_of_between_turns_opposite_directions_too():
     """An exported network must not depend on what the example that was traced happened to hold."""
     a, b = unit(random(5, 3)), unit(random(5, 3, seed=1))
