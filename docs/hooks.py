@@ -15,6 +15,8 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
 FIRST_PAGE = "README.md"
+DRAWING = "<!-- the way of a frame -->"
+"""Stands in the first page for the drawing at the top of CONTRIBUTING.md."""
 PAGES = (
     FIRST_PAGE,
     "CONTRIBUTING.md",
@@ -49,6 +51,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turn the repository's links into the site's; a link to a folder becomes its bare text."""
     name = _in_repository(page.file.src_uri)
+    markdown = markdown.replace(DRAWING, _drawing())
 
     def link(match: re.Match[str]) -> str:
         target = _resolved(name, match[1])
@@ -64,6 +67,12 @@ def on_page_markdown(markdown: str, *, page: Page, config: MkDocsConfig, files: 
         parts[index] = re.sub(r"(?<!!)\[([^\]]+)\]\((?!\w+:|#)([^)#\s]+)\)", bare, parts[index])
         parts[index] = _LINK.sub(link, parts[index])
     return "".join(parts)
+
+
+def _drawing() -> str:
+    """Return the first fenced block of CONTRIBUTING.md: the way of a frame."""
+    found = _FENCE.search((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    return found[0] if found else ""
 
 
 def _targets(page: str) -> set[str]:

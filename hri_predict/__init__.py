@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from hri_predict.base import former_paths
 
-__version__ = "0.2.0.dev0"
+__version__ = "0.2.0"
 """The one place for the version: the build reads it here."""
 
 former_paths.install()

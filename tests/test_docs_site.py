@@ -51,6 +51,12 @@ def test_every_contract_has_a_page(site: Path, page: str) -> None:
     assert f'id="{CONTRACTS[page]}"' in text
 
 
+def test_the_first_page_draws_the_way_of_a_frame(site: Path) -> None:
+    text = (site / "index.html").read_text(encoding="utf-8")
+    assert "┌ inference process ─" in text
+    assert "predictors/process/worker.py" in text
+
+
 def test_every_link_of_the_site_leads_somewhere(site: Path) -> None:
     for page in site.rglob("*.html"):
         if page.name == "404.html":  # its links start at the server's root

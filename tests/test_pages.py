@@ -1,4 +1,4 @@
-"""CHANGELOG, CONTRIBUTING and the decisions name only what is there."""
+"""CHANGELOG, CONTRIBUTING, upgrade notes and decisions name only what is there."""
 
 import re
 from importlib.util import find_spec
@@ -9,25 +9,38 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 CONTRIBUTING = ROOT / "CONTRIBUTING.md"
 CHANGELOG = ROOT / "CHANGELOG.md"
+UPGRADE = ROOT / "docs" / "guides" / "upgrade.md"
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 HEADINGS = ["Context", "Decision", "Why", "What it costs", "When to revisit"]
 UNIQUE = {"NAME.yaml", "live_NAME.yaml", "NAME_real.yaml", "NAME_benchmark.yaml", "NAME.py"}
 BASES = (
     *(".", "configs", "drivers", "drivers/c", "drivers/hri_drivers", "sim/hri_sim/faults"),
-    *("hri_predict", "hri_predict/predictors", "hri_predict/recording", "hri_predict/zones"),
-    "tests/hri_predict/recording",
+    *("hri_predict", "hri_predict/operation", "hri_predict/predictors", "hri_predict/protocol"),
+    *("hri_predict/recording", "hri_predict/risk/levels", "hri_predict/zones"),
+    *("sim/hri_sim/fault_table", "tests/hri_predict/protocol", "tests/hri_predict/recording"),
 )
+MAX_COLUMNS = 82
+"""Of a fenced block: as many as a page of the site shows without scrolling."""
+
+
+def drawing():
+    """The way of a frame, as text."""
+    found = re.search(
+        r"## The way of a frame\n.*?```text\n(.*?)```", CONTRIBUTING.read_text(), re.S
+    )
+    assert found is not None
+    return found[1]
 
 
 def moved():
-    """(before, now) of every module in the changelog's table."""
-    table = CHANGELOG.read_text(encoding="utf-8").split("Modules moved into folders")[1]
+    """(before, now) of every module in the table of the page on upgrades."""
+    table = UPGRADE.read_text(encoding="utf-8").split("moved without an alias")[1]
     rows = re.findall(r"\| `(hri_[\w.]+)`[^|]*\| `(hri_[\w.]+)` \|", table)
     assert len(rows) > 50
     return rows
 
 
-def test_every_module_that_moved_is_where_the_changelog_says():
+def test_every_module_that_moved_is_where_the_upgrade_page_says():
     assert [now for _, now in moved() if find_spec(now) is None] == []
 
 
@@ -40,7 +53,9 @@ def test_every_module_that_moved_is_gone_from_where_it_was():
     assert [before for before, _ in moved() if still_a_module(before)] == []
 
 
-@pytest.mark.parametrize("page", [CONTRIBUTING, CHANGELOG, *DECISIONS], ids=lambda p: p.name)
+@pytest.mark.parametrize(
+    "page", [CONTRIBUTING, CHANGELOG, UPGRADE, *DECISIONS], ids=lambda p: p.name
+)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
@@ -48,10 +63,22 @@ def test_links_lead_somewhere(page):
 
 def test_contributing_names_only_files_that_are_there():
     named = re.findall(r"`([\w./]+\.(?:py|md|yaml|toml|st|h|c))`", CONTRIBUTING.read_text("utf-8"))
-    assert len(named) > 40
+    assert len(named) > 30
     for name in named:
         if Path(name).name not in UNIQUE:
             assert any((ROOT / base / name).exists() for base in BASES), name
+
+
+def test_the_way_of_a_frame_names_only_files_that_are_there():
+    named = re.findall(r"[\w/]+\.\w+", drawing())
+    assert len(named) > 15
+    assert [
+        n for n in named if not any((ROOT / b / n).exists() for b in (".", "hri_predict"))
+    ] == []
+
+
+def test_the_way_of_a_frame_fits_a_page():
+    assert max(map(len, drawing().splitlines())) <= MAX_COLUMNS
 
 
 def test_every_reason_that_the_safety_page_names_is_given_by_the_code():

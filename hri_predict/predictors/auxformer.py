@@ -19,12 +19,13 @@ Where this differs from the paper, and why:
 - Heads return the difference from the filled-in input (for the future: from its last pose), so an
   untrained network predicts zero velocity. The encoder reads a coordinate and its difference from
   that last pose. The paper's heads return coordinates, and its encoder reads coordinates.
+- The shipped weights were trained with ``velocity: true`` and ``scale: features``, which are not
+  the defaults.
 - ``velocity: true`` gives each token its joint's step from the frame before, too; zero where either
   is hidden, so that nothing hidden is read. The paper does not print this; the authors' code has it
   (``concat_vel``, https://github.com/MediaBrain-SJTU/AuxFormer).
 - Attention's products are divided by the square root of F, the width of all features, as printed
-  in section 4.2, with ``scale: features``; by that of a head's width, as is usual, by default. The
-  shipped weights were trained with the defaults.
+  in section 4.2, with ``scale: features``; by that of a head's width, as is usual, by default.
 - For speed, ``future_stride`` steps of the future share a token whose head predicts them all. The
   auxiliary tasks leave the future out and use half of each batch. ``future_stride: 1``,
   ``auxiliary_future: true`` and ``auxiliary_share: 1`` give the paper's version.

@@ -71,7 +71,7 @@ class AverageSettings(PredictorSettings):
 class AveragePredictor:
     """Averages the forecasts of several predictors.
 
-    See ``base.Predictor`` for the other attributes.
+    See ``contracts.predictor.Predictor`` for the other attributes.
 
     Attributes:
         members: the predictors.
@@ -101,7 +101,7 @@ class AveragePredictor:
         self.horizon_steps = min(member.horizon_steps for member in self.members)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """The mean of what every member predicts; see ``base.Predictor.predict``.
+        """The mean of what every member predicts; see ``Predictor.predict``.
 
         ``std`` is ``None``, even where members have one.
 

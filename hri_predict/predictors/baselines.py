@@ -50,7 +50,7 @@ class ZeroVelocity:
         self._neighbours = neighbours(skeleton.parents)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Repeat each joint's newest observed position; see ``base.Predictor.predict``."""
+        """Repeat each joint's newest observed position; see ``Predictor.predict``."""
         newest, seen = last_observed(observed)
         start = _masked_at(history, newest, seen)
         return self._extrapolate(start, np.zeros_like(start), newest, seen)
@@ -83,7 +83,7 @@ class ConstantVelocity(ZeroVelocity):
         self.history_steps = max(self.history_steps, self._span + 1)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Extrapolate each joint's mean velocity; see ``base.Predictor.predict``."""
+        """Extrapolate each joint's mean velocity; see ``Predictor.predict``."""
         newest, seen = last_observed(observed)
         earlier, moved = self._earlier(observed, newest)
         start = _masked_at(history, newest, seen)

@@ -78,7 +78,7 @@ class ConstantAccelerationKalman:
         self._reach = np.minimum(skeleton.reach, UNKNOWN_STD_M)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Filter the window and extrapolate; see ``base.Predictor.predict``."""
+        """Filter the window and extrapolate; see ``Predictor.predict``."""
         seen = ever(observed)
         state = self._prior(history, observed, seen)
         for step in range(self.history_steps):

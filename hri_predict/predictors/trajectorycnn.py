@@ -13,10 +13,11 @@ Where this differs from the paper, or the paper leaves it open:
 - The text does not say where the 1x1 branches leave and join. ``paths: nested`` has the three of
   the authors' code (https://github.com/lily2lab/TrajectoryCNN, layers/TrajBlock.py), each inside
   the one before: around the block, from layer 1 to the input of layer 5, from layer 2 to that of
-  layer 4; each with its own LeakyReLU, as after the trajectory space. ``paths: pairs`` is an older
-  reading: around layers 2 and 3, and around 4 and 5; the shipped weights were trained with it.
+  layer 4; each with its own LeakyReLU, as after the trajectory space. The default, ``paths:
+  pairs``, is an older reading: around layers 2 and 3, and around 4 and 5.
 - The paper does not give LeakyReLU's slope. The authors' code has TensorFlow's 0.2; the default is
-  PyTorch's 0.01, again that of the shipped weights.
+  PyTorch's 0.01.
+- The shipped weights were trained with ``paths: nested`` and ``slope: 0.2``, as the authors' code.
 - The paper does not give the dropout rate. (The authors' code has 0.25 for CMU.)
 - The authors' code trains on each batch a second time, reversed in time: ``data.reverse: 0.5`` of
   the benchmark, ``data.augment.reverse`` of recordings. The paper does not say so.

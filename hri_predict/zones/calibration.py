@@ -7,7 +7,7 @@ tells radii in two ways:
 - **estimated**: a factor on the learned scale (``learned_scale``), which says for each joint how
   wrong this forecast may be, after its shape (``scale_shape``), up to a limit. Windows of one
   recording overlap and resemble each other, so this is an estimate without a guarantee
-  (``calibration.conformal``).
+  (``lab.calibration.conformal``).
 - **guaranteed**: a radius in metres for each joint, by split conformal prediction over
   recordings: only these are independent. The score
   of a recording is the largest error of all its windows. With n recordings the level l is
@@ -76,7 +76,7 @@ class UsedRecording(Settings):
 
 
 class SiteParts(Settings):
-    """What moved a calibration's factors towards a site; see ``calibration.site.mixing``."""
+    """What moved a calibration's factors towards a site; see ``lab.calibration.site.mixing``."""
 
     base: str = Field(description="first digits of the SHA-256 of the calibration it came from")
     recordings: tuple[UsedRecording, ...] = Field(description="parts of the site's recordings")

@@ -5,7 +5,7 @@ joint and step; the conformal factors of a calibration turn it into a radius (``
 reads depends on the past and on the forecast alone, so radii stay valid for people and motion
 that the network was not fitted on: J. Lei et al., "Distribution-Free Predictive Inference for
 Regression", JASA 113 (2018) 1094, section 5.2 (locally weighted conformal inference). The network
-is fitted to a quantile of the error's logarithm (``calibration.scale_fit``); here it only runs.
+is fitted to a quantile of the error's logarithm (``lab.calibration.scale_fit``); here it only runs.
 
 Its inputs do not change when the room is turned or moved, and name no body: lengths of bones do
 not occur.

@@ -16,7 +16,7 @@ estimated radius is larger than the quantile of the errors themselves, for each 
 and step, at a level that misses ``SPARE`` times less than the stated one: at 99 % it is the 99.9 %
 quantile. The limits cost a tenth of what a level may miss, at most (Boole's inequality).
 
-*Guaranteed*: see ``risk.zones.calibration``. Here the body's shape must not come from the
+*Guaranteed*: see ``zones.calibration``. Here the body's shape must not come from the
 recordings that are ranked: it is the fixed growth ``body_shape``.
 """
 

@@ -75,10 +75,12 @@ class Dynamics(nn.Module):
         return torch.einsum("ij,btjc->btic", self.carried, needed) * joints
 
     def of_root(self, root: Tensor) -> Tensor:
-        """The force (B, T, 3) that moves the whole body with its root, in units of M g.
+        """Return the force (B, T, 3) that moves the whole body as one mass, in units of M g.
 
-        This force belongs to the root's travel as a joint's force belongs to its rotation. The
-        chains of the parts end below the root, so none of them contains it.
+        It goes with the token of the root's travel, which the paper does not have, as a joint's
+        force goes with its rotation. The root's row of ``forward`` is not this force: the root
+        begins the torso's chain, so its row adds up the joints of that part only (with three
+        parts, of the arms too), in units of M g / J.
 
         Args:
             root: (B, T, 3) metres.

@@ -97,7 +97,8 @@ def between(a: Tensor, b: Tensor, axis: Tensor | None = None) -> Tensor:
     cosine = (a * b).sum(-1, keepdim=True)
     q = torch.cat([1 + cosine, _cross(a, b)], -1)
     opposite = cosine < -1 + 1e-6
-    if bool(opposite.any()):  # hardly ever
+    # Hardly ever; an exported copy has one path, which serves both.
+    if torch.jit.is_tracing() or bool(opposite.any()):
         if axis is None:
             axis = _unit(_cross(a, _least(a)))
         half_turn = torch.nn.functional.pad(axis, (1, 0))
@@ -116,7 +117,7 @@ def _cross(a: Tensor, b: Tensor) -> Tensor:
 
 def _least(a: Tensor) -> Tensor:
     """The coordinate axis (..., 3) along which each vector has its smallest component."""
-    return torch.nn.functional.one_hot(a.abs().argmin(-1), 3).to(a.dtype)
+    return (torch.arange(3, device=a.device) == a.abs().argmin(-1, keepdim=True)).to(a.dtype)
 
 
 def _unit(x: Tensor) -> Tensor:

@@ -79,7 +79,7 @@ class NetworkOptions(Settings):
 
 
 class Network(nn.Module):
-    """Base of the five networks.
+    """Base of the networks.
 
     Attributes:
         shape: size of its task.

@@ -33,7 +33,7 @@ _STRETCH = 2  # times the trained horizon; beyond it a chained network drifts fa
 
 
 class NeuralPredictor:
-    """Base of the trained predictors; see ``base.Predictor`` for the attributes.
+    """Base of the trained predictors; see ``contracts.predictor.Predictor`` for the attributes.
 
     Works on ``CANONICAL``, as the node does, or on ``BODY``. The network does not predict three
     canonical joints: waist, neck and head_top. Each of them starts where it was last observed and
@@ -95,7 +95,7 @@ class NeuralPredictor:
         self._warm_up(path)
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Predict with the network; see ``base.Predictor.predict``."""
+        """Predict with the network; see ``Predictor.predict``."""
         if len(history) == 0:
             shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
             return Forecast(np.zeros(shape), None)

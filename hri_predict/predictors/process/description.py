@@ -13,7 +13,7 @@ from hri_predict.contracts.predictor import Predictor
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """The attributes of a predictor; see ``base.Predictor``.
+    """The attributes of a predictor; see ``contracts.predictor.Predictor``.
 
     Attributes:
         digest: of the files that its forecasts depend on: a worker that is started anew must have

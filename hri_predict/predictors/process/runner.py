@@ -32,7 +32,7 @@ _PATIENCE_S = 10.0  # for whoever asks outside the loop
 
 
 class RemotePredictor:
-    """A predictor that computes in the worker; see ``base.Predictor`` for the attributes."""
+    """A predictor that computes in the worker; see ``contracts.predictor.Predictor``."""
 
     def __init__(self, runner: "ProcessRunner", described: Description) -> None:
         self._runner = runner
@@ -42,7 +42,7 @@ class RemotePredictor:
         self.rate_hz = described.rate_hz
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Predict in the worker; see ``base.Predictor.predict``. Not while the loop runs.
+        """Predict in the worker; see ``Predictor.predict``. Not while the loop runs.
 
         Raises:
             PredictorError: it failed, or took longer than ten seconds.

@@ -83,6 +83,15 @@ def test_between_opposite_directions_turns_half_about_the_axis_given():
     torch.testing.assert_close(expmap(between(x, -x, y)), math.pi * y)
 
 
+@pytest.mark.filterwarnings("ignore::torch.jit.TracerWarning")
+def test_a_traced_copy_of_between_turns_opposite_directions_too():
+    """An exported network must not depend on what the example that was traced happened to hold."""
+    a, b = unit(random(5, 3)), unit(random(5, 3, seed=1))
+    traced = torch.jit.trace(between, (a, b), check_trace=False)
+    torch.testing.assert_close(traced(a, -a), between(a, -a))
+    torch.testing.assert_close(traced(a, b), between(a, b))
+
+
 def test_wraps_by_a_whole_turn_are_undone():
     angle = torch.linspace(2.0, 5.0, 40).double()  # past half a turn, and about a fixed axis
     axis = unit(random(3))

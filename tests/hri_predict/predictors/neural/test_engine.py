@@ -106,6 +106,23 @@ def test_forecasts_of_the_copy_are_torch_s(name):
         assert np.abs(wanted - found).max() < ROUNDING_M
 
 
+def test_the_copy_of_kdformer_turns_a_bone_that_points_the_other_way():
+    """The rotation from a direction to its opposite has a formula of its own."""
+    cls = registry.load("predictors", "kdformer")
+    copy = cls(cls.settings_model.model_validate({"name": "kdformer", "engine": "auto"}))
+    assert isinstance(copy, NeuralPredictor)
+    assert copy.engine.name == "onnxruntime"
+    skeleton, body = copy.network.shape.skeleton, copy.network.rest.clone()
+    hand = skeleton.joints.index("l_hand")
+    body[hand] = 2 * body[skeleton.parents[hand]] - body[hand]
+    window = Window(
+        body.expand(1, copy.history_steps, -1, -1), torch.ones(1, copy.history_steps, 28).bool()
+    )
+    with torch.inference_mode():
+        differs = copy.engine.forward(window) - copy.network(window)
+    assert float(differs.abs().max()) < ROUNDING_M  # a copy without the formula: 0.03 m
+
+
 @pytest.mark.parametrize(
     ("network", "why"),
     [
