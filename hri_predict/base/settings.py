@@ -57,7 +57,9 @@ class Settings(BaseModel):
         result = handler(data)
         for key in data if isinstance(data, dict) else ():
             if _took_truth_for_a_number(data[key], getattr(result, key, None)):
-                raise ValueError(f"{key}: true and false (yes, no, on, off in YAML) are no numbers")
+                raise ValueError(
+                    f"{key}: true and false (yes, no, on, off in YAML) are not numbers"
+                )
         return result
 
 

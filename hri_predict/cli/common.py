@@ -52,7 +52,7 @@ ClusterOption = Annotated[
         "--cluster",
         metavar="ADDRESS",
         help="Let the workers of this Dask scheduler do the work, such as tcp://127.0.0.1:8786. "
-        "Connect only to a scheduler of your own: whoever reaches it can run any code.",
+        "Connect only to a scheduler of your own: any program that reaches it can run code.",
     ),
 ]
 CalibrationsOption = Annotated[

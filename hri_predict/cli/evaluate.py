@@ -359,7 +359,9 @@ def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motio
         own = [motion for motion in motions if len(origins(motion)[0])]
         found += own
         if not own:
-            left_out.append(f"recording {path}: nobody is seen long enough for {HORIZONS_MS[0]} ms")
+            left_out.append(
+                f"recording {path}: no person is seen long enough for {HORIZONS_MS[0]} ms"
+            )
     if not found:
         raise ConfigError(f"--data: no recording can be evaluated: {left_out[0]}; give others")
     for why in left_out:

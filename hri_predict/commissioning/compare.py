@@ -102,8 +102,8 @@ def _advices(
     texts = {
         "level": ("a milder level", "a stricter level", ""),
         "limit": ("a higher speed limit", "a lower speed limit", "m/s"),
-        "separation": ("nobody is seen where somebody was", "another separation", "m"),
-        "ahead": ("nobody is predicted where somebody was", "another predicted separation", "m"),
+        "separation": ("no person is seen where one was", "another separation", "m"),
+        "ahead": ("no person is predicted where one was", "another predicted separation", "m"),
     }
     for name, both in changes.items():
         *words, unit = texts[name]

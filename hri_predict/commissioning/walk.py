@@ -104,7 +104,7 @@ def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
         )
     if result.people_lost:
         failed.append(
-            f"{result.people_lost} times somebody vanished in view; see the crosses in the grid"
+            f"{result.people_lost} times a person vanished in view; see the crosses in the grid"
         )
     if not result.robots or any(not robot.ticks_at for robot in result.robots):
         missing.append("no advice came of the recording; walk for longer")

@@ -140,8 +140,8 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
         ) from error
     if not (isinstance(model, type) and issubclass(model, PredictorSettings)):
         raise ConfigError(
-            f"settings of predictor '{name}' are no class that derives from PredictorSettings; "
-            f"mend the package that brings it"
+            f"predictor '{name}': its settings must be a subclass of PredictorSettings; fix the "
+            "package that provides it"
         )
     return model
 

@@ -35,8 +35,9 @@ class SourceSettings(Settings):
         0.1,
         ge=0,
         le=1,
-        description="greatest believed rise of the source's clock offset beyond its steady drift: "
-        "by so much an age may be too small if somebody delays scenes ever more, over hours",
+        description="maximum believed rise of the source's clock offset beyond its steady drift; "
+        "an attacker who delays scenes more and more, over hours, can make ages too "
+        "small by this much",
     )
     even_captures: bool = Field(
         True,
@@ -52,12 +53,12 @@ class SourceSettings(Settings):
     keeps_ids: bool = Field(
         False,
         description="an id that comes back is the same person (suits, markers, re-identification); "
-        "false where ids may be given to somebody else",
+        "false where ids may be given to another person",
     )
     sees_free_space: bool = Field(
         False,
-        description="where no body is reported in its field of view, the sensor has seen that "
-        "nobody is there (depth camera, lidar)",
+        description="where no body is reported in its field of view, the sensor has seen that no "
+        "person is there (depth camera, lidar)",
     )
     shadows: list[Region] = Field(
         [], description="what it does not see within its field of view: behind machines, pallets"

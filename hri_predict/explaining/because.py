@@ -204,7 +204,7 @@ def _robot_state(about: Situation) -> str:
         return f"damaged messages ({where}): no fresh RobotState arrived"
     cut = [link for link in about.links if link.connected is False]
     if cut:
-        said = ", ".join(f"{c.name} ({c.last_error or 'no error told'})" for c in cut)
+        said = ", ".join(f"{c.name} ({c.last_error or 'no error reported'})" for c in cut)
         return f"no fresh RobotState arrived: link not connected: {said}"
     silent = {
         link: max((ns for ns in times if ns <= about.advice.utc_ns), default=None)

@@ -245,7 +245,7 @@ class Memory(Listener):
     def _recall(self, data: dict[str, Any]) -> None:
         age_s = self._wall_s() - float(data["written"])
         if not math.isfinite(age_s):
-            raise ValueError("when it was written is no number")
+            raise ValueError("the time of writing is not a number")
         parts = _aged(data["parts"], age_s if age_s >= 0 else LONG_AGO_S)
         for name, part in self._parts.items():
             part.recall(parts[name])

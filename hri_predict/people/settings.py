@@ -13,7 +13,7 @@ Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
 
 _GONE = {
     "lost_growth_s": "acknowledge_after_s; a lost zone no longer stops growing",
-    "empty_scenes": "source.sees_free_space; a scene without anybody proves nothing",
+    "empty_scenes": "source.sees_free_space; a scene without people proves nothing",
 }
 
 
@@ -77,7 +77,7 @@ class PeopleSettings(Settings):
         None, description="where people may enter; default: by the exits"
     )
     room: Region | None = Field(
-        None, description="the floor up to walls and fences; nobody can be outside it"
+        None, description="the floor up to walls and fences; no person can be outside it"
     )
     absent_parts: list[Part] = Field(
         [],
@@ -87,8 +87,8 @@ class PeopleSettings(Settings):
         0.5,
         ge=0,
         le=2,
-        description="a body that appears may be a person who vanished at most so long before; "
-        "later, both exist",
+        description="maximum absence after which a body that appears may be a person who "
+        "vanished; later, both exist",
     )
     lost_speed_m_s: float = Field(
         1.6,
@@ -100,14 +100,14 @@ class PeopleSettings(Settings):
         3.0,
         ge=0,
         le=60,
-        description="an Acknowledge forgets only people who were last seen so long before",
+        description="minimum absence before an Acknowledge may forget a person",
     )
     free_captures: int = Field(
         10,
         ge=1,
         le=10_000,
-        description="with source.sees_free_space: in how many captures the tracker finds everybody "
-        "who stands in the open",
+        description="with source.sees_free_space: in how many captures the tracker finds every "
+        "person who stands in the open",
     )
     max_joint_speed_m_s: float = Field(
         25.0, ge=2, le=100, description="a joint faster than this is not believed"

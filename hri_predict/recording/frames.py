@@ -64,7 +64,7 @@ def frames_of(recording: Recording) -> Frames:
     ids = people_of(recording)
     if not ids:
         raise RecordingError(
-            f"recording {recording.path}: shows nobody; this format holds only people: choose "
+            f"recording {recording.path}: shows no person; this format holds only people: choose "
             f".csv or .mcap"
         )
     slots, rate_hz = _slots(recording)

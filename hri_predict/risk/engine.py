@@ -220,8 +220,8 @@ class RiskEngine:
             model = self._trackers[robot].model
             if obedience.stretch > model.stretch:
                 log.warning(
-                    "robot %s needed %.2f times what its stopping table says to stop; from now on "
-                    "the table counts so many times and a tenth more; correct it",
+                    "robot %s needed %.2f times what its stopping table says to stop; from now "
+                    "on the table's values count times that factor and a tenth more; correct it",
                     model.name,
                     obedience.stretch,
                 )
@@ -383,8 +383,8 @@ def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> Non
         if robot.model.base is None:
             raise ConfigError(
                 f"{key}: the base of robot {robot.name} moves, so its distance from the door is "
-                f"not fixed, and somebody who leaves or comes could be touched; leave the door "
-                f"out: who vanishes there then stays lost until an Acknowledge"
+                "not fixed, and a person who leaves or comes could be touched; leave the door "
+                "out: a person who vanishes there then stays lost until an Acknowledge"
             )
         distance_m = floor_distance(door, robot.model.base)
         margin_m = max(robot.risk.region_margins_m.values(), default=0.0)

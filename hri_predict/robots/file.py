@@ -345,7 +345,7 @@ def _capsule_problem(robot: RobotFile) -> str:
             )
     bare = [link for link in links if link not in {c.link for c in robot.capsules}]
     if bare:
-        return f"link '{bare[0]}' has no capsule, so nobody would be kept clear of it; add one"
+        return f"link '{bare[0]}' has no capsule, so people would not be kept clear of it; add one"
     names = [c.name for c in (*robot.capsules, *robot.tool, *robot.payload)]
     twice = next((name for name in names if names.count(name) > 1), None)
     return f"capsule name '{twice}' is used twice; rename one" if twice else ""

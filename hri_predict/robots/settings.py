@@ -188,8 +188,8 @@ class RobotSettings(Settings):
             )
         if self.modes.recovery and isinstance(self.motion, StateMotion) and not self.motion.plan:
             raise ValueError(
-                "modes.recovery needs motion.plan: without the robot's path nobody knows which "
-                "way it would back out; name its trajectory, or leave recovery out"
+                "modes.recovery needs motion.plan: without the robot's path, the way back out is "
+                "unknown; name its trajectory, or leave recovery out"
             )
         return self
 
@@ -203,7 +203,7 @@ class RobotSettings(Settings):
         moves_by_plan = not isinstance(self.motion, StateMotion) or self.motion.plan is not None
         if self.base is not None and moves_by_plan:
             raise ValueError(
-                f"robot '{self.name}': its base moves, so no plan tells where the robot goes; "
+                f"robot '{self.name}': its base moves, so a plan cannot say where the robot goes; "
                 f"set motion to 'kind: state' without plan"
             )
         return self

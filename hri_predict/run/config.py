@@ -76,7 +76,7 @@ class NodeSettings(Settings):
     zones: list[NamedZoneSettings] = Field(
         [],
         max_length=MAX_ZONES,
-        description="named zones and what they ask for while somebody is inside",
+        description="named zones and what they request while a person is inside",
     )
     links: list[dict[str, Any]] = Field(
         [], max_length=MAX_LINKS, description="wires to the robots' controllers"

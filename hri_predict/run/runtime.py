@@ -130,8 +130,8 @@ def _loop(
         ticks.wait(clock, stop)
         if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
             raise MachineError(
-                f"the machine was suspended for {slept_s:.1f} s: nothing that the node knew is of "
-                f"now; restart it, and forbid the machine to sleep (systemctl mask sleep.target)"
+                f"the machine was suspended for {slept_s:.1f} s: the node's state is out of "
+                "date; restart it, and forbid the machine to sleep (systemctl mask sleep.target)"
             )
         now_ns = clock.now_ns()
         if now_ns < ticks.due_ns:

@@ -211,7 +211,7 @@ class ScaleNetwork:
             mean, deviation = _array(data["mean"]), _array(data["deviation"])
             layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
         except (KeyError, TypeError, OverflowError) as error:
-            raise ValueError("the scale is no network of numbers") from error
+            raise ValueError("the scale is not a network of numbers") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
         if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")

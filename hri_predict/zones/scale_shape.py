@@ -67,7 +67,7 @@ class ScaleShape:
             size = np.array(data["size_um"], dtype=np.float64) * 1e-6
             factor = np.array(data["thousandths"], dtype=np.float64) / 1000.0
         except (OverflowError, TypeError, ValueError) as error:
-            raise ValueError(f"shape is no table of numbers ({error})") from error
+            raise ValueError(f"shape is not a table of numbers ({error})") from error
         if size.shape != shape or factor.shape != shape:
             raise ValueError(f"shape's tables must have the shape {shape}")
         good = (size > 0).all() and (np.diff(size) > 0).all() and (size < 100).all()

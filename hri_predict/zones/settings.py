@@ -97,7 +97,10 @@ class HumanLimits(Settings):
         " walking speed, holds for any predictor",
     )
     std_factor: float = Field(
-        0.0, ge=0, le=10, description="zones hold at least so many of the forecast's std; 0: off"
+        0.0,
+        ge=0,
+        le=10,
+        description="minimum size of zones, in standard deviations of the forecast; 0: off",
     )
     extend_beyond_horizon: bool = Field(
         False, description="past the last horizon zones grow at the physical speed"
@@ -163,7 +166,8 @@ class CoverageSettings(Settings):
 
     level: float = Field(0.99, description="0.9, 0.95 or 0.99")
     of: Literal["body", "joint"] = Field(
-        "joint", description="what must be inside so often: each joint, or the whole body at once"
+        "joint",
+        description="what must be inside at this rate: each joint, or the whole body at once",
     )
     basis: Literal["estimated", "guaranteed"] = Field(
         "estimated",

@@ -48,7 +48,7 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
         content = _undamaged(path)
         if content is not None:
             return content
-        log.warning("cache: %s is damaged and is made anew", path)
+        log.warning("cache: %s is damaged; rebuilding it", path)
     content = make()
     try:
         atomic_write(path, hashlib.sha256(content).digest() + content)

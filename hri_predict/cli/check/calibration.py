@@ -47,7 +47,7 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
         return []
     days = facts["age_days"]
     if days is None:
-        age = "it does not tell when it was made"
+        age = "it does not say when it was made"
     elif days < 0:
         age = f"made on {facts['made']}, which is in the future: check this computer's date"
     else:

@@ -73,7 +73,11 @@ def check(
     ] = None,
     listen: Annotated[
         float | None,
-        typer.Option(min=1, max=60, help="Listen to the source so many seconds: do people stand?"),
+        typer.Option(
+            min=1,
+            max=60,
+            help="Listen to the source for this many seconds and check that people appear upright.",
+        ),
     ] = None,
     realtime: Annotated[
         bool,

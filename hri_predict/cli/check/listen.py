@@ -112,7 +112,10 @@ def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
     elif reason is not None:
         print(f"not checked against gravity and the floor: {reason}")
     elif not found["judged"]:
-        print("the orientation could not be verified: let somebody stand in view, trunk and legs")
+        print(
+            "the orientation could not be verified: have a person stand in view, trunk and "
+            "legs visible"
+        )
     elif fine:
         print("ok: bodies stand upright on the floor, left and right where they belong")
     return fine

@@ -8,8 +8,8 @@ def mode_notes(robot: RobotSettings) -> list[str]:
     modes, notes = robot.modes, []
     if isinstance(robot.motion, TrajectoryMotion):
         notes.append(
-            f"robot {robot.name}: motion.kind trajectory: the file says where it is, whatever it "
-            "is advised; a robot that obeys the advice is soon elsewhere (unknown, if its "
+            f"robot {robot.name}: motion.kind trajectory: the file says where it is, regardless "
+            "of the advice; a robot that obeys the advice is soon elsewhere (unknown, if its "
             "controller sends RobotState; a danger, if not): set motion: {kind: state} for it"
         )
     if modes.teach is not None:
@@ -21,7 +21,7 @@ def mode_notes(robot: RobotSettings) -> list[str]:
     if modes.recovery is not None:
         notes.append(
             f"robot {robot.name}: RECOVERY is allowed: beside people it may go back along its plan "
-            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to anybody"
+            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to a person"
         )
     if modes.muting is not None:
         limit = modes.muting.speed_m_s or robot.max_speed_m_s

@@ -59,7 +59,7 @@ def register_points(
         )
     if not simulated and answers.every_s is None and not interactive:
         raise ConfigError(
-            "registration.every_s: missing; it looks at the next point after so many seconds"
+            "registration.every_s: missing; give the seconds after which the next point is observed"
         )
     known = [np.array(point) for point in points]
     touch = _touched_by_simulation if simulated else _touched

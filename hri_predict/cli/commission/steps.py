@@ -172,7 +172,8 @@ def _walk(task: Task) -> Found:
         )
     if not answers.shadow and _real_links(live) and not task.answers.stopping.cell_is_clear:
         raise ConfigError(
-            "walk.shadow: false lets real robots move beside who walks; leave it out: shadow mode "
+            "walk.shadow: false lets real robots move beside the person who walks; leave it out: "
+            "shadow mode "
             "records the same people"
         )
     plan = WalkPlan(

@@ -110,7 +110,8 @@ def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
         )
     if config.node.robots[names.index(robot)].base is not None:
         raise ConfigError(
-            f"--robot {robot}: its base moves, so what it touches is no better known than its base;"
+            f"--robot {robot}: its base moves, so a point it touches is only as accurate as the "
+            "base pose;"
             f" give the points with --point"
         )
     settings = next((k for k in config.links if not k.robots or robot in k.robots), None)

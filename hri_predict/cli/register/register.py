@@ -57,10 +57,14 @@ def register(
     joint: Annotated[
         str | None, typer.Option(help="The joint that touches; default: a hand, else a wrist.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, max=30, help="Look so long at a point.")] = 2.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.5, max=30, help="Seconds to observe each point.")
+    ] = 2.0,
     every: Annotated[
         float | None,
-        typer.Option(min=0.1, max=600, help="Ask nothing: look at the next point after so long."),
+        typer.Option(
+            min=0.1, max=600, help="Do not prompt; move to the next point after this many seconds."
+        ),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
     as_json: Annotated[

@@ -148,7 +148,7 @@ class Sensor:
         if live.counters.last_error is not None:
             return f"what came was refused: {live.counters.last_error}"
         if not live.counters.packets:
-            return "nobody sends; start the tracker and its sender, and check host and port"
+            return "no sender; start the tracker and its sender, and check host and port"
         return "no whole scene arrived"
 
 
@@ -182,7 +182,7 @@ def place_of(sensor: Sensor, sights: Sights, joint: str) -> Place:
     if not sights.scenes:
         raise ConfigError(f"no scene arrived: {sensor.trouble()}")
     if not len(sights.positions):
-        raise ConfigError(f"{sights.scenes} scenes arrived, and nobody is in view; step into it")
+        raise ConfigError(f"{sights.scenes} scenes arrived, but no person is in view; step into it")
     points = _points(sights, joint)
     if len(points) < LEAST_SIGHTS:
         others = ", ".join(sights.seen()) or "none"

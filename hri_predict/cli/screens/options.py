@@ -26,8 +26,8 @@ Host = Annotated[
     str,
     typer.Option(
         "--viewer-host",
-        help="Address that the 3D view and the operator's page listen on. Whoever reaches it sees "
-        "where people are.",
+        help="Address that the 3D view and the operator's page listen on. Everyone who can reach "
+        "it sees where people are.",
     ),
 ]
 OperatorUrl = Annotated[

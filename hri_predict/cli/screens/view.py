@@ -23,7 +23,7 @@ def view(
         str,
         typer.Option(
             "--viewer-host",
-            help="Address to listen on. Whoever reaches it sees where people were.",
+            help="Address to listen on. Everyone who can reach it sees where people were.",
         ),
     ] = LOOPBACK,
 ) -> None:

@@ -54,7 +54,7 @@ def _show(request: OcclusionRequest, found: Sequence[dict[str, object]]) -> None
     rates = ", ".join(f"{rate:g}" for rate in request.rates_hz)
     table = Table(title=f"{request.episodes} episodes at {rates} Hz, {seen}{free}")
     for column in (
-        "mode", "contacts, moving", "contacts, standing", "speed permitted, %", "somebody lost, %"
+        "mode", "contacts, moving", "contacts, standing", "speed permitted, %", "person lost, %"
     ):  # fmt: skip
         table.add_column(column, justify="left" if column == "mode" else "right")
     for row in found:

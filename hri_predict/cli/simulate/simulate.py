@@ -109,8 +109,8 @@ def simulate(
         bool,
         typer.Option(
             "--occlude",
-            help="People whom cameras lose behind boxes and each other, with other ids when they "
-            "are found again; through the whole node.",
+            help="People lost by cameras behind boxes and each other, with new ids when they are "
+            "found again; through the whole node.",
         ),
     ] = False,
     rates: Annotated[

@@ -204,7 +204,7 @@ def _scored(
 
 def _nobody(predictor: Predictor) -> str:
     least_s = (SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz
-    return f"nobody is seen for {least_s:g} s without a break"
+    return f"no person is seen for {least_s:g} s without a break"
 
 
 def _demand_some(found: Sequence[Scores], left_out: Sequence[str]) -> None:

@@ -118,7 +118,7 @@ def opens_nothing_until_started(part: LinkPart) -> str:
     demand(isinstance(link.counters, LinkCounters), "counters: must be LinkCounters")
     untroubled = not link.connected and link.last_error is None and link.foreign_ns is None
     demand(untroubled, "it is connected, or has had trouble")
-    demand(link.on_sent is None, "on_sent must be None until somebody sets it")
+    demand(link.on_sent is None, "on_sent must be None until it is set")
     demand(link.take() == [], "it has received something")
     return "closed, all counters 0"
 
@@ -247,7 +247,7 @@ def finds_messages_in_a_stream(part: LinkPart) -> str:
     for message in (state(1), Acknowledge(3, 9)):
         units = units_from(far, wire, part.clock, message)
         if not all(isinstance(unit, bytes) for unit in units):
-            raise Skipped("its units are no stream: each comes whole or not at all")
+            raise Skipped("its units are not a stream: each comes whole or not at all")
         pieces += [unit for unit in units if isinstance(unit, bytes)]
     stream = b"".join(pieces)
     expected = [RobotState, Acknowledge]
@@ -347,8 +347,8 @@ def tells_the_recorder(part: LinkPart) -> str:
     units = units_from(link, wire, part.clock, advice(0, 0.5))
     demand(len(told) == len(units), f"{len(units)} units written, {len(told)} told")
     expected = (part.settings.name, part.clock.now_ns())
-    demand(all((n, t) == expected for n, _, t in told), "another name or time is told")
-    demand(all(isinstance(data, bytes) and data for _, data, _ in told), "no bytes are told")
+    demand(all((n, t) == expected for n, _, t in told), "another name or time is reported")
+    demand(all(isinstance(data, bytes) and data for _, data, _ in told), "no bytes are reported")
     return f"units of an Advice: {len(told)}"
 
 

@@ -156,7 +156,7 @@ def gives_the_same_bytes_again(part: PredictorPart) -> str:
     _demand_same(first, again, "the same batch gives another forecast the second time")
     other = part.cls(part.settings).predict(history, observed)
     _demand_same(first, other, "made a second time, it gives another forecast")
-    return "after another batch, and made anew"
+    return "after another batch, and in a new object"
 
 
 def does_not_depend_on_the_batch(part: PredictorPart) -> str:

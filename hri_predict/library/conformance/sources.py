@@ -227,7 +227,7 @@ def marks_what_it_did_not_see(part: SourcePart) -> str:
             demand(bool(missing[~person.observed].all()), "an unobserved joint is not NaN")
             seen, total = seen + int(person.observed.sum()), total + person.observed.size
     if total == 0:
-        raise Skipped("nobody came into view; give a source with people")
+        raise Skipped("no person came into view; give a source with people")
     return f"{seen} of {total} joints observed"
 
 
@@ -243,7 +243,7 @@ def gives_metres(part: SourcePart) -> str:
             demand(far <= MAX_COORDINATE_M, f"a joint is {far:.3g} m from the origin; which units?")
             longest = max(longest, float(np.linalg.norm(body - body[0], axis=1).max()))
     if longest == 0.0:
-        raise Skipped("nobody came into view; give a source with people")
+        raise Skipped("no person came into view; give a source with people")
     demand(longest <= MAX_BODY_M, f"a body's joints are {longest:.3g} m apart; which units?")
     return f"joints of a body up to {longest:.2f} m from its first one"
 
@@ -261,7 +261,7 @@ def stands_in_the_room(part: SourcePart) -> str:
         for a, b in zip(first.people, second.people, strict=True)
     ]
     if not apart:
-        raise Skipped("nobody came into view; give a source with people")
+        raise Skipped("no person came into view; give a source with people")
     noisy = part.make().declares_noise  # which need not turn with the pose
     off_m = float(np.median(apart)) if noisy else max(apart)
     demand(off_m <= (NOISE_M if noisy else SAME_M), f"with another pose {off_m:.2g} m off")

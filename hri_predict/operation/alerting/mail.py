@@ -75,7 +75,7 @@ class MailHook(HookSettings):
         6,
         ge=1,
         le=6000,
-        description="most mails in a minute; the next one tells how many changes were left out",
+        description="maximum mails per minute; the next one says how many changes were left out",
     )
     timeout_s: float = Field(10.0, ge=0.1, le=60, description="give up one attempt after this time")
 
@@ -104,7 +104,7 @@ class MailHook(HookSettings):
         if self.security != "none" or is_loopback(self.host):
             return []
         return [
-            f"e-mail without TLS to {self.host}: anybody on the way can read and change alerts; "
+            f"e-mail without TLS to {self.host}: anyone on the way can read and change alerts; "
             "use security: starttls"
         ]
 

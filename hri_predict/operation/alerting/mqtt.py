@@ -112,7 +112,7 @@ class MqttHook(HookSettings):
             return []
         password = ", and the password" if self.username else ""
         return [
-            f"MQTT without TLS to {self.host}: anybody on the way can read and change alerts"
+            f"MQTT without TLS to {self.host}: anyone on the way can read and change alerts"
             f"{password}; use tls: true"
         ]
 
@@ -232,7 +232,7 @@ class MqttSender(Sender):
         if not done:
             self._drop()
             if self._budget.left < 0:
-                raise SendError("the broker sends what nobody asked for")
+                raise SendError("the broker sends packets that were not requested")
             raise SendError("the broker does not acknowledge")
 
     def _drop(self) -> None:

@@ -39,7 +39,10 @@ class HookSettings(Settings):
         30, ge=1, le=6000, description="most alerts within any minute; the newest wait"
     )
     retry_s: float = Field(
-        60.0, ge=0, le=3600, description="try so long to deliver an alert, then drop and count it"
+        60.0,
+        ge=0,
+        le=3600,
+        description="maximum time to deliver an alert; then it is dropped and counted",
     )
     timeout_s: float = Field(5.0, ge=0.1, le=60, description="give up one attempt after this time")
 
@@ -102,7 +105,10 @@ class HookSettings(Settings):
 
 
 SecretFile = Annotated[
-    str | None, Field(min_length=1, description="file with it, beside the configuration")
+    str | None,
+    Field(
+        min_length=1, description="file that contains it; relative to the configuration's folder"
+    ),
 ]
 SecretVariable = Annotated[
     str | None,

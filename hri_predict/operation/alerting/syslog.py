@@ -55,7 +55,7 @@ class SyslogHook(HookSettings):
         60,
         ge=1,
         le=6000,
-        description="most lines in a minute; the next one tells how many changes were left out",
+        description="maximum lines per minute; the next one says how many changes were left out",
     )
 
     @model_validator(mode="after")
@@ -85,7 +85,7 @@ class SyslogHook(HookSettings):
         if self.protocol in ("unix", "tls") or is_loopback(self.host or ""):
             return []
         return [
-            f"syslog without TLS to {self.host}: anybody on the way can read and change alerts; "
+            f"syslog without TLS to {self.host}: anyone on the way can read and change alerts; "
             "use protocol: tls where the receiver has it"
         ]
 

@@ -87,7 +87,7 @@ class WebhookHook(HookSettings):
             return []
         secret = self.token_file or self.token_env
         return [
-            f"http without TLS to {parts.hostname}: anybody on the way can read and change alerts"
+            f"http without TLS to {parts.hostname}: anyone on the way can read and change alerts"
             + (", and the token" if secret else "")
             + "; use https"
         ]
@@ -103,7 +103,7 @@ def address_of(url: str) -> SplitResult:
         parts = urlsplit(url)
         port = parts.port
     except ValueError:
-        raise ValueError("url: is no address; write it as https://HOST/PATH") from None
+        raise ValueError("url: not a valid address; expected https://HOST/PATH") from None
     if not (url.isascii() and url.isprintable()) or " " in url:
         raise ValueError("url: only printable ASCII without spaces; write others as %20 and so on")
     if parts.scheme not in ("http", "https"):
@@ -155,7 +155,7 @@ class WebhookSender(Sender):
         except (OSError, ValueError) as error:  # ValueError: TLS after the cut
             raise SendError(said(error)) from error
         except http.client.HTTPException as error:  # its text is what the server sent
-            raise SendError("what answers is no HTTP server") from error
+            raise SendError("the peer is not an HTTP server") from error
         finally:
             connection.close()
         if 200 <= status < 300:

@@ -246,7 +246,7 @@ def _wrong_file(folder: Path, entry: dict[str, Any], removed: set[str]) -> str:
     path = folder / name
     try:
         if path.is_symlink() or (path.exists() and not path.is_file()):
-            return f"its file {name} is no file"
+            return f"its file {name} is not a file"
         found = file_hash(path)
     except OSError as error:
         return f"its file {name} cannot be read: {error.strerror}"

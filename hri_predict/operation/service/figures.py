@@ -136,7 +136,7 @@ class Figures(Listener):
         )
         yield _gauge(
             "hri_robot_separation_meters",
-            "From the robot to the nearest body; absent: nobody, or not known.",
+            "From the robot to the nearest body; absent: no person, or not known.",
             [(self._robot(a), a.separation_m) for a in advices if a.separation_m is not None],
         )
         captured = tick.status.capture_ns

@@ -108,7 +108,7 @@ class MetricsServer:
     def _answer(self, request: bytes) -> bytes:
         words = request.split(b"\r\n", 1)[0].split(b" ")
         if len(words) != 3 or not words[2].startswith(b"HTTP/1."):
-            return _response("400 Bad Request", "this is no request\n")
+            return _response("400 Bad Request", "this is not a request\n")
         method, path = words[0], words[1].split(b"?", 1)[0]
         if method not in (b"GET", b"HEAD"):
             return _response("405 Method Not Allowed", "only GET\n", "Allow: GET, HEAD\r\n")
@@ -146,7 +146,7 @@ def _listening(settings: MetricsSettings) -> socket.socket:
             server.close()
             raise
     except (OSError, UnicodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "is no address"
+        why = error.strerror if isinstance(error, OSError) else "is not an address"
         raise ConfigError(
             f"metrics: {settings.host} port {settings.port}: {why}; choose another port or host"
         ) from error

@@ -21,7 +21,8 @@ class LogSettings(Settings):
         LINES_A_MINUTE,
         ge=1,
         le=60_000,
-        description="lines of one message per minute; what is left out is counted and told",
+        description="lines of one message per minute; further ones are counted, and the count is "
+        "logged",
     )
 
 
@@ -39,5 +40,6 @@ class MetricsSettings(Settings):
         5.0,
         ge=2,
         le=1000,
-        description="/healthz says 503 when the last tick is older than so many periods of rate_hz",
+        description="/healthz says 503 when the last tick is older than this many periods of "
+        "rate_hz",
     )

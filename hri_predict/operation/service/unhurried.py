@@ -99,9 +99,9 @@ class Unhurried(io.TextIOBase):
                 if rest:
                     self._lose(rest)
                 elif self._untold:
-                    told = f"warning: lines were lost, nobody took them: {self._untold}\n".encode()
-                    self._waiting.appendleft(told)
-                    self._bytes += len(told)
+                    notice = f"warning: lines lost because no reader took them: {self._untold}\n"
+                    self._waiting.appendleft(notice.encode())
+                    self._bytes += len(notice)
                     self._untold = 0
 
     def _written(self, data: bytes) -> bytes:

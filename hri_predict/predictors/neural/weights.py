@@ -296,7 +296,7 @@ def _check_kinds(planned: Network, kinds: dict[str, str], path: Path) -> None:
 def _check_finite(tensors: dict[str, Tensor], path: Path) -> None:
     for name, tensor in tensors.items():
         if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
-            raise _broken(path, f"'{name}' has values that are no numbers, or too large")
+            raise _broken(path, f"'{name}' has values that are not numbers, or too large")
 
 
 def _broken(path: Path, why: str) -> PredictorError:

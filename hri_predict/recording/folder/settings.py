@@ -30,7 +30,7 @@ class RecordSettings(Abbreviated):
         20.0, ge=0.001, le=1e6, description="all files of the cell; the oldest are removed first"
     )
     min_free_gb: float = Field(
-        1.0, ge=0, le=1e6, description="leave so much of the disk to others, or record nothing"
+        1.0, ge=0, le=1e6, description="stop recording when less than this many GB are free"
     )
     zones_hz: float = Field(5.0, ge=0, le=100, description="zones per second; 0: none")
     poses_hz: float = Field(5.0, ge=0, le=100, description="forecasts per second; 0: none")

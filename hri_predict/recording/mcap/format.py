@@ -158,7 +158,7 @@ def _since_version_2(data: dict[str, Any]) -> dict[str, Any]:
 
 def _numbers(data: Any) -> dict[str, float]:
     if not isinstance(data, dict):
-        raise TypeError("a base's motion is no mapping")
+        raise TypeError("a base's motion is not a mapping")
     return dict(zip(data, _floats(data.values()), strict=True))
 
 

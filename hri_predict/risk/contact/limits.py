@@ -141,5 +141,5 @@ def load_table(path: str | None, base_dir: Path | None) -> ContactTable:
     if path is not None:
         file = (base_dir or Path()) / path
         if file.suffix not in YAML_ENDINGS:
-            raise ConfigError(f"risk.contact.table: {path} is no .yaml file")
+            raise ConfigError(f"risk.contact.table: {path} is not a .yaml file")
     return validated(ContactTable, read_yaml(file, "contact table"), f"contact table {file}")

@@ -22,7 +22,7 @@ _LEGEND = (
     (FORECAST, "faint", "where the person is predicted to be, up to zones ahead"),
     (COLOURS["SLOW"], "faint", "zone: where the person may be at zones ahead; in the worst level"),
     (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),
-    (LOST, "faint", "lost person; shadow or floor where somebody could stand unseen"),
+    (LOST, "faint", "lost person; shadow or floor where a person could stand unseen"),
     (VIEW, "line", "field of view"),
     (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry predicted, red occupied"),
     (GRID, "line", "floor: a line each half metre, brighter each metre"),
@@ -69,7 +69,7 @@ def _cover(beat: int) -> str:
     browser that the view's process, or the network, has stopped."""
     return (
         "<style>@keyframes hri-still{0%,95%{opacity:0}100%{opacity:1}}"
-        ".still::after{content:'NO CONTACT: nothing here is of now'}</style>"
+        ".still::after{content:'NO CONTACT: nothing here is current'}</style>"
         f'<div class="still" data-beat="{beat}" style="position:fixed;inset:0;z-index:10000;'
         "pointer-events:none;display:flex;align-items:center;justify-content:center;"
         f"background:{css(GREY)};color:#fff;font-size:34px;font-weight:800;opacity:0;"

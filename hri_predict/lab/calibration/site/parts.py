@@ -114,7 +114,7 @@ def score_parts(
         files,
         of,
         joint_map=joint_map,
-        nobody="nobody is seen for a second without a break",
+        nobody="no person is seen for a second without a break",
         on_recording=on_recording,
         on_left_out=on_left_out,
     )

@@ -157,7 +157,8 @@ class MotionSamples:
         if not any(self._usable_s(t) > 0 for t in tracks):
             if not tracks or max(map(_span_s, tracks)) > self._least_s:
                 raise RecordingError(
-                    f"recording {path}: nobody is observed for {self._least_s:g} s in it, within "
+                    f"recording {path}: no person is observed for {self._least_s:g} s in it, "
+                    "within "
                     f"{MAX_COORDINATE_M:g} m of its origin; correct it, or leave it out"
                 )
             log.warning("recording %s: shorter than %g s, left out", path, self._least_s)
