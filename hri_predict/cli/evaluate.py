@@ -332,7 +332,7 @@ def _bases(
     settings: "Mapping[str, PredictorSettings]",
     calibrations: Sequence[Path],
 ) -> "list[ZoneBasis]":
-    """What the zones of each predictor rest on; errors are forecasts' alone and do not tell."""
+    """Return the basis of each predictor's zones, which errors of forecasts alone do not show."""
     from hri_predict.run.asked import basis_of, demand_use, fitting
     from hri_predict.zones.settings import CoverageSettings
 

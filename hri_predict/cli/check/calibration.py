@@ -62,7 +62,7 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
 
 
 def calibration_notes(facts: dict[str, Any] | None) -> list[str]:
-    """What a thin calibration lacks: speed classes that too few recordings show."""
+    """Return the gaps of a thin calibration: speed classes that too few recordings show."""
     if facts is None or not facts["uncalibrated"]:
         return []
     return [

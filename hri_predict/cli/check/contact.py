@@ -15,7 +15,7 @@ from hri_predict.robots.model import RobotModel, RobotSettings
 
 Robots = Sequence[tuple[RobotSettings, RobotModel]]
 _ABOVE_BASE_M = 0.1
-"""So far along the base's own z axis is surely within the robot, and not in what it stands on."""
+"""Distance along the base's z axis that is surely within the robot, not in its stand."""
 
 
 def contact_facts(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def contact_facts(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
 
 
 def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> list[str]:
-    """What whoever lets a robot touch people must know."""
+    """Notes for cells in which a robot may touch people."""
     allowed = [(robot, model) for robot, model in robots if robot.contact is not None]
     if not allowed:
         return []
@@ -85,7 +85,7 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
 
 
 def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
-    """That the robot stops beside hands and feet that the tracker does not deliver.
+    """Note that the robot stops near hands and feet that the tracker does not deliver.
 
     Args:
         risk: of the configuration.

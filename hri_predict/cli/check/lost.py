@@ -1,4 +1,4 @@
-"""What ends being lost in this cell, and which shadows keep a robot waiting: notes of ``check``."""
+"""Notes of ``check`` on how lost people end, and on shadows that keep a robot waiting."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ PAGE = "docs/guides/lost-people.md"
 def lost_notes(
     config: Config, robots: Mapping[str, tuple[RobotModel, float]], rate_hz: float
 ) -> list[str]:
-    """One line each for what whoever wires the cell should know.
+    """Return notes for the person who wires the cell, one line each.
 
     Args:
         config: the configuration.

@@ -1,4 +1,4 @@
-"""What ``check`` says of the operating modes that a configuration allows, and of robots by file."""
+"""Notes of ``check`` on the operating modes that a configuration allows, and on robots by file."""
 
 from hri_predict.robots.model import RobotSettings, TrajectoryMotion
 
@@ -26,7 +26,7 @@ def mode_notes(robot: RobotSettings) -> list[str]:
     if modes.muting is not None:
         limit = modes.muting.speed_m_s or robot.max_speed_m_s
         notes.append(
-            f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s nobody "
+            f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s no person "
             f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; that time recovers in "
             f"{modes.muting.recovery_s:g} s without a request, so people may be ignored for "
             f"{modes.muting.share:.0%} of the time; they must be protected by other means"

@@ -1,4 +1,4 @@
-"""What the steps need to know: from a YAML file, from questions, or as it is by default."""
+"""Answers that the steps need: from a YAML file, from questions, or by default."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -50,7 +50,7 @@ class RoundTrips(Settings):
 
 
 class EchoAnswers(Settings):
-    """How long to measure, and what the controllers' programmers measured."""
+    """Duration of the measurement, and the values measured by the controllers' programmers."""
 
     seconds: float = Field(30.0, ge=2, le=3600)
     measured: dict[str, RoundTrips] = Field({}, description="link's name -> its round trips")

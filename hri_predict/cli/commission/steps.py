@@ -22,14 +22,14 @@ from hri_predict.run.config import Config
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What every step needs.
+    """Inputs of every step.
 
     Attributes:
         config: the cell.
         answers: what was said.
         folder: for the recording.
         simulate: use simulated people and mock controllers, whatever the cell has.
-        interactive: whether somebody is there to answer.
+        interactive: whether there is a user to answer.
     """
 
     config: Config

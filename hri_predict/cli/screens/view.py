@@ -12,7 +12,7 @@ from hri_predict.viewing.recorded import RecordedPictures
 from hri_predict.viewing.screen import LOOPBACK, ScreenSettings, check_port
 
 LARGE_BYTES = 50_000_000
-"""To read the levels of so much takes a second, or some: it is said."""
+"""Above this size reading takes seconds, so a message is printed."""
 
 
 def view(

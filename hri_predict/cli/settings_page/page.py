@@ -170,7 +170,7 @@ def _inner(value: Any, place: str) -> Iterator[tuple[str, str]]:
 
 
 def _type(value: Schema, names: dict[str, str]) -> str:
-    """What a value may be, in words."""
+    """Return the allowed values, in words."""
     if "$ref" in value:
         title = names[_name(value)]
         return f"[{title}](#{_anchor(title)})"

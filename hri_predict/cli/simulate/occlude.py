@@ -1,4 +1,4 @@
-"""``simulate --occlude``: people whom cameras lose, and what comes of it in each risk mode."""
+"""``simulate --occlude``: people lost by cameras, and the consequences in each risk mode."""
 
 import json
 import sys
@@ -14,7 +14,7 @@ from hri_predict.contracts.cell import OcclusionRequest, OcclusionRow
 
 
 def occluded(request: OcclusionRequest, *, as_json: bool) -> int:
-    """Play the episodes and print a table; 1 if a moving robot touched somebody."""
+    """Play the episodes and print a table; 1 if a moving robot touched a person."""
     play = registry.load("simulations", "occluded")
     with progress() as bar:
         task = bar.add_task("episodes", total=request.episodes)

@@ -150,7 +150,7 @@ def simulate(
 
     Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
 
-    Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, somebody
+    Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, a person
     was touched by a moving robot.
     """
     jobs = processes(jobs, cluster, default=2)

@@ -17,8 +17,8 @@ class Row:
         part: what was measured; a section names each of its parts once.
         unit: of all its figures.
         p50, p99, max: median, 99th percentile, largest; a figure without a spread is its ``p50``.
-        floor: what it cannot be better than here, by ``why``; stands beside ``p50``.
-        aim: what it should be at most (at least, if more is better); beside the figure ``aim_of``.
+        floor: what it cannot be better than here, by ``why``; stands next to ``p50``.
+        aim: what it should be at most (at least, if more is better); next to the figure ``aim_of``.
         why: in one phrase, what the floor or the aim is.
         more_is_better: as with speeds.
         axis, size, series: place on a line of a plot: people, 4, "sinn".
@@ -47,7 +47,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Scope:
-    """How much to measure.
+    """Amount of measurement.
 
     Attributes:
         seconds: for each row that is measured in real time.

@@ -20,7 +20,7 @@ Sections = Mapping[str, Sequence[Row]]
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A figure beside the same of an earlier run.
+    """A figure next to that of an earlier run.
 
     Attributes:
         section, part: which.

@@ -1,4 +1,4 @@
-"""Section ``jitter``: how even published messages come, beside a bare loop of the same rate."""
+"""Section ``jitter``: how evenly messages come, compared with a bare loop of the same rate."""
 
 from collections.abc import Iterator
 from typing import Any
