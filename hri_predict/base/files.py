@@ -170,7 +170,7 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
 
 
 def yaml_problem(error: Exception) -> str:
-    """What the loader says of a text, in brackets; empty if it says nothing."""
+    """Return the loader's message about a text, in brackets; empty if there is none."""
     problem = getattr(error, "problem", None)
     return f" ({problem})" if isinstance(problem, str) and problem else ""
 

@@ -1,4 +1,4 @@
-"""HTML and SVG as text. Whatever goes in as a value is escaped, wherever it came from."""
+"""HTML and SVG as text. Every value is escaped, wherever it came from."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

@@ -28,7 +28,7 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(slots=True, kw_only=True)
 class ControllerReport:
-    """What a controller experienced. Times are in seconds of its own clock.
+    """Events that a controller experienced. Times are in seconds of its own clock.
 
     Attributes:
         name, role, robot: the link's name, the controller's role, the robot's name.
@@ -81,13 +81,13 @@ class ControllerReport:
 
 
 class TruePeople(Protocol):
-    """Where everybody truly is, from a copy of the source that has no faults."""
+    """True positions of all people, from a copy of the source that has no faults."""
 
     def open(self, start_ns: int) -> None:
         """Start, at the same time as the node's own copy."""
 
     def at(self, now_ns: int) -> Bodies:
-        """Everybody's true place at ``now_ns``."""
+        """Return the true positions of all people at ``now_ns``."""
 
 
 class Referee(Protocol):
@@ -95,7 +95,7 @@ class Referee(Protocol):
 
     Attributes:
         contacts, contacts_standing: touches of a moving robot, and of a standing robot.
-        min_separation_m: smallest distance; ``None`` while nobody was seen.
+        min_separation_m: smallest distance; ``None`` while no person was seen.
     """
 
     @property
@@ -135,13 +135,13 @@ class Cell(Protocol):
         """Do what is due."""
 
     def robot_truth(self, now_ns: int) -> Joints:
-        """Where every simulated robot truly is."""
+        """Return the true position of every simulated robot."""
 
     def referee(self, robots: Sequence[RobotModel], /) -> Referee:
         """A referee for these robots; it must be fed with ``robot_truth``."""
 
     def true_people(self, source: Source, /) -> TruePeople:
-        """Where everybody in ``source`` truly is; nothing else may poll ``source``."""
+        """Return the true positions of all people in ``source``, which only this may poll."""
 
     def stop(self) -> Sequence[ControllerReport]:
         """End all controllers; returns their reports, link by link. Safe to call twice."""
@@ -236,7 +236,7 @@ class FaultParser(Protocol):
 
 @dataclass(kw_only=True)
 class FaultOutcome:
-    """What was measured of one fault; a row of the fault table."""
+    """Measurements of one fault; a row of the fault table."""
 
     fault: str
     expected: str
@@ -302,7 +302,7 @@ class SimulationRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class OcclusionRequest:
-    """Episodes with people whom cameras lose; see ``hri-predict simulate --occlude``."""
+    """Episodes with people lost by cameras; see ``hri-predict simulate --occlude``."""
 
     config: Path
     predictor: str | None = None
@@ -326,7 +326,7 @@ class OcclusionRow:
         index, mode: the episode's index and mode.
         contacts, contacts_standing: touches of a moving and of a standing robot.
         permitted: mean speed limit, as a share of the robot's highest speed.
-        lost: share of the ticks in which somebody was lost.
+        lost: share of the ticks in which a person was lost.
     """
 
     index: int
@@ -382,7 +382,7 @@ class ClosedLoop(Protocol):
 
 
 class Occluded(Protocol):
-    """Plays episodes with people whom cameras lose: entry point ``occluded``."""
+    """Plays episodes with people lost by cameras: entry point ``occluded``."""
 
     def __call__(
         self, request: OcclusionRequest, progress: Callable[[int, int], None], /

@@ -42,7 +42,7 @@ Axes = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class JointMap:
-    """How a source's joints become canonical ones.
+    """Mapping of a source's joints to the canonical ones.
 
     Attributes:
         name: of the map.
@@ -138,7 +138,7 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
 
 
 class SourceFrame(Settings):
-    """What every map file says about its source."""
+    """Facts that every map file states about its source."""
 
     name: str
     reference: str = Field(description="where the facts about this source come from")

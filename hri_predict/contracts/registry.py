@@ -3,7 +3,7 @@
 A package adds, say, a predictor by an entry point in the group ``hri_predict.predictors``; nothing
 is imported until its name is asked for, so a missing library never breaks what does not need it.
 What a name must stand for is said by the contracts: ``source``, ``predictors.base`` and ``link``
-for the parts that anybody may bring, ``peers`` for what ``hri_sim`` brings.
+for the parts that third parties may bring, ``peers`` for what ``hri_sim`` brings.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
 from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
-"""What anybody may bring, and ``hri-predict conformance`` checks."""
+"""Parts that third parties may bring, and that ``hri-predict conformance`` checks."""
 Kind = PartKind | Literal["commands", "predictor_settings", "cells", "faults", "simulations"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
@@ -33,7 +33,7 @@ def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
 
 @lru_cache
 def _scanned(kind: Kind, _path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
-    """What the packages on the path register: each scan reads all of their files."""
+    """Return the registrations of the packages on the path: each scan reads all of their files."""
     return {e.name: e for e in metadata.entry_points(group=f"hri_predict.{kind}")}
 
 
@@ -87,7 +87,7 @@ def load(kind: Kind, name: str) -> Any:
 
     Raises:
         ConfigError: nothing has this name (lists those there are), it cannot be imported (names
-            the extra or package that is missing), or it is no class with a ``settings_model``.
+            the extra or package that is missing), or it is not a class with a ``settings_model``.
     """
     points = _entry_points(kind)
     if name not in points:
@@ -126,7 +126,7 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
     libraries that only they need, such as torch. A name that is not there is loaded.
 
     Raises:
-        ConfigError: see ``load``; or what is registered is no ``PredictorSettings``.
+        ConfigError: see ``load``; or what is registered is not a ``PredictorSettings``.
     """
     point = _entry_points("predictor_settings").get(name)
     if point is None or name not in _entry_points("predictors"):
@@ -169,7 +169,7 @@ def _said(error: BaseException) -> str:
 
 
 def _remedy(point: metadata.EntryPoint) -> str:
-    """What to install: the extras that the entry point names after its object, ``[fleet]``."""
+    """Return the extras to install, which the entry point names after its object: ``[fleet]``."""
     if not point.extras or point.dist is None:
         return "install it with pip"
     return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"

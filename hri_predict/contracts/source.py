@@ -1,7 +1,7 @@
 """The contract of a source of scenes.
 
-A kind of source is a class: ``SourceClass`` says what the node asks of the class, ``Source`` what
-it asks of an object, and ``Live`` what a source that hears a sender has beside. ``hri-predict
+A kind of source is a class: ``SourceClass`` is the interface of the class, ``Source`` that of an
+object, and ``Live`` has the additional members of a source that listens to a sender. ``hri-predict
 conformance source:NAME`` checks the contract on any kind.
 """
 
@@ -21,7 +21,7 @@ from hri_predict.contracts.scene import Scene
 
 
 class SourceSettings(Settings):
-    """What every source has in common (``source:`` in the configuration)."""
+    """Settings common to all sources (``source:`` in the configuration)."""
 
     kind: str = Field(description="kind of source")
     room_from_source: Pose = Field(description="pose of the source's frame in the room; required")
@@ -105,7 +105,7 @@ class SourceSettings(Settings):
 
     @property
     def notes(self) -> list[str]:
-        """What whoever checks the configuration should know of this source, one line each."""
+        """Notes on this source for the user who checks the configuration, one line each."""
         return []
 
 
@@ -115,7 +115,7 @@ NOT_KNOWN_NS = 2**62
 
 @dataclass(slots=True, kw_only=True)
 class SourceCounters:
-    """What a live source heard since start; nothing is lost silently.
+    """Counts of what a live source heard since start; nothing is lost silently.
 
     A packet is what the sender's numbers count: a datagram, a line, a serial frame.
     """
@@ -147,10 +147,10 @@ class SourceCounters:
 
 
 class Live(Protocol):
-    """What a source that hears a sender has beside ``Source``.
+    """Additional members of a source that listens to a sender.
 
     Attributes:
-        arrived: set when a scene has come; whoever waits for scenes clears it before polling.
+        arrived: set when a scene has come; code that waits for scenes clears it before polling.
         counters: see ``SourceCounters``.
         connected: whether it can hear now (a datagram socket always can).
         stamps_utc: whether senders stamp in UTC, so that their clocks can be compared with ours.
@@ -167,7 +167,7 @@ class HasLive(Protocol):
     """A source that hears a sender, or may do so.
 
     Attributes:
-        live: often the source itself; ``None`` where it hears nobody after all.
+        live: often the source itself; ``None`` where it has no sender after all.
     """
 
     @property
@@ -208,7 +208,7 @@ def wait_for(
 
 
 class Source(Protocol):
-    """Yields scenes as they arrive. A recording, a simulator, a live sender: nobody can tell which.
+    """Yields scenes as they arrive. A recording, a simulator, a live sender: it is unknown which.
 
     A source never blocks: the node asks ``poll`` when ``next_ns`` says that it is worth asking.
     That one shape serves real time (a thread sleeps until ``next_ns``) and the virtual clock. A
@@ -239,7 +239,7 @@ class Source(Protocol):
     def next_ns(self) -> int | None:
         """When ``poll`` may next have a scene (node's clock); ``None`` when there will be none.
 
-        ``NOT_KNOWN_NS`` where only ``live.arrived`` can tell.
+        ``NOT_KNOWN_NS`` where only ``live.arrived`` can say.
         """
 
     def poll(self, now_ns: int) -> Scene | None:
@@ -253,7 +253,9 @@ S = TypeVar("S", bound=SourceSettings)
 
 
 class SourceClass(Protocol[S]):
-    """What the node asks of a kind of source: a class whose objects are ``Source``."""
+    """Interface that the node requires of a kind of source: a class whose objects are
+    ``Source``.
+    """
 
     @property
     def settings_model(self) -> type[S]:

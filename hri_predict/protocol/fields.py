@@ -1,4 +1,4 @@
-"""What a message on the wire consists of: its fields, their widths and scales."""
+"""The parts of a message on the wire: its fields, their widths and scales."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -154,7 +154,7 @@ class Definition:
         return self.parts - len(self.extra)
 
     def robots_with(self, part: int) -> int:
-        """How many robots have a part, from robot 0 on; 1 if the message belongs to no robot."""
+        """Return the number of robots that have a part; 1 if the message belongs to no robot."""
         if part >= self.always:
             return self.extra[part - self.always].robots
         return MAX_ROBOTS if self.per_robot else 1
