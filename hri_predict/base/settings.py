@@ -1,6 +1,6 @@
 """Validated settings: the base of all configuration models, and validation of YAML data.
 
-Each source, predictor, robot and link has its own model next to its code, derived from ``Settings``.
+Each source, predictor, robot and link has a model in its own package, derived from ``Settings``.
 """
 
 import itertools

@@ -163,7 +163,7 @@ class RingBuffer:
         Positions are finite everywhere, but meaningless where not observed.
 
         Args:
-            newest: so many samples at most; ``None``: all.
+            newest: maximum number of samples; ``None``: all.
         """
         most = self.capacity if newest is None else min(newest, self.capacity)
         for attempt in range(_READ_TRIES):

@@ -40,7 +40,7 @@ catalogues reach 4.7 m (FANUC M-2000iA/1700L)."""
 MAX_REACH_M = 15.0
 """Of the whole chain: such an arm on a slide as long as RobotState carries."""
 MAX_TIP_M_S = 25.0
-"""What one turning joint gives the farthest point: twice what the fastest delta robots do."""
+"""Maximum speed of the farthest point by one joint: twice that of the fastest delta robots."""
 PartMetres = Annotated[float, Field(ge=-MAX_PART_M, le=MAX_PART_M)]
 """A length within a robot."""
 PartVector3 = Annotated[list[PartMetres], Field(min_length=3, max_length=3)]
@@ -183,7 +183,7 @@ class StoppingRow(Settings):
 
 
 class StoppingFile(Settings):
-    """How long and how far the robot moves once its brake or ramp has begun.
+    """Time and distance that the robot moves once its brake or ramp has begun.
 
     ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
@@ -228,7 +228,7 @@ class StoppingFile(Settings):
 
 
 class ContactFile(Settings):
-    """What a person feels who is touched; ``contact: allowed`` needs it.
+    """Properties of a contact with a person; ``contact: allowed`` needs it.
 
     ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
     """

@@ -23,7 +23,7 @@ class TeachMode(Settings):
 
 
 class RecoveryMode(Settings):
-    """Backing out slowly where people stop the robot, as long as no link comes nearer to anybody.
+    """Backing out slowly where people stop the robot, as long as no link comes nearer to a person.
 
     The robot goes back along the path of its ``motion.plan``.
     """

@@ -141,8 +141,9 @@ class Plan:
         return ahead.phases(path, self._model.stopping_tables, start, asked)
 
     def forwards_m_s(self, phase_s: float, qd: Floats) -> float:
-        """How fast the fastest point goes forwards on the path, at joint velocities (N,) rad/s;
-        negative if it goes back."""
+        """Return the forward speed of the fastest point on the path, at joint velocities (N,)
+        rad/s; negative if it goes back.
+        """
         _, dq = self.trajectory.at(phase_s)
         rate = float(dq @ qd) / max(float(dq @ dq), 1e-12)
         return rate * float(self._speed_at(np.array(phase_s)))

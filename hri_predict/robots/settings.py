@@ -19,7 +19,7 @@ MIN_STALE_S = 0.005
 MIN_ACCELERATION_M_S2 = 0.5
 """Arms accelerate their fastest point by more than 1 m/s^2; what was not measured is 5."""
 POSITION_TOLERANCE = 0.01
-"""How far beyond a limit a reported position may lie, rad or m: sensor noise, rounding."""
+"""Maximum excess of a reported position over a limit, rad or m: sensor noise, rounding."""
 
 
 class StateMotion(Settings):

@@ -1,4 +1,4 @@
-"""Where a robot is now, or why that is unknown."""
+"""Place of a robot now, or the reason why it is unknown."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,8 +30,9 @@ from hri_predict.robots.trajectory import load_trajectory, standing_at
 PLACE_STEP_S = 0.3
 """A robot that backs out is at most so far, in seconds of its plan, from where it was before."""
 BACK_S = 0.05
-"""Of two places with the same joints, it is at the one nearest to so far back. Where a path turns
-round, that takes it on; either way the joints that follow are those that are judged."""
+"""Distance back along the path: of two places with the same joints, the nearest to it counts. Where
+a path turns round, that takes it on; either way the joints that follow are those that are judged.
+"""
 FASTER_M_S = 0.05
 """A controller that reports the robot faster than the newest state does, by more than this, is the
 one that counts."""
@@ -186,7 +187,7 @@ class RobotTracker:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What came of the RobotStates; see the class."""
+        """Counts of the RobotStates by outcome; see the class."""
         found = {"velocity_wrong": 0, "jumped": 0, "miscounted": 0, "frozen": 0}
         for line in self._lines.values():
             for name, count in line.check.counters.items():
@@ -195,7 +196,7 @@ class RobotTracker:
         return {**self._counts, **found}
 
     def at(self, now_ns: int) -> RobotNow:
-        """Where the robot is at ``now_ns``, node's clock.
+        """Return the robot's place at ``now_ns``, node's clock.
 
         With RobotState, the joints move on at their reported velocity over the state's age (its
         link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
@@ -296,7 +297,7 @@ class RobotTracker:
     def _off_m(
         self, place: Place, speed_m_s: float, others: Sequence[Place], now_ns: int
     ) -> float | None:
-        """How far other states put the robot from a place, at most; ``None``: too far.
+        """Return the maximum distance of other states from a place; ``None``: too far.
 
         A contradiction counts for ``HELD_S`` after it was last seen.
         """
@@ -353,7 +354,7 @@ class RobotTracker:
         """The phase of the newest state by its joints alone, near the last one that is known.
 
         A path that goes there and back has each place twice. A robot that backs out on the way
-        there looks like one that goes on, on the way back: only where it was before tells.
+        there looks like one that goes on, on the way back: only its previous place decides.
         """
         before_s = self._place_s
         self._place_s = None if self._on_plan is None else self._on_plan.phase_s

@@ -27,7 +27,8 @@ _LEAST_BONE_M = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """Where one joint is, by others. Written for the left side; ``mirrored`` is the right one's.
+    """Position of one joint, inferred from others. Written for the left side; ``mirrored`` is the
+    right one's.
 
     Attributes:
         joint: the inferred one.

@@ -1,4 +1,4 @@
-"""Where a robot is on its path as it moves on and stops: as loops and as arrays.
+"""Positions of a robot on its path as it moves on and stops: as loops and as arrays.
 
 Each version computes the same; the order of operations differs, so they agree to rounding. L
 speeds, K times, N joints.

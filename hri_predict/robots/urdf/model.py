@@ -1,4 +1,4 @@
-"""What Pinocchio reads from a URDF's chain: joints, and collision geometry as spheres.
+"""Data that Pinocchio reads from a URDF's chain: joints, and collision geometry as spheres.
 
 Pinocchio (J. Carpentier et al., "The Pinocchio C++ library", SII 2019) merges rigidly fixed links
 and places all geometry; its mesh loader is Assimp.
