@@ -58,8 +58,8 @@ COASTED_M = 0.1
 EVEN = 3.5
 """Ratio of peak to average speed: a body that glides stays below it, one that jumps does not."""
 LINEAR_S, LINEAR_M = 1.0, 0.6
-"""Time and distance over which joints that each keep their velocity are followed: nearly a walker's step.
-A slow shift of weight over planted feet is shorter."""
+"""Time and distance over which joints that each keep their velocity are followed: nearly a step of
+a walker. A slow shift of weight over planted feet is shorter."""
 JUMP_M_S2 = 40.0
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5

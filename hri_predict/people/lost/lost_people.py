@@ -63,7 +63,7 @@ class Lost:
         return centroid
 
     def apart(self, body: Body) -> float:
-        """Return the distance (m) of ``body`` from this person's last place; see ``Track.apart``."""
+        """Return the distance (m) of ``body`` from the last place; see ``Track.apart``."""
         if self.track is not None:
             return self.track.apart(body)
         return float(np.linalg.norm((body.centroid - self.centroid)[:2]))
