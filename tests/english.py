@@ -21,7 +21,7 @@ TABLE = Path(__file__).with_suffix(".txt")
 _THINGS = r"(?:it|them|this|that|one|each|(?:\w+ ){0,2}(?:robots?|machines?|people|person|file))"
 
 HABITS = {
-    "so many": r"\bso (?:many|much|long|few|often|far(?= (?:apart|away|back|from|off)))\b(?! (?:that|as)\b)",
+    "so many": r"\bso (?:far (?:apart|back|from)|(?:many|much|long|few|often)(?! (?:that|as)\b))\b",
     "whoever": r"\b(?:whoever|whom|whatever(?! (?:the|its|their)\b))\b",
     "is no": r"(?<!there )\b(?:is|are|was|were|be) no (?!longer|more|less|other|\w+er than)",
     "somebody": r"\b(?:some|any|no|every)body\b",

@@ -1,10 +1,10 @@
-"""What survives the node: latches and lost people, in a small file.
+"""State that survives the node: latches and lost people, in a small file.
 
 Parts with something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps come
 from a monotonic clock, which means nothing to the next process. So the parts store how long ago
 something was (``ago_s``), and the file stores when it was written, by the wall clock. Data that
 cannot be read or dated, or that are not provably what this cell wrote last, are distrusted: each
-part then assumes the safe state. So are data that are missing: whoever configures a state file
+part then assumes the safe state. So are data that are missing: a user who configures a state file
 relies on it, and a first start looks like a file that was deleted.
 
 The loop's thread only compares and hands over; a thread of its own writes. A file is replaced as a

@@ -76,7 +76,7 @@ def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
 
 
 def people_of(recording: Recording) -> list[int]:
-    """The ids of everybody in any scene, in order of their numbers."""
+    """Return the ids of all people in any scene, in order of their numbers."""
     return sorted({person.id for scene in recording.scenes for person in scene.people})
 
 

@@ -1,6 +1,6 @@
 """A recording as arrays at one rate, for formats that hold only joints in frames.
 
-Such formats cannot say "nobody is here" or "I cannot see". Both become unobserved joints, the
+Such formats cannot say "the room is empty" or "not seen". Both become unobserved joints, the
 cautious reading, and are counted.
 """
 
@@ -59,7 +59,7 @@ def frames_of(recording: Recording) -> Frames:
     """All people of a recording in even frames; frames missing in it have no joints.
 
     Raises:
-        RecordingError: it shows nobody, or is too long for the memory.
+        RecordingError: it shows no person, or is too long for the memory.
     """
     ids = people_of(recording)
     if not ids:
@@ -95,7 +95,7 @@ def frames_of(recording: Recording) -> Frames:
 
 
 def frames_of_one(recording: Recording) -> Frames:
-    """As ``frames_of``, for formats of one person: whoever is in the most scenes.
+    """As ``frames_of``, for formats of one person: the one who is in the most scenes.
 
     Raises:
         RecordingError: see ``frames_of``.

@@ -136,7 +136,7 @@ def _unknown(path: Path, ending: str) -> str:
 
 
 def _but(path: Path, ending: str) -> str:
-    """What the file seems to be, if its name says something else."""
+    """Return the file's probable format, if its name says something else."""
     what = seems(path)
     if not what or ending_of(what) == ending:
         return ""

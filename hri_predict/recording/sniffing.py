@@ -1,4 +1,4 @@
-"""What a file seems to be, from its first bytes: only for explanations, never to read it."""
+"""Probable format of a file, from its first bytes: only for explanations, never to read it."""
 
 import zipfile
 from pathlib import Path
@@ -45,7 +45,7 @@ _MAGIC: tuple[tuple[bytes, str], ...] = (
 
 
 def seems(path: Path) -> str:
-    """What the file seems to be, such as ".bvh, BVH" or "FBX"; "" if unknown.
+    """Return the probable format, such as ".bvh, BVH" or "FBX"; "" if unknown.
 
     Raises:
         OSError: it cannot be read.

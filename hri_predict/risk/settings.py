@@ -10,7 +10,7 @@ from hri_predict.risk.fixtures import Fixture
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
-"""What a latch may be set for, see ``RiskSettings.latch``."""
+"""Causes for which a latch may be set, see ``RiskSettings.latch``."""
 
 MIN_FIXED_RADIUS_M = 0.3
 """Arms of the smallest robots reach 0.5 m and more (UR3e)."""
@@ -55,12 +55,12 @@ class ContactSettings(Settings):
 
 
 class RiskSettings(Settings):
-    """How separation is judged, and how levels change.
+    """Settings of how separation is judged, and of how levels change.
 
     ``iso`` compares the distance now with the protective separation distance of ISO/TS 15066.
     ``predictive`` compares the zones with the stopping robot, time by time. ``reactive`` does the
     same with zones that grow from the body as seen, without a forecast. ``fixed`` is a circle
-    around the robot's base: nobody may be inside while the robot moves. ``hybrid`` is
+    around the robot's base: no person may be inside while the robot moves. ``hybrid`` is
     ``predictive``, and where separation cannot be kept, robots with ``contact: allowed`` may touch
     people as fast as the touched part of the body bears.
     """
@@ -192,7 +192,7 @@ class RiskSettings(Settings):
 
     @property
     def margins_m(self) -> tuple[float, float, float, float]:
-        """How much nearer a hazard is taken to be for each speed limit of a finding, metres.
+        """Margins subtracted from a hazard's distance for each speed limit of a finding, metres.
 
         For the limit now and for its release; for the warning now and for its release.
         """

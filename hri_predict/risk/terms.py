@@ -104,7 +104,7 @@ def travel_m(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What one hazard (the people, or what the sensor does not see) asks of one robot.
+    """Demand of one hazard (the people, or the unseen space) on one robot.
 
     Attributes:
         separation_m: distance now, as captured; negative where bodies overlap.
@@ -113,7 +113,7 @@ class Finding:
         near: whether the present distance is too small even for a standing robot.
         breach_s: seconds until the separation may be violated; 0 if it is violated.
         limits: for each margin, the highest permitted speed if the hazard were nearer by it.
-        person: index of the deciding person; -1: nobody.
+        person: index of the deciding person; -1: no person.
         segment: index (in the zones) of the deciding body segment.
         link: index of the deciding robot capsule.
         pair_m: distance now of deciding segment and link, if others are nearer; else ``None``.

@@ -64,7 +64,7 @@ AHEAD = ("moved", "speed_ahead", "lead", "log_lead")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Evidence:
-    """What is known of P people when a forecast is made. T steps back, H ahead, J joints.
+    """Knowledge of P people when a forecast is made. T steps back, H ahead, J joints.
 
     Attributes:
         history, observed: (P, T, J, 3) metres and (P, T, J); where T is short, speeds are measured
@@ -183,7 +183,7 @@ class ScaleNetwork:
     """The fitted network. ``NOW`` + ``AHEAD`` + ``KINDS`` inputs, hidden layers of ReLU.
 
     Attributes:
-        mean, deviation: of the inputs that are no kinds.
+        mean, deviation: of the inputs that are not kinds.
         layers: weights (inputs, outputs) and biases (outputs,), first to last; the last gives the
             natural logarithm of the scale in metres.
     """
@@ -202,7 +202,7 @@ class ScaleNetwork:
 
     @staticmethod
     def of_json(data: Mapping[str, Any]) -> "ScaleNetwork":
-        """What ``to_json`` gave.
+        """Invert ``to_json``.
 
         Raises:
             ValueError: shapes or numbers do not fit.

@@ -19,7 +19,7 @@ LEVELS = (0.9, 0.95, 0.99)
 
 
 class Reach(Settings):
-    """How far a joint of one part of the body can get: it is within both of two spheres.
+    """Reach of a joint of one part of the body: it is within both of two spheres.
 
     The first has the radius ``speed_m_s`` t about where the joint was. The second has the radius
     (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where its present velocity would take it.
@@ -55,7 +55,7 @@ REACH: dict[Literal["trunk", "arm", "leg"], Reach] = {
 
 
 class HumanLimits(Settings):
-    """How fast people move: what the standard assumes, and what bodies can do.
+    """Speeds of people: what the standard assumes, and what bodies can do.
 
     The standard's figures apply without a calibrated forecast: ISO 13855:2010 gives K = 2.0 m/s for
     an upper limb and 1.6 m/s for a walking body (as quoted in the ifm OY and Schmersal SLC
@@ -156,7 +156,7 @@ class HumanLimits(Settings):
 
 
 class CoverageSettings(Settings):
-    """How often zones hold the body (``risk.coverage``); see ``calibration``.
+    """Coverage of the body by zones (``risk.coverage``); see ``calibration``.
 
     ``of: joint`` requires each joint to be inside (the joint nearest to the robot is one joint);
     ``body`` requires all joints at once, which takes larger zones. ``guaranteed`` radii exist only

@@ -56,7 +56,7 @@ class RecordSettings(Abbreviated):
 
     @property
     def rates(self) -> Rates:
-        """How much of what is bulky is recorded."""
+        """Recording rates of bulky data."""
         sent = self.folder is None if self.sent is None else self.sent
         return Rates(
             zones_hz=self.zones_hz, poses_hz=self.poses_hz, view_hz=self.view_hz, sent=sent

@@ -48,7 +48,7 @@ def read_npz(path: Path, person: int) -> Recording:
     """Read a recording in one of the three layouts.
 
     A frame whose ``world_ok`` is false (its root rotation is an artefact) becomes a scene in which
-    all joints of the person are unobserved: somebody is there, but the place is unknown. A joint
+    all joints of the person are unobserved: a person is there, but the place is unknown. A joint
     that is not ``valid``, or jumps, is unobserved in that frame.
 
     Raises:

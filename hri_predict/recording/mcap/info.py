@@ -1,4 +1,4 @@
-"""What a recording says of itself: the metadata that a replay needs."""
+"""Description of a recording by itself: the metadata that a replay needs."""
 
 import json
 import math
@@ -22,7 +22,7 @@ METADATA = "hri_predict"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInfo:
-    """What a replay needs besides the messages; stored in the file's metadata.
+    """Data that a replay needs besides the messages; stored in the file's metadata.
 
     Attributes:
         joint_map: the source's joint map; complete, so a replay needs no other file.

@@ -29,9 +29,9 @@ log = logging.getLogger(__name__)
 QUEUE_ITEMS = 4096
 CLOSE_TIMEOUT_S = 10.0
 FLUSH_NS = 700_000_000
-"""Whoever is killed loses no more than this, and what was in the queue."""
+"""Maximum loss of a killed writer, besides the content of the queue."""
 LOOK_NS = 1_000_000_000
-"""How often the clocks are compared, and the room on the disk looked at."""
+"""Interval at which the clocks are compared and the free disk space is checked."""
 RETRY_NS = 2_000_000_000
 REMIND_NS = 60_000_000_000
 """While nothing can be recorded, the log says so each minute."""

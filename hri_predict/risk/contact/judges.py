@@ -74,7 +74,7 @@ def contact_judges(
 def segment_limits(
     settings: RiskSettings, model: RobotModel, names: Sequence[str], base_dir: Path | None
 ) -> SegmentLimits:
-    """How fast a robot with ``contact: allowed`` may touch the segments of these names."""
+    """Return the maximum speeds of a robot with ``contact: allowed`` for these segments."""
     assert model.contact is not None  # the robot would not have been loaded
     table = load_table(settings.contact.table, base_dir)
     return SegmentLimits.of(table, names, model.effective_kg, model.contact.area_cm2)

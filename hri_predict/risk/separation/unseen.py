@@ -1,4 +1,4 @@
-"""What the sensor does not see: somebody may stand just outside its field of view and come in."""
+"""Unseen space: a person may stand just outside the sensor's field of view and come in."""
 
 import numpy as np
 
@@ -47,6 +47,6 @@ def beside_view(
 
 
 def _nobody(distance_m: Floats) -> NearestInTime:
-    """Distances to nobody in particular."""
+    """Return distances to no particular person."""
     unknown = np.full(len(distance_m), -1)
     return NearestInTime(distance_m, unknown, unknown, unknown)
