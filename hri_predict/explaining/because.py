@@ -30,9 +30,9 @@ _SHORT = {
     "CONTACT_POSSIBLE": "contact possible",
 }
 _OBEYS_ADVICES = 12
-"""A robot may take so many advices, half a second, to keep a lower limit."""
+"""Number of advices, half a second, within which a robot must keep a lower limit."""
 _FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDENED")
-"""What makes zones larger, and so a person nearer."""
+"""Conditions that make zones larger, and so a person nearer."""
 
 
 def because(about: Situation) -> str:
@@ -61,7 +61,7 @@ def reason_text(reason: str) -> str:
 
 
 def remedy(reason: str) -> str:
-    """What clears it."""
+    """Return the remedy."""
     return Reason[reason].clears_when if reason in Reason.__members__ else ""
 
 
@@ -95,7 +95,7 @@ def distance_of(advice: Told) -> float | None:
 
 
 def needed_by(advice: Told) -> float | None:
-    """What that distance had to be for the robot as it moved."""
+    """Return the distance that was needed for the robot as it moved."""
     has_m, slack_m = distance_of(advice), number(mapped(advice.data.get("grounds")).get("slack_m"))
     return None if has_m is None or slack_m is None else has_m - slack_m
 
@@ -115,7 +115,7 @@ def _whereabouts(about: Situation) -> str:
 
 
 def _released(about: Situation) -> str:
-    """Somebody is there, but it is the release that takes its time."""
+    """A person is there, but it is the release that takes its time."""
     if RISING in text(about.advice.data.get("detail")):
         limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
         waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
@@ -146,7 +146,7 @@ def _needed(advice: Told) -> str:
 
 
 def _forecast(about: Situation) -> str:
-    """What made the zones larger than usual."""
+    """Return the causes of zones larger than usual."""
     there = _reasons(about)
     return "".join(f"; {reason_text(name)}" for name in _FORECAST if name in there)
 
@@ -237,7 +237,7 @@ def _clock_jump(about: Situation) -> str:
 
 
 def _steps(scenes: Sequence[Told], until_ns: int) -> list[float]:
-    """How far each capture stamp moved against its receipt, seconds; of the last seconds."""
+    """Return the shifts of capture stamps against their receipt, seconds; of the last seconds."""
     recent = [t for t in scenes if until_ns - 5 * NS <= t.utc_ns <= until_ns]
     pairs = [(whole(t.data.get("capture_ns")), t.node_ns) for t in recent]
     known = [(stamp, receipt) for stamp, receipt in pairs if stamp is not None]
@@ -276,7 +276,7 @@ def _latched(about: Situation) -> str:
 
 
 def _origin(about: Situation) -> str:
-    """What the last phase before said that names more than waiting, and when."""
+    """Return the last phase before that names more than waiting, and its time."""
     phase = None if about.episode is None else about.episode.cause_before(about.advice.utc_ns)
     if phase is None:
         return "nothing else was recorded"

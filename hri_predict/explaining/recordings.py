@@ -1,4 +1,4 @@
-"""The recordings that somebody asks about: one file, or all files of one cell, in order."""
+"""The recordings in question: one file, or all files of one cell, in order."""
 
 import os
 from collections.abc import Collection, Iterator, Sequence
@@ -9,7 +9,7 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 
 TWICE_NS = 1_000_000_000
-"""A file may begin so much before the last one ends: less is how clocks drift."""
+"""Maximum overlap of a file with the last one: less is the drift of clocks."""
 
 
 @dataclass(frozen=True, slots=True)

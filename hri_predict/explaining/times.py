@@ -21,7 +21,7 @@ _HINT = "write 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the start s
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """The time that somebody means: ``14:03:07`` is the whole second, ``14:03`` the minute."""
+    """The time that a user means: ``14:03:07`` is the whole second, ``14:03`` the minute."""
 
     start_ns: int
     width_ns: int

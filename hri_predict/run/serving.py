@@ -1,4 +1,4 @@
-"""What a run in real time has for those who operate it: systemd, monitoring, reload."""
+"""Parts of a run in real time for those who operate it: systemd, monitoring, reload."""
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import version

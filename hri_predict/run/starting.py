@@ -180,7 +180,7 @@ def memory_of(
 
 
 def cell_of(config: Config) -> str:
-    """What tells this cell from others: its configuration's path, and where its parts are.
+    """Return the identity of this cell: its configuration's path, and the places of its parts.
 
     Where a robot or the source has been moved, the places of lost people mean others.
     """

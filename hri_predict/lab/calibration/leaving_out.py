@@ -1,7 +1,7 @@
 """Leaving a set out: what zones hold of people, tasks and trackers that the calibration never saw.
 
 Each set is left out in turn: the calibration is made from the other sets' recordings, and measured
-on all recordings of the set. This is what a new site may expect, where nobody is known and the
+on all recordings of the set. This is what a new site may expect, where no person is known and the
 tracker places joints in its own way. It is the whole truth only for a predictor that was not fitted
 on the set either.
 """

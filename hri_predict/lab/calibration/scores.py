@@ -70,7 +70,7 @@ class Scores:
 
 
 def evidence_of(entry: Scores) -> Evidence:
-    """What the node would know at each window."""
+    """Return the node's knowledge at each window."""
     return Evidence(
         history=entry.history,
         observed=entry.observed,

@@ -105,7 +105,7 @@ def card_of(
 
 
 def latency_ms(predictor: NeuralPredictor, people: int) -> float:
-    """Median CPU time in milliseconds of a forecast for so many people, all joints observed.
+    """Median CPU time in milliseconds of a forecast for this number of people, all joints observed.
 
     CPU time of one thread, because training may run at the same time.
     """

@@ -66,7 +66,7 @@ class Errors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingResult:
-    """How one predictor did under one condition.
+    """Results of one predictor under one condition.
 
     Attributes:
         predictor: its name.
@@ -301,7 +301,7 @@ def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
 
 
 def baselines() -> dict[str, PredictorSettings]:
-    """Settings of the baselines that are evaluated beside every trained predictor."""
+    """Settings of the baselines that are evaluated next to every trained predictor."""
     common = {"horizon_s": FUTURE_STEPS / RATE_HZ, "rate_hz": RATE_HZ}
     return {
         "zero_velocity": ZeroVelocitySettings(name="zero_velocity", **common),

@@ -92,7 +92,7 @@ def _start_from(network: Network, path: Path) -> None:
 
 
 def _described(shape: Shape) -> tuple[object, ...]:
-    """What makes two shapes equal; a skeleton without a name in the project is built anew."""
+    """Return what makes two shapes equal; a skeleton without a name here is built again."""
     skeleton = shape.skeleton
     return (
         skeleton.joints,

@@ -28,7 +28,7 @@ _SENDERS: dict[type[HookSettings], Any] = {
 
 
 def sender_of(settings: HookSettings, place: Place) -> Sender:
-    """What sends the alerts of a hook; opens no connection.
+    """Return the sender of a hook's alerts; open no connection.
 
     Raises:
         ConfigError: a secret, a certificate or a package is missing.

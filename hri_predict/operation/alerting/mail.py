@@ -100,7 +100,7 @@ class MailHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.security != "none" or is_loopback(self.host):
             return []
         return [
@@ -196,6 +196,6 @@ def _own_name() -> str:
 
 
 def _answer(code: int) -> str:
-    """What a server said, by its code: its text might repeat what it was told."""
+    """Return a server's answer, by its code: its text might repeat what was sent."""
     known = {535: "user name or password are wrong", 530: "it wants a user name and a password"}
     return f"SMTP status {code}" + (f": {known[code]}" if code in known else "")

@@ -107,7 +107,7 @@ class MqttHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.tls or is_loopback(self.host):
             return []
         password = ", and the password" if self.username else ""

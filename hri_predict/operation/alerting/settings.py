@@ -1,4 +1,4 @@
-"""What all alert hooks have in common; each kind derives its settings from these."""
+"""Settings common to all alert hooks; each kind derives its settings from these."""
 
 import ipaddress
 from pathlib import Path
@@ -58,7 +58,7 @@ class HookSettings(Settings):
 
     @property
     def notes(self) -> list[str]:
-        """What ``check`` warns of."""
+        """Warnings of ``check``."""
         return []
 
     @property

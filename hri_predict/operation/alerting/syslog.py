@@ -30,7 +30,7 @@ _FACILITIES = {"user": 1, "daemon": 3, **{f"local{i}": 16 + i for i in range(8)}
 _SEVERITIES = {"fault": 2, "unknown": 3, "stop": 4, "slow": 5, "warn": 5, "clear": 6}
 """Critical, error, warning, notice, informational (RFC 5424, table 2)."""
 MAX_OCTETS = 2048
-"""What a receiver should take (RFC 5424, section 6.1)."""
+"""Size that a receiver should accept (RFC 5424, section 6.1)."""
 
 Facility = Literal[
     "user", "daemon", "local0", "local1", "local2", "local3", "local4", "local5", "local6", "local7"
@@ -81,7 +81,7 @@ class SyslogHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.protocol in ("unix", "tls") or is_loopback(self.host or ""):
             return []
         return [

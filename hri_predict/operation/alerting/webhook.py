@@ -79,7 +79,7 @@ class WebhookHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.url is None:
             return []
         parts = address_of(self.url)
@@ -212,7 +212,7 @@ def retry_after_s(text: str | None, unix_s: float) -> float | None:
 def signature(key: str, body: bytes, unix_s: int) -> str:
     """``t=SECONDS,v1=HEX``: HMAC-SHA256 of the seconds, a dot and the body.
 
-    With the time in it, the receiver can refuse what somebody recorded and sends again.
+    With the time in it, the receiver can refuse a message that was recorded and sent again.
     """
     tag = hmac.new(key.encode(), f"{unix_s}.".encode() + body, hashlib.sha256)
     return f"t={unix_s},v1={tag.hexdigest()}"

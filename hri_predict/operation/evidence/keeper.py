@@ -1,4 +1,4 @@
-"""Keeps the seconds around each event in a file of its own, beside the chained log.
+"""Keeps the seconds around each event in a file of its own, next to the chained log.
 
 The loop's thread holds the newest items in a ring, and hands them over when an event begins. A
 thread of its own encodes, writes and chains, and pauses between items: a burst must not take the

@@ -35,7 +35,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
 
 _CONDITIONS = (Reason.STATE_UNTRUSTED, Reason.ACKNOWLEDGE_REPEATED)
-"""What somebody must see to, though no level changes with it."""
+"""Conditions that need attention, though no level changes with them."""
 _WRITE_S = 1.0
 """Time to write what is queued when the node stops."""
 
@@ -121,7 +121,7 @@ class Alerts:
 
     @property
     def failures(self) -> int:
-        """What could not be written, and failed attempts of hooks."""
+        """Counts of failed writes, and of failed attempts of hooks."""
         return self._write_failures + self._hooks.failures
 
     def report(self) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""What a page shows of a cell: one level, as the worst of what is known, and why."""
+"""State of a cell on a page: one level, the worst of what is known, and why."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 from hri_predict.operation.monitoring.fleet import SILENT, UNKNOWN, CellRow, RobotRow
 
 GONE = "GONE"
-"""No messages: the level is not known, and nobody says so."""
+"""No messages: the level is not known, and no message says so."""
 WORST_FIRST = ("FAULT", GONE, "UNKNOWN", "STOP", "SLOW", "WARN", "CLEAR")
 _LIVE = ("running", "degraded")
 _WHY = {SILENT: "no advice for this robot", UNKNOWN: "its capture is too old"}
@@ -24,7 +24,7 @@ class Finding:
 
 
 def findings(row: CellRow) -> list[Finding]:
-    """What is known of a cell and each of its robots; at least one.
+    """Return the known state of a cell and each of its robots; at least one.
 
     Of a cell whose report is not trusted, only that: its robots' levels are not known.
     """

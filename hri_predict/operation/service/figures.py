@@ -30,7 +30,7 @@ class Figures(Listener):
         node, source, links, pace: the parts that count.
         robots: names.
         version: of hri-predict.
-        healthy_s: the loop is well if it ticked within so many seconds.
+        healthy_s: maximum age of the last tick of a healthy loop, seconds.
         others: asked once a second, in the loop's thread, for counters of further parts.
         monotonic_s: the machine's time.
     """

@@ -25,7 +25,7 @@ REQUEST_BYTES = 8192
 REQUEST_S = 2.0
 """From the connection to the last byte of the answer."""
 KEEP_S = 0.5
-"""Whoever asks for metrics again within this time gets the same text: to make it takes the time of
+"""Time within which further requests for metrics get the same text: to make it takes the time of
 the interpreter that the loop runs in, so a flood of requests must not make it often."""
 END_S = 2.0
 
@@ -35,7 +35,7 @@ class MetricsServer:
 
     Args:
         settings: where.
-        figures: what it tells.
+        figures: the figures to serve.
         request_s: see ``REQUEST_S``.
 
     Attributes:
@@ -61,7 +61,7 @@ class MetricsServer:
         self._up.wait(END_S)
 
     def close(self) -> None:
-        """Answer nobody any more; safe to call twice."""
+        """Stop answering; safe to call twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(END_S)

@@ -9,7 +9,7 @@ from hri_predict.operation.service.logs import LINES_A_MINUTE
 
 
 class LogSettings(Settings):
-    """How the node writes its log (standard error)."""
+    """Settings of the node's log (standard error)."""
 
     format: Literal["text", "json"] = Field(
         "text", description="text: lines for people; json: one object a line, with UTC"
@@ -27,7 +27,7 @@ class LogSettings(Settings):
 
 
 class MetricsSettings(Settings):
-    """Where the node answers /metrics (Prometheus) and /healthz, over HTTP."""
+    """Address at which the node serves /metrics (Prometheus) and /healthz, over HTTP."""
 
     port: int = Field(ge=1, le=65535, description="TCP port")
     host: str = Field(

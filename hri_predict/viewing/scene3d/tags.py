@@ -95,7 +95,7 @@ def _of_robots(picture: Picture) -> Words:
 
 
 def _of_pairs(picture: Picture) -> Words:
-    """How far the deciding pairs are apart, in the middle of their lines."""
+    """Return the distances of the deciding pairs, in the middle of their lines."""
     return {
         f"separation {robot['name']}": (robot["apart"], np.mean(robot["line"], axis=0))
         for robot in picture.facts["robots"]

@@ -180,7 +180,7 @@ class MotionSamples:
         return max(0.0, _span_s(track) - least - float(pauses[pauses > least].sum()))
 
     def _shares(self) -> NDArray[np.float64]:
-        """How often each track is drawn; they add up to 1."""
+        """Return the probability of each track; they add up to 1."""
         usable = [self._usable_s(track) for track in self._tracks]
         if not sum(usable) > 0:
             raise ConfigError(
