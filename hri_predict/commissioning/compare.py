@@ -1,7 +1,7 @@
-"""What another version or configuration makes of the same recorded walk, and whether it is safer.
+"""Result of another version or configuration on the same recorded walk, and whether it is safer.
 
 *Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
-level, a higher speed limit, a stop that is missing or comes later, nobody seen where somebody was,
+level, a higher speed limit, a stop that is missing or comes later, no person seen where one was,
 less of the floor seen, more people lost. Changes to the other side are named too, and count as no
 fault. Neither do stated separations: wider margins look farther ahead, and may state more or less.
 A stricter configuration counts more of the floor, which may leave too little of it walked: that is
@@ -20,7 +20,7 @@ SAME_M = 0.002
 SAME_M_S = 0.002
 """The same of speeds, m/s."""
 RANK = {"clear": 0, "warn": 1, "slow": 2, "stop": 3, "unknown": 3, "fault": 3}
-"""How much a level forbids. *Stop*, *unknown* and *fault* all mean stop."""
+"""Rank of a level by how much it forbids. *Stop*, *unknown* and *fault* all mean stop."""
 
 
 @dataclass(slots=True)
@@ -127,7 +127,7 @@ def _advices(
 def _distance(
     both: tuple[_Change, _Change], time_s: float, was: float | None, now: float | None
 ) -> None:
-    """Note a distance that changed. None at all means that nobody is known: the farthest."""
+    """Note a distance that changed. ``None`` means that no person is known: the farthest."""
     if was is None and now is None:
         return
     text = f"{_metres(was)} -> {_metres(now)}"
@@ -195,7 +195,7 @@ def _floor(found: Comparison, walk: Walk, new: Played) -> None:
 
 
 def _of(some: set[tuple[int, int]], all_of: set[tuple[int, int]]) -> str:
-    """How many cells, and what share: of large floors the share alone may hide a change."""
+    """Return the cells' number and share: on large floors the share alone may hide a change."""
     return f"{len(some)} ({100 * len(some) / max(len(all_of), 1):.1f} %)"
 
 

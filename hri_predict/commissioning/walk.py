@@ -1,4 +1,4 @@
-"""The walk test: somebody walks through the cell while the node records, and the recording counts.
+"""The walk test: a person walks through the cell while the node records, and the recording counts.
 
 The grid and the advices are those of the recording played again, not of the live run: so a later
 version or configuration can be compared with exactly this.
@@ -27,7 +27,8 @@ MOST_UNKNOWN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkPlan:
-    """How to walk: seconds, side of a cell (m), least coverage (share), where nobody can stand.
+    """Plan of a walk: seconds, side of a cell (m), least coverage (share), where no person can
+    stand.
 
     ``shadow``: links say *unknown*, so that no robot moves. ``virtual``: with simulated people and
     controllers, as fast as possible.
@@ -93,7 +94,7 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
 
 
 def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
-    """What failed, and what could not be judged, one line each."""
+    """Return failures, and what could not be judged, one line each."""
     failed, missing = [], []
     coverage = result.grid.coverage
     if coverage < result.least_coverage:

@@ -160,7 +160,7 @@ class _Inbox:
         """The caller finds every message in the tick."""
 
     def take(self) -> list[Received]:
-        """What the caller brought."""
+        """Take what the caller brought."""
         taken = list(self.waiting)
         self.waiting.clear()
         return taken

@@ -319,7 +319,7 @@ class _Session:
         return result
 
     def counters(self) -> dict[str, int]:
-        """Return the counters besides the node's: of forecasts, and of losses on the way to disks."""
+        """Return the counters besides the node's: forecasts, and losses on the way to disks."""
         counted = dict(self.prediction.counters) if self.prediction is not None else {}
         counted["alerts_dropped"] = self.alerts.dropped
         counted["alert_failures"] = self.alerts.failures

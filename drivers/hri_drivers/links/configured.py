@@ -25,7 +25,7 @@ SAY_NS = 10_000_000_000
 
 
 class ConfiguredLinkSettings(LinkSettings):
-    """What these links have in common in the configuration."""
+    """Settings common to these links."""
 
     robot_state_rate_hz: float = Field(
         50.0, ge=0, le=1000, description="how often the controller sends RobotState"

@@ -1,4 +1,4 @@
-"""What the contract asks of a link; see ``hri_predict.contracts.link``.
+"""Requirements of the contract on a link; see ``hri_predict.contracts.link``.
 
 The link has a wire in memory instead of a device. A second one of its kind plays the controller.
 """
@@ -62,12 +62,12 @@ class LinkPart:
             link.service(self.clock.now_ns())
 
     def decoded(self, units: list[object]) -> list[Message]:
-        """What whoever listens makes of these units."""
+        """Return what a listener decodes from these units."""
         receiver = self.cls.receiver(self.settings)
         return [message for unit in units for message in receiver.feed(unit)]
 
     def units(self, message: Message) -> list[object]:
-        """What a fresh link writes of a message."""
+        """Return what a fresh link writes of a message."""
         return units_of(self.cls, self.settings, self.clock, message)
 
 
@@ -165,7 +165,7 @@ def sends_the_newest(part: LinkPart) -> str:
 
 
 def accounts_for_every_message(part: LinkPart) -> str:
-    """What is posted is sent, superseded, decimated, or failed: nothing vanishes uncounted."""
+    """Everything posted is sent, superseded, decimated, or failed: nothing vanishes uncounted."""
     link, wire = part.make()
     posted = 0
     for cycle in range(50):
@@ -229,7 +229,7 @@ def does_not_hear_itself(part: LinkPart) -> str:
 
 
 def tells_a_second_sender(part: LinkPart) -> str:
-    """What another sends with this node's ids is counted, with its time, and not handed on."""
+    """A frame of another sender with this node's ids is counted, timed, and not handed on."""
     link, wire = part.make()
     for cycle in (2, 3):  # the CRC of one may be right by chance
         wire.incoming.extend(part.units(status(cycle)))
@@ -303,7 +303,7 @@ def survives_noise(part: LinkPart) -> str:
 
 
 def counts_what_it_refuses(part: LinkPart) -> str:
-    """Noise on the wire reaches nobody; the link's counters tell of it."""
+    """Noise on the wire is not passed on; the link's counters report it."""
     rng = np.random.default_rng(2)
     link, wire = part.make()
     like = part.units(status(0))[0]
@@ -391,7 +391,7 @@ CHECKS: tuple[Callable[[LinkPart], str], ...] = (
 
 
 def _refused(counters: LinkCounters | ReceiveCounters) -> int:
-    """How many times something was refused, for whatever reason."""
+    """Return the number of refusals, for any reason."""
     return sum(getattr(counters, name, 0) for name in REFUSED.split())
 
 

@@ -1,7 +1,7 @@
-"""What the contract asks of a source; see ``hri_predict.contracts.source``.
+"""Requirements of the contract on a source; see ``hri_predict.contracts.source``.
 
 A source that foresees its scenes (a recording, a simulator) is asked for them one after the other;
-one that hears a sender is listened to for a while, and somebody must send meanwhile.
+one that hears a sender is listened to for a while, and a sender must send meanwhile.
 """
 
 import time
@@ -51,7 +51,7 @@ SAME_M = 1e-9  # two rotations of coordinates below 1000 m: 10 roundings of 2**-
 
 @dataclass
 class Heard:
-    """What came of listening to a source once."""
+    """Result of listening to a source once."""
 
     scenes: list[Scene] = field(default_factory=list)
     poll_s: list[float] = field(default_factory=list)
@@ -99,11 +99,11 @@ class SourcePart:
 
     @cached_property
     def heard(self) -> Heard:
-        """What it gave; listened to once, for all checks.
+        """Scenes of the source; listened to once, for all checks.
 
         Raises:
             Skipped: it gave nothing.
-            Broken: somebody sent, and it made no scene of that.
+            Broken: there was a sender, and it made no scene of that.
         """
         if not self.live:
             return _not_empty(self.foreseen(), "give a longer one")
@@ -115,7 +115,7 @@ class SourcePart:
         return _not_empty(found, "send to it meanwhile")
 
     def foreseen(self, settings: SourceSettings | None = None) -> Heard:
-        """What a source that foresees its scenes gives, as fast as possible."""
+        """Return the scenes of a source that foresees them, as fast as possible."""
         source, found = self.make(settings), Heard()
         with _opened(source, START_NS):
             while len(found.scenes) < MAX_SCENES and (due_ns := found.next_ns(source)) is not None:
@@ -232,7 +232,7 @@ def marks_what_it_did_not_see(part: SourcePart) -> str:
 
 
 def gives_metres(part: SourcePart) -> str:
-    """Everybody is of a human size, and in the cell."""
+    """All people are of a human size, and in the cell."""
     longest = 0.0
     for scene in part.heard.scenes:
         for person in scene.people:
@@ -282,7 +282,7 @@ def counts_up(part: SourcePart) -> str:
 
 
 def gives_the_same_again(part: SourcePart) -> str:
-    """Made anew, a source that foresees its scenes gives the same ones: replays are exact."""
+    """Made again, a source that foresees its scenes gives the same ones: replays are exact."""
     if part.live:
         raise Skipped("a sender says what it likes")
     scenes, again = part.heard.scenes, part.foreseen().scenes
@@ -331,7 +331,7 @@ def _opened(source: Source, start_ns: int) -> Iterator[None]:
 
 
 def _listened(source: Source, seconds: float) -> Heard:
-    """What a source hears within some time, as the node's own thread would ask."""
+    """Return what a source hears within some time, asked as the node's own thread would."""
     clock, found = MonotonicClock(), Heard()
     end_ns = clock.now_ns() + round(seconds * 1e9)
     with _opened(source, clock.now_ns()):

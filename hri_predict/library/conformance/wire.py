@@ -52,7 +52,7 @@ class Wire:
         self.written.append(unit)
 
     def read(self, timeout_s: float) -> list[object]:
-        """What is there; a wire that is idle waits."""
+        """Return what is there; a wire that is idle waits."""
         self._check()
         if not self.incoming and timeout_s > 0:
             time.sleep(min(timeout_s, 0.01))

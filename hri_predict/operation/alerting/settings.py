@@ -91,8 +91,8 @@ class HookSettings(Settings):
         for key in cls.secrets if isinstance(data, dict) else ():
             if key in data and key not in cls.model_fields:
                 raise ValueError(
-                    f"{key}: no secret stands in the configuration, which recordings contain; put "
-                    f"it into a file and name that under {key}_file, or use {key}_env"
+                    f"{key}: secrets are not allowed in the configuration because recordings "
+                    f"contain it; put it in a file and name that under {key}_file, or use {key}_env"
                 )
         return data
 

@@ -83,7 +83,7 @@ def config(**wanted: Any) -> Config:
 
 
 def _places(people: int) -> list[list[float]]:
-    """Even places on the rings, the inner one first; nobody stands in the robot."""
+    """Even places on the rings, the inner one first; no person stands in the robot."""
     found: list[list[float]] = []
     for radius, count in RINGS:
         for k in range(min(count, people - len(found))):

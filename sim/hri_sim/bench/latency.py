@@ -161,7 +161,7 @@ class _Watch(Listener):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What the node does while it is measured.
+    """Load of the node while it is measured.
 
     Attributes:
         ticks: as in the configuration.

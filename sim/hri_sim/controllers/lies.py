@@ -1,4 +1,4 @@
-"""What a simulated controller does wrong on purpose: it misreports its robot, or does not obey."""
+"""Deliberate faults of a simulated controller: it misreports its robot, or does not obey."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -29,9 +29,9 @@ class LieSettings(Settings):
     ] = Field(
         description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump,"
         " hold (the first stay, velocities are true); of both: freeze (the first stay), stand (the"
-        " first positions stay, velocities are 0); of the motion: runs (at full speed, whatever"
-        " speed above 0 is permitted), brakes_late; acknowledges: by itself, as with a button that"
-        " is held down"
+        " first positions stay, velocities are 0); of the motion: runs (at full speed, at any "
+        "permitted speed above 0), brakes_late; acknowledges: by itself, as with a button that "
+        "is held down"
     )
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
@@ -65,7 +65,7 @@ class Lies:
         self._first: dict[int, tuple[Floats, Floats]] = {}  # joints when a lie began
 
     def told(self, q: Floats, qd: Floats, now_ns: int) -> tuple[Floats, Floats]:
-        """Return the joints (N,), rad and rad/s, that RobotState tells at ``now_ns``."""
+        """Return the joints (N,), rad and rad/s, that RobotState reports at ``now_ns``."""
         for lie in self._now(now_ns):
             first_q, first_qd = self._first.setdefault(id(lie), (q, qd))
             if lie.kind in ("hold", "freeze", "stand"):
@@ -92,7 +92,7 @@ class Lies:
 
     @property
     def brakes_slower(self) -> float:
-        """How many times longer the arm takes to stop."""
+        """Factor by which the arm takes longer to stop."""
         return max((lie.factor for lie in self._settings if lie.kind == "brakes_late"), default=1.0)
 
     def _now(self, now_ns: int) -> list[LieSettings]:

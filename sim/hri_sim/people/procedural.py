@@ -53,7 +53,7 @@ class ProceduralSettings(SourceSettings):
     people: list[PersonSettings] = Field(
         [validated(PersonSettings, person, "demo") for person in DEMO],
         max_length=16,
-        description="who comes, and what they do; default: somebody who walks up and reaches out",
+        description="who comes, and what they do; default: a person who walks up and reaches out",
     )
     keeps_ids: bool = Field(True, description="an id that comes back is the same person")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second")
@@ -76,7 +76,7 @@ class ProceduralSettings(SourceSettings):
 
     @property
     def known_places(self) -> list[list[float]]:
-        """Where the people begin, too."""
+        """Also the places where the people begin."""
         room = self.room_from_source.matrix()
         starts = [room @ [*person.start, 0.0, 1.0] for person in self.people]
         return [*super().known_places, *(start[:3].tolist() for start in starts)]
@@ -220,7 +220,7 @@ class _Actor:
         self._rates = 2 * math.pi * np.array(_SWAY_HZ)[:, None]
 
     def begin(self) -> None:
-        """Start anew, with the same errors."""
+        """Start again, with the same errors."""
         settings = self._settings
         self.wander = Wander(
             settings.wander_m,

@@ -152,7 +152,7 @@ def run_episode(
 
 
 def truth_of(cell: Cell, scenario: Scenario) -> SharedTruth:
-    """Where the people of a scenario truly are, in all its episodes."""
+    """Return the true places of a scenario's people, in all its episodes."""
     settings = exact(cell_settings(with_scenario(cell.config, scenario)))
     return SharedTruth(TruePeople(ApproachSource(settings, cell.config.base_dir)))
 
@@ -199,7 +199,7 @@ class _Played:
 
 
 class _PlayedPeople(People):
-    """Tracks nobody: the people were computed before."""
+    """Tracks no person: the people were computed before."""
 
     def __init__(self, played: _Played) -> None:
         self._played = played

@@ -28,11 +28,11 @@ from hri_predict.protocol.discovery.services import ServiceSettings
 
 DEFAULT_PORT = 9871
 MAX_LOST = 100_000
-"""A scene ahead by more than this is no loss: the sender restarted."""
+"""A scene ahead by more than this is not a loss: the sender restarted."""
 
 
 class SceneJsonSettings(LiveSettings):
-    """What both sources of JSON scenes have in common."""
+    """Settings common to both sources of JSON scenes."""
 
     min_confidence: float = Field(
         0.3, ge=0, le=1, description="joints sent with less confidence are unobserved"

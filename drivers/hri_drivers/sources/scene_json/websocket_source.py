@@ -161,7 +161,7 @@ class WebSocketClient:
         """Connect.
 
         Raises:
-            SourceError: nobody answers there, or the server is not a WebSocket.
+            SourceError: there is no answer, or the server is not a WebSocket.
         """
         self.close()
         try:

@@ -1,4 +1,4 @@
-"""What all sources of the node's own scene stream share."""
+"""Common part of all sources of the node's own scene stream."""
 
 import time
 from collections.abc import Callable
