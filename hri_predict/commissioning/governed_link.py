@@ -79,7 +79,7 @@ class GovernedLink:
         self.inner.post(message)
 
     def take(self) -> list[Received]:
-        """Return received messages, without states of robots that the controller does not control."""
+        """Return received messages, without states of robots that are not the controller's."""
         return [
             received
             for received in self.inner.take()

@@ -345,7 +345,7 @@ def tells_the_recorder(part: LinkPart) -> str:
     told: list[tuple[str, bytes, int]] = []
     link.on_sent = lambda name, data, now_ns: told.append((name, data, now_ns))
     units = units_from(link, wire, part.clock, advice(0, 0.5))
-    demand(len(told) == len(units), f"{len(units)} units written, {len(told)} told")
+    demand(len(told) == len(units), f"{len(units)} units written, {len(told)} reported")
     expected = (part.settings.name, part.clock.now_ns())
     demand(all((n, t) == expected for n, _, t in told), "another name or time is reported")
     demand(all(isinstance(data, bytes) and data for _, data, _ in told), "no bytes are reported")

@@ -33,7 +33,7 @@ def hook(data):
         (WEBHOOK | {"url": "ftp://hooks.example/"}, ["must begin with https://"]),
         (WEBHOOK | {"url": "file:///etc/passwd"}, ["must begin with https://"]),
         (WEBHOOK | {"url": "https:///path"}, ["names no host"]),
-        (WEBHOOK | {"url": "https://h:x/"}, ["write it as https://HOST/PATH"]),
+        (WEBHOOK | {"url": "https://h:x/"}, ["expected https://HOST/PATH"]),
         (WEBHOOK | {"url": "https://h/ä"}, ["printable ASCII"]),
         (WEBHOOK | {"url_env": "URL"}, ["give one of: url, url_file, url_env"]),
         (WEBHOOK | {"token_file": "a", "token_env": "B"}, ["leave one out"]),
