@@ -158,9 +158,9 @@ Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), AfterValidator(_
 class Pose(Settings):
     """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
 
-    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="where its origin is, m")
+    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="position of its origin, m")
     quaternion_xyzw: Quaternion = Field(
-        [0.0, 0.0, 0.0, 1.0], description="how it is turned: a unit quaternion [x, y, z, w]"
+        [0.0, 0.0, 0.0, 1.0], description="orientation: a unit quaternion [x, y, z, w]"
     )
 
     @field_validator("quaternion_xyzw")

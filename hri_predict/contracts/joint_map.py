@@ -141,7 +141,7 @@ class SourceFrame(Settings):
     """Facts that every map file states about its source."""
 
     name: str
-    reference: str = Field(description="where the facts about this source come from")
+    reference: str = Field(description="origin of the facts about this source")
     units: float = Field(ge=1e-6, le=1000, description="a unit's name, or metres per unit")
     axes: Axes
     left_handed: bool = False

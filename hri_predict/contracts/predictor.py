@@ -28,10 +28,8 @@ MIN_HORIZON_S = 0.01
 class PredictorSettings(Settings):
     """Settings that the node needs of every predictor (``predictor:`` in the configuration)."""
 
-    name: str = Field(description="which predictor")
-    horizon_s: float = Field(
-        1.0, ge=MIN_HORIZON_S, le=10, description="how far ahead the forecast reaches"
-    )
+    name: str = Field(description="name of the predictor")
+    horizon_s: float = Field(1.0, ge=MIN_HORIZON_S, le=10, description="horizon of the forecast")
     rate_hz: float = Field(
         25.0, ge=1, le=200, description="steps per second of history and forecast"
     )

@@ -48,7 +48,7 @@ class SourceSettings(Settings):
         None, ge=0.01, le=2, description="age at which input is stale; default 3 periods + 20 ms"
     )
     field_of_view: Region | None = Field(
-        None, description="what the sensor sees (room frame); the rest counts as occupied"
+        None, description="space that the sensor sees (room frame); the rest counts as occupied"
     )
     keeps_ids: bool = Field(
         False,
@@ -61,10 +61,11 @@ class SourceSettings(Settings):
         "person is there (depth camera, lidar)",
     )
     shadows: list[Region] = Field(
-        [], description="what it does not see within its field of view: behind machines, pallets"
+        [], description="space hidden within its field of view: behind machines, pallets"
     )
     viewpoints: list[Vector3] = Field(
-        [], description="where its cameras are (room frame), so that people may hide each other"
+        [],
+        description="positions of its cameras (room frame), from which people may hide each other",
     )
     faults: list[dict[str, Any]] = Field(
         [], description="faults to inject; see hri_sim.faults.injector"

@@ -33,7 +33,7 @@ class NamedZoneSettings(Region):
 
     name: Name = Field(description="its own name, for messages and alerts")
     level: Literal["none", "warn", "slow", "stop"] = Field(
-        "warn", description="what it asks for while it is occupied"
+        "warn", description="request while it is occupied"
     )
     robots: list[str] | None = Field(None, description="robots that it concerns; default all")
     speed_limit_m_s: float = Field(
@@ -44,7 +44,7 @@ class NamedZoneSettings(Region):
     )
     entry: Literal["forecast", "zone"] = Field(
         "forecast",
-        description="what a predicted entry is judged by: the forecast body, or the zone about it",
+        description="basis of a predicted entry: the forecast body, or the zone about it",
     )
     entry_warning_s: float = Field(
         0.0, ge=0, le=10, description="ask this long before a predicted entry"

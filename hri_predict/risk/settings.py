@@ -28,8 +28,8 @@ class ContactSettings(Settings):
     fixtures: list[Fixture] | None = Field(
         None,
         max_length=32,
-        description="what the robot may clamp a body part against, besides the floor; default: the"
-        " table that each robot stands on, a plane at its base",
+        description="objects against which the robot may clamp a body part, besides the floor; "
+        "default: the table that each robot stands on, a plane at its base",
     )
     own_speed: Literal["counted", "left_out"] = Field(
         "counted",
@@ -65,7 +65,7 @@ class RiskSettings(Settings):
     people as fast as the touched part of the body bears.
     """
 
-    mode: RiskMode = Field("iso", description="how separation is judged")
+    mode: RiskMode = Field("iso", description="rule that judges separation")
     fixed_radius_m: float | None = Field(
         None,
         ge=MIN_FIXED_RADIUS_M,
@@ -107,7 +107,7 @@ class RiskSettings(Settings):
         0.05, ge=MIN_SPEED_M_S, le=1, description="a limit below this is advised as a stop"
     )
     speed_rise_m_s2: float = Field(
-        0.5, ge=0.01, le=100, description="how fast the speed limit may rise; it falls at once"
+        0.5, ge=0.01, le=100, description="maximum rise of the speed limit; it falls at once"
     )
     latch: list[LatchCause] = Field(
         [],
@@ -116,9 +116,9 @@ class RiskSettings(Settings):
         " frozen), lost (a person was lost), restart (as start, if a state file shows an earlier"
         " run)",
     )
-    limits: HumanLimits = Field(HumanLimits(), description="how fast people move")
+    limits: HumanLimits = Field(HumanLimits(), description="speeds of people")
     coverage: CoverageSettings = Field(
-        CoverageSettings(), description="how often calibrated zones hold the body"
+        CoverageSettings(), description="coverage of the body by calibrated zones"
     )
     contact: ContactSettings = Field(
         ContactSettings(), description="contact that is permitted in mode hybrid"

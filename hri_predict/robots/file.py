@@ -188,7 +188,7 @@ class StoppingFile(Settings):
     ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
 
-    source: str = Field(min_length=1, description="where its numbers come from")
+    source: str = Field(min_length=1, description="origin of its numbers")
     speed_m_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
         description="speeds of the fastest point, ascending"
     )
@@ -233,9 +233,9 @@ class ContactFile(Settings):
     ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
     """
 
-    source: str = Field(min_length=1, description="where its numbers come from")
+    source: str = Field(min_length=1, description="origin of its numbers")
     moving_mass_kg: float = Field(
-        ge=0.1, le=10_000, description="of all moving parts, without load"
+        ge=0.1, le=10_000, description="mass of all moving parts, without load"
     )
     area_cm2: float = Field(ge=0.01, le=1000, description="smallest area of contact with any part")
 
@@ -244,7 +244,7 @@ class RobotFile(Settings):
     """A robot: joints from the base outwards, capsules of every link, tool and payload."""
 
     name: Name = Field(description="the model's name")
-    source: str = Field(min_length=1, description="where the kinematic parameters come from")
+    source: str = Field(min_length=1, description="origin of the kinematic parameters")
     base: PartName = Field(description="link that stands")
     joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="from the base outwards"
@@ -252,9 +252,9 @@ class RobotFile(Settings):
     capsules: list[LinkCapsuleFile] = Field(description="that hold every link's body")
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
     payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
-    stopping: StoppingFile = Field(description="how it stops")
+    stopping: StoppingFile = Field(description="stopping table")
     contact: ContactFile | None = Field(
-        None, description="what a person feels who is touched; needed where contact is allowed"
+        None, description="properties of a contact with a person; required where contact is allowed"
     )
 
     def effective_kg(self, loads: Sequence[float | None]) -> float:

@@ -38,7 +38,7 @@ class StateMotion(Settings):
         5.0,
         ge=MIN_ACCELERATION_M_S2,
         le=1000,
-        description="of the fastest point, at most; bounds its motion since RobotState",
+        description="maximum acceleration of the fastest point; bounds its motion since RobotState",
     )
     plan: str | None = Field(
         None,
@@ -79,7 +79,7 @@ class StandingMotion(Settings):
 
     kind: Literal["standing"] = Field(description="it stands still")
     positions: Annotated[list[float], Field(min_length=1)] = Field(
-        description="of its joints, rad or m"
+        description="positions of its joints, rad or m"
     )
 
 
@@ -117,7 +117,7 @@ class MobileBaseSettings(Settings):
     """A base that moves over the floor; its controller reports where it is in RobotState."""
 
     kind: Literal["state"] = Field(description="RobotState from its controller says where it is")
-    base_from_robot: Pose = Field(description="where the arm's chain begins, in the base's frame")
+    base_from_robot: Pose = Field(description="start of the arm's chain, in the base's frame")
     capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
         description="all of the base's body, in its frame: origin on the floor, x ahead, z up"
     )
@@ -126,8 +126,8 @@ class MobileBaseSettings(Settings):
     acceleration_m_s2: float = Field(
         2.0, ge=0.1, le=100, description="that the base gives any point; since RobotState was sent"
     )
-    uncertainty_m: float = Field(ge=0, le=1, description="of its reported place")
-    uncertainty_rad: float = Field(ge=0, le=0.5, description="of its reported heading")
+    uncertainty_m: float = Field(ge=0, le=1, description="uncertainty of its reported position")
+    uncertainty_rad: float = Field(ge=0, le=0.5, description="uncertainty of its reported heading")
     stopping: StoppingFile = Field(
         description="over the speed that the base's motion gives the robot's fastest point"
     )
@@ -152,7 +152,7 @@ class RobotSettings(Settings):
 
     name: Name = Field(description="its own name, for messages and alerts")
     model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
-    room_from_robot: Pose | None = Field(None, description="where its base stands")
+    room_from_robot: Pose | None = Field(None, description="pose of its base")
     base: MobileBaseSettings | None = Field(None, description="instead: the base moves")
     payload_kg: float | None = Field(
         None,
@@ -164,7 +164,7 @@ class RobotSettings(Settings):
         None, description="that may be mounted, instead of the robot file's tool and payload"
     )
     max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="fastest point in production")
-    motion: Motion = Field(StateMotion(), description="how the node knows its motion")
+    motion: Motion = Field(StateMotion(), description="source of its motion")
     contact: Literal["allowed"] | None = Field(
         None, description="in mode hybrid: the robot may touch people as fast as they bear it"
     )

@@ -97,10 +97,10 @@ class CalibrationFile(Settings):
     scale: dict[str, Any]
     shape: dict[str, Any] | None = Field(None, description="factors on the scale by its size")
     estimated_thousandths: dict[str, list[list[Row]]] = Field(
-        description="of the scale: of, level, speed class"
+        description="factors of the scale: of, level, speed class"
     )
     limits_mm: dict[str, list[list[list[Row]]]] | None = Field(
-        None, description="of the estimated radii: of, level, speed class, joint"
+        None, description="factors of the estimated radii: of, level, speed class, joint"
     )
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"

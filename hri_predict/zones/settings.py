@@ -84,10 +84,10 @@ class HumanLimits(Settings):
         description="every joint without a forecast; its present speed if higher",
     )
     arm_acceleration_m_s2: float = Field(
-        50.0, ge=MIN_HUMAN_M_S2, le=1000, description="of arms and hands, at most"
+        50.0, ge=MIN_HUMAN_M_S2, le=1000, description="maximum acceleration of arms and hands"
     )
     body_acceleration_m_s2: float = Field(
-        30.0, ge=MIN_HUMAN_M_S2, le=1000, description="of everything else, at most"
+        30.0, ge=MIN_HUMAN_M_S2, le=1000, description="maximum acceleration of all other parts"
     )
     velocity_error_m_s: float = Field(
         1.6,
@@ -107,7 +107,7 @@ class HumanLimits(Settings):
     )
     reach: dict[Literal["trunk", "arm", "leg"], Reach] = Field(
         REACH,
-        description="how far each part of the body can get: trunk, arm, leg",
+        description="reach of each part of the body: trunk, arm, leg",
     )
 
     safety: ClassVar[Safety] = {
@@ -167,7 +167,7 @@ class CoverageSettings(Settings):
     level: float = Field(0.99, description="0.9, 0.95 or 0.99")
     of: Literal["body", "joint"] = Field(
         "joint",
-        description="what must be inside at this rate: each joint, or the whole body at once",
+        description="unit that must be inside at this rate: each joint, or the whole body at once",
     )
     basis: Literal["estimated", "guaranteed"] = Field(
         "estimated",

@@ -28,7 +28,7 @@ class ConfiguredLinkSettings(LinkSettings):
     """Settings common to these links."""
 
     robot_state_rate_hz: float = Field(
-        50.0, ge=0, le=1000, description="how often the controller sends RobotState"
+        50.0, ge=0, le=1000, description="rate at which the controller sends RobotState"
     )
     wait_for_device: bool = Field(
         False, description="start even if the device is missing, and keep trying to open it"

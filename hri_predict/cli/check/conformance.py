@@ -42,7 +42,7 @@ def conformance(
         typer.Option("--set", help="key=value: one of its settings. Repeatable."),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(min=0.1, max=600, help="How long to listen to a sender.")
+        float, typer.Option(min=0.1, max=600, help="Seconds to listen to a sender.")
     ] = 2.0,
     limit: Annotated[
         float, typer.Option(min=1, max=3600, help="Give up after this many seconds.")

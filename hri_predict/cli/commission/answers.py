@@ -85,7 +85,7 @@ class WalkAnswers(Settings):
 
     seconds: float = Field(60.0, ge=2, le=3600)
     cell_m: float = Field(0.25, ge=0.05, le=2)
-    least_coverage: float = Field(0.9, ge=0, le=1, description="of the floor that counts")
+    least_coverage: float = Field(0.9, ge=0, le=1, description="share of the floor that counts")
     exclude: list[Annotated[list[Point], Field(min_length=3, max_length=100)]] = Field(
         [], max_length=100, description="polygons where no person can stand: machines, walls"
     )
@@ -98,7 +98,7 @@ class WalkAnswers(Settings):
 class Answers(Settings):
     """The file of ``--answers``."""
 
-    by: Text = Field("", description="who did it")
+    by: Text = Field("", description="person who did it")
     registration: RegistrationAnswers = RegistrationAnswers()
     echo: EchoAnswers = EchoAnswers()
     stopping: StoppingAnswers = StoppingAnswers()

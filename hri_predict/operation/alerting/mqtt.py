@@ -69,7 +69,7 @@ class MqttHook(HookSettings):
         min_length=1,
         max_length=200,
         pattern=r"^[^#+$\x00-\x1f\x7f][^#+\x00-\x1f\x7f]*$",
-        description="what all topics begin with; default: hri-predict/CELL",
+        description="prefix of all topics; default: hri-predict/CELL",
     )
     username: Text | None = Field(
         None, description="to log in as; the password comes from a file or a variable"

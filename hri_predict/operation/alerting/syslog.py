@@ -42,7 +42,7 @@ class SyslogHook(HookSettings):
 
     kind: Literal["syslog"] = Field(description="lines of RFC 5424")
     protocol: Literal["udp", "tcp", "tls", "unix"] = Field(
-        "udp", description="how lines go out; udp and unix acknowledge nothing"
+        "udp", description="transport of the lines; udp and unix do not acknowledge"
     )
     host: Host | None = Field(None, description="the collector's name or address; with unix: none")
     port: int | None = Field(None, ge=1, le=65535, description="default: 514, tcp 601, tls 6514")

@@ -44,7 +44,7 @@ class WebhookHook(HookSettings):
     secrets: ClassVar[tuple[str, ...]] = ("token", "sign_key", "url")
 
     kind: Literal["webhook"] = Field(description="an HTTP POST of JSON")
-    url: Url | None = Field(None, description="where to post: http or https")
+    url: Url | None = Field(None, description="address to post to: http or https")
     url_file: SecretFile = None
     url_env: SecretVariable = None
     token_file: SecretFile = None

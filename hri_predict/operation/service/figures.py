@@ -167,7 +167,7 @@ class Figures(Listener):
         yield Family(
             name="hri_tick_duration_seconds",
             kind="histogram",
-            help="How long ticks take.",
+            help="Duration of ticks.",
             samples=[*buckets, *ends],
         )
         yield _counters("hri_ticks_total", "Ticks.", [({}, pace.ticks)])

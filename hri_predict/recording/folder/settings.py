@@ -18,8 +18,8 @@ class RecordSettings(Abbreviated):
         pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
         description="the cell's name; default: the configuration file's",
     )
-    max_minutes: float = Field(60.0, ge=0.05, le=1440, description="of one file")
-    max_mb: float = Field(500.0, ge=1, le=100_000, description="of one file")
+    max_minutes: float = Field(60.0, ge=0.05, le=1440, description="maximum duration of one file")
+    max_mb: float = Field(500.0, ge=1, le=100_000, description="maximum size of one file")
     keep_days: float | None = Field(
         None,
         ge=0.01,
@@ -36,7 +36,7 @@ class RecordSettings(Abbreviated):
     poses_hz: float = Field(5.0, ge=0, le=100, description="forecasts per second; 0: none")
     view_hz: float = Field(5.0, ge=0, le=100, description="pictures for 3D views; 0: none")
     sent: bool | None = Field(
-        None, description="what links wrote, byte by byte; default: only in a single file"
+        None, description="record the bytes that links wrote; default: only in a single file"
     )
 
     @model_validator(mode="after")

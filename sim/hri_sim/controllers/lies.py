@@ -37,13 +37,16 @@ class LieSettings(Settings):
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
     jump_rad: float = Field(1.0, description="of jump: added to the first joint")
     factor: float = Field(
-        3.0, ge=1, le=100, description="of brakes_late: how many times longer it takes to stop"
+        3.0, ge=1, le=100, description="of brakes_late: factor by which it takes longer to stop"
     )
     period_s: float = Field(
         1.0, gt=0, le=60, description="of acknowledges: time from one to the next"
     )
     ids: int = Field(
-        255, ge=1, le=65_535, description="of acknowledges: how many numbers it gives them, in turn"
+        255,
+        ge=1,
+        le=65_535,
+        description="of acknowledges: count of numbers that it gives them, in turn",
     )
     names: Literal["shown", "first", "nothing"] = Field(
         "shown",

@@ -13,9 +13,7 @@ from hri_predict.protocol.messages import OperatingMode, RobotMode
 class RequestSettings(Settings):
     """One entry of ``requests`` in a link's ``simulate:`` block."""
 
-    request: Literal["teach", "recovery", "muted"] = Field(
-        description="which operating mode is asked for"
-    )
+    request: Literal["teach", "recovery", "muted"] = Field(description="requested operating mode")
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
     enabling: bool = Field(True, description="whether the enabling device is held meanwhile")

@@ -22,7 +22,9 @@ class MadeUp(FaultSettings):
     ``loop``: the last ``captures`` captures again and again.
     """
 
-    how: Literal["hold", "coast", "loop"] = Field("hold", description="what it sends instead")
+    how: Literal["hold", "coast", "loop"] = Field(
+        "hold", description="content that it sends instead"
+    )
     captures: int = Field(12, ge=2, le=MOST_CAPTURES, description="length of the loop")
     velocity: Vector3 = Field([0.0, 1.4, 0.0], description="m/s, of all people who coast")
     noise_m: float = Field(0.004, ge=0, le=0.1, description="fresh noise, in each axis")

@@ -59,7 +59,7 @@ class CanLinkSettings(ConfiguredLinkSettings):
         500_000,
         ge=10_000,
         le=1_000_000,
-        description="of the bus; with FD, of its arbitration phase",
+        description="bit rate of the bus; with FD, of its arbitration phase",
     )
     fd: bool = Field(False, description="CAN FD; it carries Zone and Pose without ISO-TP")
     data_bitrate: int = Field(

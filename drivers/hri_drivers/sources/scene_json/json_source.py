@@ -50,7 +50,9 @@ class JsonSettings(SceneJsonSettings):
     role: Literal["server", "client"] = Field(
         "server", description="server: the sender connects to us; client: we connect to it"
     )
-    host: str = Field("127.0.0.1", min_length=1, description="where to listen, or to connect to")
+    host: str = Field(
+        "127.0.0.1", min_length=1, description="address to listen on, or to connect to"
+    )
     port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="TCP port")
     service: ServiceSettings | None = Field(
         None, description="client: the name that the sender announces; replaces host and port"

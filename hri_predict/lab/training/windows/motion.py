@@ -96,7 +96,7 @@ class DataSettings(RecordingsSettings):
 
     weights: dict[str, Annotated[float, Field(ge=0, le=1e6)]] = Field(
         default_factory=dict,
-        description="how often an action is drawn, relative to others; 1 where not named",
+        description="relative frequency with which an action is drawn; default: 1",
     )
     augment: AugmentSettings = Field(default_factory=AugmentSettings)
     bodies: BodySettings = Field(default_factory=BodySettings)
