@@ -48,7 +48,7 @@ def shipped_path(what: str, folder: str, name: str, base_dir: Path | None) -> Pa
         what: of the file, for the message.
         folder: under ``configs/``.
         name: shipped name, or a path.
-        base_dir: what a relative path starts from; ``None``: the current folder.
+        base_dir: start of relative paths; ``None``: the current folder.
 
     Raises:
         ConfigError: nothing of this name is shipped.

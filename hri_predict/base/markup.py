@@ -58,7 +58,7 @@ def document(title: str, style: str, *body: Content) -> str:
     Args:
         title: of the window.
         style: CSS, trusted.
-        body: what stands in it.
+        body: its content.
     """
     head = tag(
         "head",

@@ -59,7 +59,7 @@ def compare(walk: Walk, old: Sequence[AdviceRow], new: Played) -> Comparison:
 
     Args:
         walk: the validated walk.
-        old: its advices.
+        old: its advice messages.
         new: the same recording, played now.
     """
     found = Comparison()
@@ -138,7 +138,7 @@ def _distance(
 
 
 def _metres(value: float | None) -> str:
-    return "nobody" if value is None else f"{value:.3f} m"
+    return "no person" if value is None else f"{value:.3f} m"
 
 
 def _totals(found: Comparison, old: RobotAdvice, new: RobotAdvice) -> None:

@@ -79,7 +79,7 @@ def measure_echo(
 
     Args:
         config: the configuration; mock controllers are asked for each round trip.
-        seconds: how long.
+        seconds: duration.
         clock: the node's.
         elsewhere: link's name -> what its controller's programmer measured.
 
@@ -218,8 +218,8 @@ def _on_link(
 ) -> Iterable[float]:
     """Each round trip without the time in the node, milliseconds.
 
-    Several advices may echo one state. They come in order; if one of them was lost, it is unknown
-    which, and the shortest wait counts.
+    Several Advice messages may echo one state. They come in order; if one of them was lost, it is
+    unknown which, and the shortest wait counts.
     """
     trips: dict[int, list[float]] = {}
     for counter, trip_ms in heard:

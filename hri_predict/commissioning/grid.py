@@ -22,7 +22,7 @@ class Grid:
     Args:
         cell_m: side of a cell.
         circles: (R, 3) x, y and radius of each robot's circle, metres, room frame.
-        view: what the sensor sees; cells outside count as ``outside``. ``None``: everything.
+        view: space that the sensor sees; cells outside count as ``outside``. ``None``: everything.
         exclude: polygons (N, 2) where no person can stand: machines, walls.
 
     Raises:

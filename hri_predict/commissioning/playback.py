@@ -170,7 +170,7 @@ def _playing(config: Config, recording: Path) -> Config:
 
 
 def write_rows(path: Path, rows: Sequence[AdviceRow]) -> None:
-    """Write advices as JSON lines.
+    """Write advice as JSON lines.
 
     Raises:
         OSError: it cannot be written.

@@ -74,7 +74,7 @@ class LinkEcho(Settings):
         states, echoes: RobotStates received, and different counters echoed.
         in_node: from a RobotState's receipt until an advice that echoes it was written.
         round_trip: from sending a RobotState until an advice that echoes it, by the controller.
-        measured_by: who measured the round trip.
+        measured_by: the party that measured the round trip.
         both_ways_ms: the longest time on the link, there and back; ``None``: not measured.
         allowed_ms: twice the delay of the link that the delay budget counts with.
     """

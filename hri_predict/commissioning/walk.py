@@ -1,6 +1,6 @@
 """The walk test: a person walks through the cell while the node records, and the recording counts.
 
-The grid and the advices are those of the recording played again, not of the live run: so a later
+The grid and the advice are those of the recording played again, not of the live run: so a later
 version or configuration can be compared with exactly this.
 """
 
@@ -49,7 +49,7 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
         config: the cell.
         live: the same, with simulated people and controllers where they were asked for.
         plan: see ``WalkPlan``.
-        folder: gets the recording and the advices, instead of those of an earlier walk.
+        folder: gets the recording and the advice, instead of those of an earlier walk.
 
     Raises:
         HriPredictError: the run cannot start, or the recording is not whole.
@@ -121,7 +121,7 @@ def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
 
 
 def advice_by_robot(played: Played) -> list[RobotAdvice]:
-    """Levels, stops and extremes of each robot's advices."""
+    """Levels, stops and extremes of each robot's advice."""
     by_robot: dict[str, list[AdviceRow]] = {}
     for row in played.rows:
         by_robot.setdefault(row.robot, []).append(row)

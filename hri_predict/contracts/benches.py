@@ -9,7 +9,7 @@ class LinkBench(Protocol):
     """Measures links in real time: entry point ``links``, a module.
 
     Attributes:
-        BAUDRATES: what ``capacities`` goes through.
+        BAUDRATES: values that ``capacities`` goes through.
     """
 
     @property
@@ -34,7 +34,7 @@ class FleetBench(Protocol):
     """Measures the zenoh link in real time: entry point ``fleet``, a module.
 
     Attributes:
-        TOPOLOGIES, RATES_HZ: what ``costs`` goes through.
+        TOPOLOGIES, RATES_HZ: values that ``costs`` goes through.
     """
 
     @property
@@ -73,8 +73,8 @@ class NodeBench(Protocol):
     """Measures the whole node in real time: entry point ``node``, a module.
 
     Attributes:
-        WIRES: what ``heard`` knows: a serial line, a CAN bus, and a CAN adapter on a serial line.
-        AGE_WIRES: what ``ages`` knows.
+        WIRES: wires of ``heard``: a serial line, a CAN bus, and a CAN adapter on a serial line.
+        AGE_WIRES: wires of ``ages``.
     """
 
     @property

@@ -32,7 +32,7 @@ class ControllerReport:
 
     Attributes:
         name, role, robot: the link's name, the controller's role, the robot's name.
-        ended: how it ended: ``ok``, or ``killed`` (then nothing below was reported).
+        ended: outcome: ``ok``, or ``killed`` (then nothing below was reported).
         messages, bytes: good messages received; all bytes received.
         crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
         schema_mismatches: Schema messages of another version or hash.
@@ -40,7 +40,7 @@ class ControllerReport:
         timeouts: times that the node fell silent.
         stale: times that the newest advice was, or became, too old.
         max_age_s: greatest age of an advice at its receipt, as carried.
-        max_gap_s: longest time between two good advices.
+        max_gap_s: longest time between two good Advice messages.
         round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
         round_trips: each of the newest of them, (the counter that was echoed, seconds), where the
             controller was asked to keep them.
@@ -227,7 +227,7 @@ class FaultParser(Protocol):
     """Reads a fault from the command line: entry point ``parse``."""
 
     def __call__(self, text: str, /) -> dict[str, Any]:
-        """``kind[@start[+duration]][:parameter=value,...]`` as it would stand in a configuration.
+        """``kind[@start[+duration]][:parameter=value,...]`` as in a configuration.
 
         Raises:
             ConfigError: wrong form, unknown kind or parameter.

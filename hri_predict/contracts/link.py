@@ -235,7 +235,7 @@ class LinkLoad:
         load: fraction of the wire taken by Status, Advice, Schema and what the controller sends.
         spare: fraction left for Zone and Pose after ``reserved_load``.
         details: message name -> fraction.
-        rate_hz, bitrate: what it was computed for.
+        rate_hz, bitrate: rates for which it was computed.
         bitrates: bit rates that this kind of link may have, ascending.
     """
 
@@ -282,7 +282,7 @@ class LinkClass(Protocol[S, U]):
             transport: the wire, if not the configured device (a pipe, a fault injector).
             rate_hz: the node's cycle, from which the room for Zone and Pose follows.
             robots: indices of the robots that are advised on this link.
-            shapes: what each of them has, in the same order; if left out, six joints on a base
+            shapes: shape of each of them, in the same order; if left out, six joints on a base
                 that stands.
 
         Raises:

@@ -105,7 +105,7 @@ def load(kind: Kind, name: str) -> Any:
     except (Exception, SystemExit) as error:  # a third party's module may fail in any way
         raise ConfigError(
             f"{kind[:-1]} '{name}' cannot be loaded: {_said(error)}; "
-            f"mend the package that brings it"
+            f"fix the package that provides it"
         ) from error
     base = _SETTINGS.get(kind)
     model = getattr(part, "settings_model", None)
@@ -114,7 +114,7 @@ def load(kind: Kind, name: str) -> Any:
     ):
         raise ConfigError(
             f"{kind[:-1]} '{name}' is not a class whose settings_model derives from "
-            f"{base.__name__}; mend the package that brings it"
+            f"{base.__name__}; fix the package that provides it"
         )
     return part
 
@@ -123,7 +123,8 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
     """The settings model of a predictor, without importing the predictor where that can be.
 
     The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
-    libraries that only they need, such as torch. A name that is not there is loaded.
+    libraries that only they need, such as torch. If the group has no such name, the predictor
+    itself is imported.
 
     Raises:
         ConfigError: see ``load``; or what is registered is not a ``PredictorSettings``.
@@ -136,7 +137,7 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
     except (Exception, SystemExit) as error:  # a third party's module may fail in any way
         raise ConfigError(
             f"settings of predictor '{name}' cannot be loaded: {_said(error)}; "
-            f"mend the package that brings it"
+            f"fix the package that provides it"
         ) from error
     if not (isinstance(model, type) and issubclass(model, PredictorSettings)):
         raise ConfigError(

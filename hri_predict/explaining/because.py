@@ -30,7 +30,7 @@ _SHORT = {
     "CONTACT_POSSIBLE": "contact possible",
 }
 _OBEYS_ADVICES = 12
-"""Number of advices, half a second, within which a robot must keep a lower limit."""
+"""Number of Advice messages, half a second, within which a robot must keep a lower limit."""
 _FORECAST = ("PREDICTOR_LATE", "PREDICTOR_FAILED", "MOTION_UNLIKE", "ZONES_WIDENED")
 """Conditions that make zones larger, and so a person nearer."""
 
@@ -108,7 +108,7 @@ def _of_person(about: Situation) -> str:
 def _whereabouts(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm``."""
     person, part = person_of(about.advice), part_of(about.advice)
-    who = "somebody" if person is None else f"person {person}"
+    who = "a person" if person is None else f"person {person}"
     who += f"'s {in_words(part)}" if part else ""
     link = in_words(link_of(about.advice, about.info))
     return f"{who} was {metres(distance_of(about.advice))} from the {link or 'robot'}"
@@ -171,7 +171,7 @@ def _lost(about: Situation) -> str:
 
 def _speed_unknown(about: Situation) -> str:
     person = person_of(about.advice)
-    who = "somebody" if person is None else f"person {person}"
+    who = "a person" if person is None else f"person {person}"
     return f"the speed of {who} was not known yet, so the fastest counts: " + _of_person(about)
 
 
@@ -184,7 +184,7 @@ def _zone(about: Situation) -> str:
         if (mapped(state).get("occupied") is True) == is_inside
         and mapped(state).get("entry_s") is not None
     ]
-    who = f"person {about.people[0]['id']}" if len(about.people) == 1 else "somebody"
+    who = f"person {about.people[0]['id']}" if len(about.people) == 1 else "a person"
     verb = "was in" if is_inside else "was about to enter"
     return f"{who} {verb} the zone {', '.join(names) or '(unnamed)'}"
 

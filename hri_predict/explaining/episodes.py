@@ -72,7 +72,8 @@ class Episode:
 
     @property
     def worst(self) -> Phase:
-        """The phase that names it: of the severest that say more than wait, the longest.
+        """The phase after which the episode is named: the longest of the most severe ones, ignoring
+        "waiting".
 
         That the node starts or stops names an episode only if nothing else does.
         """

@@ -29,7 +29,7 @@ class Recordings:
 
     Attributes:
         files: by their beginnings.
-        notes: what could not be read, one line each, found so far.
+        notes: unreadable parts found so far, one line each.
         twice: pairs of files, found so far, that say something about the same time.
 
     Raises:

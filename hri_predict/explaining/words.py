@@ -73,7 +73,7 @@ def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         parts += [f"speed {person['speed']}"] if person["speed"] else []
         yield "; ".join(parts)
     if nobody:
-        yield "nobody"
+        yield "no person"
 
 
 def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:

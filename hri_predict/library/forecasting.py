@@ -93,7 +93,7 @@ def forecasts(
     of no human size) are left out, and ``reasons`` says so.
 
     Args:
-        recording: what was captured.
+        recording: the captures.
         predictor: see ``load_predictor``.
         calibration: of the predictor, see ``load_calibration_of``. It gives ``std`` to
             forecasts that have none: from how this person moves, and from how wrong the forecasts
@@ -114,7 +114,7 @@ def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> Re
     """The forecast at one time: that of the newest scene which had arrived by then.
 
     Args:
-        recording: what was captured.
+        recording: the captures.
         predictor: see ``load_predictor``.
         time_s: seconds since the recording's first arrival.
 

@@ -32,7 +32,7 @@ class Spread:
 
     Args:
         calibration: of the predictor.
-        predictor: which makes the forecasts.
+        predictor: the predictor that makes the forecasts.
 
     Raises:
         ConfigError: the calibration has other steps a second than the predictor.

@@ -101,7 +101,7 @@ class Memory(Listener):
         settings: see ``StateSettings``.
         base_dir: base of a relative path.
         parts: name -> part.
-        cell: what makes this cell another than others; data of another cell are not trusted.
+        cell: identity of this cell; data of another cell are not trusted.
         wall_s: the wall clock, seconds since the epoch.
         threaded: write in a thread; without it, each write blocks its caller.
 

@@ -52,7 +52,7 @@ class Roster:
     Attributes:
         tracks: by id.
         lost: as given.
-        counters: what became of bodies.
+        counters: number of bodies by outcome.
     """
 
     def __init__(

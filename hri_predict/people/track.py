@@ -107,7 +107,7 @@ class Track:
         began_ns: the first capture.
         began_at: (3,) the mean of the joints seen in it.
         resumed_ns: since when it is tracked under its present id, without an absence.
-        passage: how far it got on its way through an exit.
+        passage: progress on its way through an exit.
         trail: the way of the body in the last second.
         stray_ns: the last time that a single capture under this id was elsewhere.
     """

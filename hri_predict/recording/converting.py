@@ -31,7 +31,7 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
     """Write ``output`` whole or not at all.
 
     Args:
-        recording: what to write.
+        recording: the recording to write.
         output: the file.
         to: one of ``WRITERS``.
         force: replace an existing file; never the one that is read.

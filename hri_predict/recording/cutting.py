@@ -69,7 +69,7 @@ def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
     """
     ids = people_of(recording)
     if person not in ids:
-        there = ", ".join(map(str, ids)) or "nobody"
+        there = ", ".join(map(str, ids)) or "none"
         raise RecordingError(f"recording {recording.path}: has no person {person}; has {there}")
     scenes = [_only(scene, person) for scene in recording.scenes]
     return replace(recording, scenes=scenes), len(ids) - 1

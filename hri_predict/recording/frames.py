@@ -24,8 +24,8 @@ class Written:
     Attributes:
         frames: number of frames written.
         people: ids of the people in them.
-        dropped: what the format cannot hold: a plural noun and a count.
-        notes: what else the user should know, one line each.
+        dropped: data that the format cannot hold: a plural noun and a count.
+        notes: further notes for the user, one line each.
         joints: number of joints written; ``None``: all that the recording has.
     """
 
@@ -45,7 +45,7 @@ class Frames:
         ids: ids of the people.
         joints: names of the joints.
         positions: (F, P, J, 3) metres, x forward, y left, z up; NaN where not observed.
-        written: what was lost so far.
+        written: losses so far.
     """
 
     rate_hz: float

@@ -101,8 +101,8 @@ def _unseen(recording: Recording, reopened: Reopened | None) -> str:
 
 
 def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None]:
-    """Return the problem with the size of most bodies, the option that mends it, and its unit; "",
-    "" and ``None`` if there is none.
+    """Return the problem with the size of most bodies, the option that corrects it, and its unit;
+    "", "" and ``None`` if there is none.
     """
     stature = stature_m(bodies)
     small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
@@ -122,7 +122,7 @@ def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None
 
 
 def _axes(recording: Recording, bodies: _Bodies) -> tuple[list[str], str]:
-    """Return the problem with how most people stand, and the options that mend it."""
+    """Return the problem with how most people stand, and the options that correct it."""
     postures = [posture_of(*body) for body in bodies]
     down = np.sum([posture.down for posture in postures], axis=0)
     bones_m, length = sum(posture.bones_m for posture in postures), float(np.linalg.norm(down))

@@ -60,7 +60,7 @@ class RiskEngine:
         skeleton: of the forecast.
         absent_parts: missing parts of the body.
         named_zones: the user's zones.
-        field_of_view: what the sensor sees; ``None``: everything.
+        field_of_view: space that the sensor sees; ``None``: everything.
         budget: the delays.
         forecast_rate_hz: steps per second of the forecast.
         horizon_steps: H of the forecast.

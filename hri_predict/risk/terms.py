@@ -109,7 +109,7 @@ class Finding:
     Attributes:
         separation_m: distance now, as captured; negative where bodies overlap.
         predicted_m: smallest distance until the robot has stopped, at its present speed.
-        slack_m: how much further away the hazard is than the present motion needs.
+        slack_m: distance of the hazard beyond what the present motion needs.
         near: whether the present distance is too small even for a standing robot.
         breach_s: seconds until the separation may be violated; 0 if it is violated.
         limits: for each margin, the highest permitted speed if the hazard were nearer by it.

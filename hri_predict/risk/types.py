@@ -19,7 +19,7 @@ class Assessment:
         zones: the zones behind the advice.
         named_zones: the state of each of the user's named zones.
         reasons: why the zones are no better than they are; empty if nothing is wrong.
-        near_misses: where a moving robot was nearly too close, one per robot at most.
+        near_misses: cases of a moving robot nearly too close, one per robot at most.
         ask_grounds: gives ``grounds``: a tick does not pay for what only a recorder reads.
     """
 
@@ -44,15 +44,15 @@ class Grounds:
         unknown: why the robot's situation is unknown; nothing else is known then.
         speed_m_s: of the robot's fastest point.
         capsules: (C,) the robot as it counts now.
-        way: how the deciding people were judged: ``zones``, ``standard`` or ``contact``; "" if
-            there are no people.
+        way: method by which the deciding people were judged: ``zones``, ``standard`` or
+            ``contact``; "" if there are no people.
         person, segment, link: the deciding pair: the person's id, the body's segment by name, the
             robot's capsule by index.
         pair: the body's segment and the robot's capsule of that pair, as they are now.
         pair_m: the distance of that pair now; negative where they overlap.
         separation_m: the least distance of all pairs now: the pair that decides over time need not
             be the nearest one.
-        slack_m: how much farther away the person is than the robot's present motion needs.
+        slack_m: distance of the person beyond what the robot's present motion needs.
         reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
         intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
         human_m_s: speed of the person, if faster than the standard assumes; else 0.
@@ -110,7 +110,7 @@ class Grounds:
 
 @dataclass(frozen=True, slots=True)
 class NearMiss:
-    """A robot that moves, and a person hardly farther from it than its motion needs.
+    """A moving robot with a person hardly farther away than its motion requires.
 
     Attributes:
         robot: its index.

@@ -41,7 +41,7 @@ class Course:
     """Motion of one part, arm or base, as it moves on and stops: (..., K) at or before each time.
 
     Attributes:
-        travel_s: how far along its path, in seconds of its speed now.
+        travel_s: distance along its path, in seconds of its speed now.
         rate: the highest share of that speed since the time before.
         bend: 1/s, bound of the rate's change since then.
         stands_s: (..., 1) when it stands.

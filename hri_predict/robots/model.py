@@ -72,7 +72,7 @@ class RobotModel:
         tools: each tool's own model by its name; empty without tools.
         numbering: (C,) index in the worst of each capsule of a tool's own model; else ``None``.
         moves: (C,) whether a capsule is beyond the first joint.
-        contact: what a person feels who is touched; ``None`` if the file does not say.
+        contact: properties of a contact with a person; ``None`` if the file does not say.
         effective_kg: m_R = M / 2 + m_L (ISO/TS 15066:2016, A.3.6), with ``contact``; else 0.
     """
 

@@ -36,7 +36,7 @@ class OnPlan:
     Attributes:
         phase_s: seconds at full speed along the cycle.
         rate: phase per second, 1 at full speed.
-        off_m: how far any point of the robot may be from its place on the path.
+        off_m: maximum distance of any robot point from its place on the path.
     """
 
     phase_s: float
@@ -118,7 +118,7 @@ class Plan:
         distance of the stopping table at its speed.
 
         Args:
-            start: where it is at time 0.
+            start: place at time 0.
             speeds_m_s: (L,) of the fastest point.
             times_s: (K,) seconds, from 0, not falling.
             reaction_s: until braking begins.

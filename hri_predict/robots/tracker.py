@@ -49,16 +49,16 @@ class RobotNow:
         speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The higher of
             what is reported and what the change of the positions proves.
         reasons: why it cannot be trusted; empty if it can.
-        uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
-            speed since RobotState came: acceleration x age^2 / 2; because a moving base is not
-            quite where it is said to be; and because another controller says a little different.
-            Add it to Z_r.
+        uncertainty_m: maximum distance of any point from where ``q`` puts it because the arm
+            changed its speed since RobotState came (acceleration x age^2 / 2), because a moving
+            base is not quite at its reported place, and because another controller differs a
+            little. Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
         confirmed: whether the motion so far proves the direction of ``qd``.
         tool: number of the tool that is counted with; ``None``: none is named, or the worst of all.
-        asked: what its controllers ask for.
+        asked: requests of its controllers.
         place_s: its place on the plan by its joints alone, while recovery is asked for: backing
             out, it has velocities that the plan does not have. ``None``: not known.
     """

@@ -143,7 +143,7 @@ def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
     """(N,) joints of a robot that stands.
 
     Args:
-        motion: where it stands.
+        motion: its place.
         model: the robot.
         name: its own.
 

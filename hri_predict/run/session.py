@@ -63,7 +63,7 @@ class Options:
         last_latch_id: what is to be acknowledged is numbered from the next one on; ``None``: from a
             random number, so that an Acknowledge of another run names nothing.
         view: shows each tick; the loop's thread calls it, so it must be quick.
-        notifier: who wants to know how the node is (systemd), in real time only.
+        notifier: receiver of reports on the node's state (systemd), in real time only.
         reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
     """
 

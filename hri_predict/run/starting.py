@@ -36,7 +36,7 @@ class SlowStart(Listener):
     """Says once that the start takes long; the first tick ends the start.
 
     Args:
-        after_s: how long a start may take until that is said.
+        after_s: duration of a start after which it is reported.
     """
 
     def __init__(self, after_s: float = LONG_S) -> None:

@@ -51,7 +51,7 @@ class RecordedPictures:
     """A recording's pictures by time, and its levels.
 
     Attributes:
-        info: what the recording says of itself.
+        info: description of the recording.
         start_ns, end_ns: of its statuses; UTC, or the node's clock where there is no UTC.
         changes: (ns, the worst level from then on).
         first_ns: when a person was there first, or else when the level first changed.

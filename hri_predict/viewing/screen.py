@@ -40,7 +40,7 @@ class ScreenSettings:
 
     Attributes:
         name: as people call it.
-        module: what runs, as ``python -m``; it takes ``--host`` and ``--port``.
+        module: module that runs, as ``python -m``; it takes ``--host`` and ``--port``.
         port: 0: any free one.
         host: the address that it listens on.
         urls: addresses under which proxies serve it; given as ``--url``.
@@ -76,7 +76,7 @@ class Screen:
 
     Attributes:
         dropped: pictures that it was too slow for, or that came while none ran.
-        starts: how often it was started. A new process knows nothing of what the last one was
+        starts: number of starts. A new process knows nothing of what the last one was
             shown.
 
     Raises:

@@ -99,7 +99,7 @@ class ZoneBuilder:
         steps: number of steps of zones after now; defaults to ``horizon_steps``.
         radii: calibrated radii; ``None``: the predictor is not calibrated.
         with_paths: whether to build ``paths``; otherwise they are the zones.
-        margins_m: what segments count thicker by, by region (``head``, ``hand``). Where it is
+        margins_m: added thickness of segments, by region (``head``, ``hand``). Where it is
             unknown which segment is where, the largest counts.
 
     Attributes:

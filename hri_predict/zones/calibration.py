@@ -116,7 +116,7 @@ class Calibration:
     """A calibration in memory. L levels, G joints (sides pooled), H steps.
 
     Attributes:
-        predictor, settings, weights: what it belongs to.
+        predictor, settings, weights: the predictor that it belongs to.
         rate_hz: steps per second.
         joints: names of the G joints, without their side.
         scale: the fitted network.

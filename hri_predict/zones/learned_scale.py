@@ -43,8 +43,9 @@ LEADS_S = (0.12, 0.4)
 """Ages of the forecasts whose errors the network reads. The first shows noise, the second how
 predictable a person is."""
 LEAD_TOLERANCE_S = (0.045, 0.07)
-"""A forecast stands for one of ``LEADS_S`` if its age is so near: at 8 to 60 captures a second
-there is one."""
+"""Maximum difference of a forecast's age from the one of ``LEADS_S`` that it stands for: at 8 to 60
+captures a second there is one.
+"""
 
 KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
 """The network runs at these steps; between them the scale's logarithm is linear."""

@@ -38,7 +38,7 @@ class Reach(Settings):
             "each second"
         ),
         "burst_m_s": LessSafe(
-            below="a joint that jerks is expected {more:.2g} m less far in each second"
+            below="a joint that jerks is expected to move {more:.2g} m less in each second"
         ),
         "sustained_m_s2": LessSafe(
             below="a body that speeds up for a second is expected {more:.2g} m/s slower"
@@ -112,27 +112,27 @@ class HumanLimits(Settings):
 
     safety: ClassVar[Safety] = {
         "arm_speed_m_s": LessSafe(
-            below="an arm that comes is expected {more:.2g} m less far in each second",
+            below="an approaching arm is expected to move {more:.2g} m less in each second",
             above="an arm of up to {value:g} m/s does not count as fast",
         ),
         "body_speed_m_s": LessSafe(
-            below="a person who comes is expected {more:.2g} m less far in each second",
-            above="a person who comes at up to {value:g} m/s does not count as fast",
+            below="an approaching person is expected to move {more:.2g} m less in each second",
+            above="a person who approaches at up to {value:g} m/s does not count as fast",
         ),
         "physical_speed_m_s": LessSafe(
-            below="what has no forecast, and the lost, are expected {more:.2g} m less far in each "
-            "second"
+            below="joints without a forecast and lost people are expected to move {more:.2g} m "
+            "less in each second"
         ),
         "arm_acceleration_m_s2": LessSafe(
-            below="an arm that sets out is expected {more:.2g} m/s slower after a second"
+            below="an arm that starts to move is expected {more:.2g} m/s slower after a second"
         ),
         "body_acceleration_m_s2": LessSafe(
-            below="a person who sets out is expected {more:.2g} m/s slower after a second"
+            below="a person who starts to move is expected {more:.2g} m/s slower after a second"
         ),
         "velocity_error_m_s": LessSafe(
             below="zones without a calibration are {more:.2g} m narrower for each second ahead"
         ),
-        "std_factor": LessSafe(below="zones hold fewer of the forecast's std"),
+        "std_factor": LessSafe(below="zones cover fewer standard deviations of the forecast"),
         "extend_beyond_horizon": LessSafe(
             other="past the horizon zones rest on physical_speed_m_s alone, and the robot need not "
             "stop within the horizon"

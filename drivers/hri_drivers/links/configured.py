@@ -49,7 +49,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
         transport: a wire to use instead of the configured one (a pipe, a fault injector).
         rate_hz: the node's cycle rate; with the bit rate it sets the room for Zone and Pose.
         robots: indices of the robots that this link advises.
-        shapes: what each of them has; see ``LinkClass``.
+        shapes: shape of each of them; see ``LinkClass``.
 
     Raises:
         LinkError: the settings name no device and no transport is given.

@@ -38,9 +38,9 @@ class StreamServer:
     It accepts at most ``places`` senders. No new sender takes the place of one that still sends.
 
     Args:
-        host, port: where to listen.
+        host, port: address to listen on.
         splitter: returns a new splitter for each connection.
-        places: how many senders may be connected at the same time.
+        places: maximum number of senders connected at the same time.
         counters: counts ``disconnects``, ``reconnects`` and ``refused`` of the senders.
     """
 

@@ -22,9 +22,9 @@ class Finding:
     """One property of the machine.
 
     Attributes:
-        name: what was looked at.
-        found: what was found.
-        remedy: how to set what is missing; "" if nothing is.
+        name: the inspected setting.
+        found: its state.
+        remedy: command that sets what is missing; "" if nothing is.
         refused: the key under ``realtime:`` that asks for it and cannot have it; or "".
     """
 

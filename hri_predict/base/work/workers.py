@@ -33,7 +33,7 @@ class Workers(ABC):
     """A worker for tasks. Use it in a ``with`` block, which ends what it started.
 
     Attributes:
-        count: how many tasks are done at a time.
+        count: number of tasks done at a time.
     """
 
     count: int = 1

@@ -26,7 +26,7 @@ class Task:
 
     Attributes:
         config: the cell.
-        answers: what was said.
+        answers: the answers.
         folder: for the recording.
         simulate: use simulated people and mock controllers, whatever the cell has.
         interactive: whether there is a user to answer.

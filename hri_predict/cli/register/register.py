@@ -122,7 +122,7 @@ class Wizard:
     """Asks for points and looks at them.
 
     Attributes:
-        places: where the source saw the joint at each point, as the configuration is now.
+        places: place of the joint at each point, by the source as configured now.
         points: (3,) where each is in the room.
         sights: all that was seen.
     """
@@ -235,7 +235,7 @@ def refuse_fallen(config: Config, seen: Sequence[Sights], correction: Floats) ->
 
     Args:
         config: the cell.
-        seen: what the source showed at each point, with the pose as configured.
+        seen: captures of the source at each point, with the pose as configured.
         correction: (4, 4) from the pose as configured to the new one.
 
     Raises:

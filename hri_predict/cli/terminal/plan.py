@@ -45,7 +45,7 @@ class Plan:
     A character is about twice as high as it is wide, so a row is twice as long as a column.
 
     Args:
-        extent: what to show.
+        extent: the region to show.
         columns: width in characters.
         rows: height in characters.
     """

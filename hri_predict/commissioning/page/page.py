@@ -171,7 +171,7 @@ def _echo(result: Echo) -> list[Content]:
             _times(link.round_trip),
             _ms(link.both_ways_ms),
             f"{link.allowed_ms:.1f}",
-            link.measured_by or "nobody",
+            link.measured_by or "no one",
         )
         for link in result.links
     ]

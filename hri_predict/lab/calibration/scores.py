@@ -44,7 +44,7 @@ class Scores:
     Attributes:
         name: the recording, see ``names_of``; all its presences are one independent unit.
         digest: SHA-256 of its file; ``None`` without a file.
-        action: what people do in it.
+        action: action of the people in it.
         origin_ns: (W,) forecast origins: capture times.
         history, observed: (W, T, J, 3) metres and (W, T, J), T at least ``HISTORY_STEPS``.
         forecast: (W, H, J, 3).
@@ -132,7 +132,7 @@ def scores_by(
     """``score_recordings`` by others: a task is one file, which each worker reads itself.
 
     Args:
-        workers: who does it.
+        workers: workers that do it.
         settings: of the predictor; each worker builds its own.
         paths, on_recording, on_left_out, joint_map, tracked: see ``score_recordings``.
 

@@ -48,7 +48,7 @@ def publish(
     Args:
         weights: the run's weights.
         real, benchmark: JSON files of ``hri-predict evaluate`` for the card.
-        folder: where to; ``None`` is where the node looks for shipped weights.
+        folder: folder to write to; ``None``: that of the shipped weights.
 
     Returns:
         The two files written: weights and card.

@@ -70,7 +70,7 @@ class RecordingResult:
 
     Attributes:
         predictor: its name.
-        corruption: what was done to its input; ``None`` if nothing.
+        corruption: disturbance of its input; ``None`` if none.
         actions: errors by action, in the order of the recordings.
     """
 
@@ -169,7 +169,7 @@ def judge_by(
     """``judge_all`` by others: a task is one motion, which is sent, not read there.
 
     Args:
-        workers: who does it.
+        workers: workers that do it.
         predictors: settings by name; each worker builds its own.
         motions, corruption: see ``judge_all``.
         on_motion: called when a motion is done.

@@ -32,9 +32,9 @@ class Finding:
     """Result of one check.
 
     Attributes:
-        check: what the contract asks, in a few words.
+        check: requirement of the contract, in a few words.
         verdict: of the check.
-        detail: what was found, how the contract is broken, or why it was not checked.
+        detail: the findings, the violation of the contract, or why it was not checked.
     """
 
     check: str

@@ -80,7 +80,7 @@ class SourcePart:
     """A source to check, and what it is made of.
 
     Attributes:
-        seconds: how long to listen, where it hears a sender.
+        seconds: time to listen, where it hears a sender.
     """
 
     cls: AnySourceClass

@@ -23,10 +23,10 @@ class Wire:
     Attributes:
         written: units that the link wrote.
         incoming: units that it will read.
-        opened: how often it was opened.
+        opened: number of times it was opened.
         is_open: whether it is now.
         lost: whether the device is gone: every call fails.
-        write_s: how long a write takes.
+        write_s: duration of a write.
     """
 
     def __init__(self) -> None:

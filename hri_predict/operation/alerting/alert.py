@@ -111,7 +111,7 @@ def payload(alert: AnyAlert, cell: str, more_changes: int) -> dict[str, Any]:
     """The alert as plain data for JSON.
 
     Args:
-        alert: what changed.
+        alert: the change.
         cell: name of the cell.
         more_changes: number of changes that this receiver missed since its last alert.
     """

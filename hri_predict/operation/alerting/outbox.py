@@ -20,7 +20,7 @@ class Entry:
     """An alert that waits, or is on its way.
 
     Attributes:
-        alert: what to send.
+        alert: the alert to send.
         more_changes: changes that were left out, to be reported with it.
         first_try_s: when it was first tried; ``None`` before.
     """

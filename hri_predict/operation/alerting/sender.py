@@ -50,7 +50,7 @@ class Sender:
 
     Attributes:
         tend_s: interval at which to call ``tend`` while there is nothing to send; ``None``: never.
-        secrets: what must not appear in any message.
+        secrets: texts that must not appear in any message.
     """
 
     tend_s: float | None = None

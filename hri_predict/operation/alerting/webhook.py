@@ -112,8 +112,8 @@ def address_of(url: str) -> SplitResult:
         raise ValueError("url: names no host or port; write it as https://HOST/PATH")
     if "@" in parts.netloc:
         raise ValueError(
-            "url: no user or password stands in the configuration, which recordings contain; take "
-            "it out, and name a file with a token under token_file"
+            "url: user and password are not allowed in the configuration because recordings "
+            "contain it; take it out, and name a file with a token under token_file"
         )
     return parts
 

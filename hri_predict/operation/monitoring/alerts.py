@@ -150,7 +150,7 @@ class Alerts:
         self._hooks.start()
 
     def observe(self, advices: tuple[Advice, ...], reasons: Sequence[Reason] = ()) -> None:
-        """Take the advices of one tick; queue an alert for each changed level. Never blocks.
+        """Take the advice of one tick; queue an alert for each changed level. Never blocks.
 
         ``reasons`` are those of Status; one of ``_CONDITIONS`` is news at any level.
         """

@@ -34,7 +34,7 @@ class MetricsServer:
     """The server; it listens from the start on.
 
     Args:
-        settings: where.
+        settings: address to serve at.
         figures: the figures to serve.
         request_s: see ``REQUEST_S``.
 

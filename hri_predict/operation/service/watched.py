@@ -20,7 +20,7 @@ class Watched(Listener):
     """The node's life, reported to ``notifier``; add it as the last listener.
 
     Args:
-        notifier: where to.
+        notifier: receiver of the reports.
         robots: names.
         monotonic_s: the machine's time, not the node's: that is what the watchdog counts.
     """

@@ -80,7 +80,7 @@ class Posture:
         middle: (3,) mean of the observed joints, room frame.
         heights: (5th, 90th) percentile of the observed joints' z.
         lowest_m: z of the lowest joint but one, because one joint may be wrong.
-        above_m: least z at which a person can stand who has all joints but one so high.
+        above_m: minimum z at which a person can stand with all joints but one at this height.
     """
 
     down: Floats

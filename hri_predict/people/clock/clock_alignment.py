@@ -64,7 +64,7 @@ class ClockEstimate:
         spikes: stamps that were too new.
         rise_ns: by how much the offset rose since the first scene; that much of the receipts' delay
             is taken for drift. Negative where the source's clock runs fast.
-        wandered_ns: how much of it is beyond the steady drift.
+        wandered_ns: part of it beyond the steady drift.
         late_ns: by how much even the fastest scenes of the last seconds were late.
     """
 

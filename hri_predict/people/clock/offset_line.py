@@ -78,7 +78,7 @@ class OffsetLine:
     Attributes:
         rise_ns: by how much the offset rose since the first scene, jumps not counted: the drift
             that was believed. Negative where the source's clock runs fast.
-        wandered_ns: how much of ``wander_ns`` is used up.
+        wandered_ns: part of ``wander_ns`` that is used up.
     """
 
     def __init__(self, offset_ns: int, now_ns: int, wander_ns: int = WANDER_NS) -> None:

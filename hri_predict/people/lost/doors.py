@@ -44,8 +44,8 @@ class Doors:
     """The exits and entrances of a room.
 
     Args:
-        exits: where people may leave.
-        entrances: where people may appear; ``None``: in the exits.
+        exits: regions where people may leave.
+        entrances: regions where people may appear; ``None``: in the exits.
     """
 
     def __init__(self, exits: Sequence[Region], entrances: Sequence[Region] | None) -> None:

@@ -56,9 +56,9 @@ class FreeSpace:
     """The grid and what is open in it.
 
     Args:
-        view: what the sensor sees.
-        room: where people can be, up to walls and fences; ``None``: everywhere.
-        shadows: what it never sees within its view.
+        view: space that the sensor sees.
+        room: region where people can be, up to walls and fences; ``None``: everywhere.
+        shadows: space that it never sees within its view.
         viewpoints: (V, 3) where the cameras are; empty: unknown, so nothing is open in a scene with
             people in it, because they may hide others.
         captures: number of captures in which a person in the open is seen at least once.
@@ -115,7 +115,7 @@ class FreeSpace:
         return Whereabouts(self, place[:2], capture_ns, speed_m_s)
 
     def within(self, place: Floats, metres: float) -> Bools:
-        """Cells of the room whose middle is so near to ``place``."""
+        """Cells of the room whose middle is within this distance of ``place``."""
         apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
         near: Bools = self.in_room & (apart <= metres)
         return near
@@ -174,7 +174,7 @@ class Whereabouts:
 
     Attributes:
         capture_ns: the newest scene that was taken into account.
-        speed_m_s: how fast the person may walk.
+        speed_m_s: maximum walking speed of the person.
         disputed: the place where the person was last seen counted as open, and no person was there.
     """
 

@@ -40,10 +40,10 @@ class Lost:
         positions: (J, 3) where each joint was last seen; NaN if never.
         joint_age_s: (J,) seconds from then to ``capture_ns``; inf if never.
         capture_ns: when the person was last seen.
-        speed_m_s: how fast the body may move on.
+        speed_m_s: maximum speed at which the body moves on.
         limbs_m_s: (J,) how much faster than the body each joint was.
         track: a body that appears may take it over; ``None`` after a restart.
-        whereabouts: where the person may be; ``None``: the source does not see free space.
+        whereabouts: possible places of the person; ``None``: the source does not see free space.
     """
 
     id: int
@@ -74,7 +74,7 @@ class LostPeople:
 
     Args:
         settings: see ``PeopleSettings``.
-        space: what the source sees free; ``None``: it does not see free space.
+        space: space that the source sees free; ``None``: it does not see free space.
 
     Attributes:
         people: the lost people.

@@ -52,7 +52,7 @@ class KDFormerOptions(NetworkOptions):
     """Sizes and switches; the defaults are the paper's, except for what the node needs.
 
     Attributes:
-        space: what windows hold: positions, or exponential maps (CMU's sign, y up).
+        space: content of windows: positions, or exponential maps (CMU's sign, y up).
         width: d, the width of a joint's embedding; a step's embedding has tokens times d.
         layers: L, the number of layers of each transformer.
         feed_forward: width of the feed-forward layers divided by the embedding's; 2 gives the 8.5

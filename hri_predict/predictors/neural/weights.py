@@ -141,7 +141,7 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
 
     Args:
         path: the file.
-        horizon_steps: how far to predict, if different from the file's horizon; only for networks
+        horizon_steps: steps to predict, if different from the file's horizon; only for networks
             whose parameters do not depend on it.
 
     Raises:

@@ -246,7 +246,7 @@ def rate_of(path: Path, arrays: Mapping[str, Any], usual: str) -> float:
 
     Args:
         path: the file.
-        arrays: what it holds.
+        arrays: its content.
         usual: the name that this kind of archive has, for the error.
 
     Raises:

@@ -58,14 +58,14 @@ class McapFile:
     """A recording's file.
 
     Attributes:
-        path: where it is.
+        path: its path.
         began: the clocks at its begin.
         unsafe: messages that are not on the disk yet.
 
     Args:
         path: as above.
         descriptor: open for writing; closed by ``close``.
-        info: what a replay needs.
+        info: facts that a replay needs.
         began: as above.
         clocks: name of the clocks, see ``Clocks``.
         sync: bring each write to the disk itself, past the machine's memory: also who pulls the

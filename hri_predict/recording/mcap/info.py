@@ -37,7 +37,7 @@ class RecordingInfo:
         predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
         in_room: whether the scenes are in the room's frame; false in what ``convert`` makes of a
             motion file, which is in that file's own.
-        coverage: what its zones rest on, in words; "" in recordings of older versions.
+        coverage: basis of its zones, in words; "" in recordings of older versions.
         last_latch_id: the number before the first that an Acknowledge may name in it, so that a
             replay gives the same; ``None`` in recordings of older versions.
     """

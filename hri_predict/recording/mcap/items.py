@@ -91,7 +91,7 @@ class Items(Listener):
     """A listener that turns all input and output into items. A subclass takes them.
 
     Args:
-        info: what the recording says of itself.
+        info: description of the recording.
         rates: see ``Rates``.
         counters: asked once a second; ``None``: they are not kept.
     """

@@ -62,11 +62,11 @@ class Recorder(Items):
 
         Args:
             where: the file to write, which must not exist, or a ``Place``.
-            info: what a replay needs to know.
+            info: facts that a replay needs.
             threaded: write in a thread (real time) or at once (virtual clock).
-            rates: how much of what is bulky is recorded.
+            rates: rates of bulky data.
             counters: see ``Items``.
-            clocks: which UTC each moment has; default: UTC is the node's clock.
+            clocks: source of each moment's UTC; default: UTC is the node's clock.
             queue_items: messages that may wait for the thread.
 
         Raises:

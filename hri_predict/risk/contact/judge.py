@@ -71,8 +71,8 @@ class ContactJudge:
 
     Args:
         robot: the robot.
-        limits: how fast it may touch each of the S segments of the zones.
-        clamping: what it may clamp a person against.
+        limits: maximum speeds of contact with each of the S segments of the zones.
+        clamping: objects against which it may clamp a person.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class ContactJudge:
             motion: of the robot.
             bodies: all people.
             people: the finding of the zones; the result has its distances.
-            others: where each other robot may be until this one stands; ``None``: anywhere.
+            others: places where each other robot may be until this one stands; ``None``: anywhere.
 
         Returns:
             Its slack says whether the present speed is permitted, its limits which are.

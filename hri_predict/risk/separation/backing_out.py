@@ -28,7 +28,7 @@ def why_not_backing_out(
     Args:
         robot: with ``modes.recovery`` and a plan, or it is refused.
         now: the robot.
-        motion: how it moves.
+        motion: its motion.
         bodies: all people, as captured.
     """
     recovery = robot.robot.modes.recovery

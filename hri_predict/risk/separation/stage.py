@@ -50,7 +50,7 @@ class RobotFindings:
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
         tool: number of the tool counted with; ``None``: none is named, or the worst of all.
-        asked: what the robot's controllers ask for.
+        asked: requests of the robot's controllers.
         not_backing_out: why it would not recede from all people if it backed out; "" if it would,
             or if it was not requested.
         motion: the robot as it was judged; ``None`` if the situation is unknown.
@@ -87,7 +87,7 @@ class Separation:
         settings: see ``RiskSettings``.
         robots: R of them.
         named: the user's zones.
-        view: what the sensor sees; ``None``: everything.
+        view: space that the sensor sees; ``None``: everything.
         times_s: (K+1,) the zones' times, see ``Zones``.
         horizon_s: the forecast's last step after the capture.
         contact: judges of contact by the index of the robot that may touch people.
@@ -114,7 +114,7 @@ class Separation:
         self._farthest_m = [_farthest(r, times_s) for r in robots]
 
     def warm_up(self) -> None:
-        """Compile what is compiled, before time matters."""
+        """Compile the numba kernels before the first tick."""
         warm_up(self._robots, self._times_s)
 
     def revise(self, robot: int) -> None:

@@ -25,9 +25,9 @@ def beside_view(
 
     Args:
         robot, motion: the robot and how it moves.
-        view: what the sensor sees.
+        view: space that the sensor sees.
         age_s: of that capture.
-        judging: how distances over time are judged; ``None``: only the distance now counts.
+        judging: judgement of distances over time; ``None``: only the distance now counts.
         margin_m: distance to keep beyond C + Z_d + Z_r.
     """
     distance_m = float(view.distance_outside(motion.capsules).min()) - margin_m

@@ -25,7 +25,7 @@ class Place:
 
     Attributes:
         q, qd: (N,) rad, m and per second, carried on to that moment.
-        ahead_s: for how long it was carried on, at most.
+        ahead_s: maximum time for which it was carried on.
         delay_s: by how much its age may differ from what was assumed.
     """
 

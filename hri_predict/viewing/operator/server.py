@@ -219,7 +219,7 @@ class Published:
 
     Attributes:
         hosts: their names.
-        origins: what browsers send as ``Origin`` from there.
+        origins: values that browsers send as ``Origin`` from there.
     """
 
     def __init__(self, urls: Sequence[str]) -> None:

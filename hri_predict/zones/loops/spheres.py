@@ -30,7 +30,7 @@ class Bodies(NamedTuple):
         last, joint_age: (N, J, 3) and (N, J) where and when last seen, as in the snapshot.
         growth: (N, J) m/s of a joint that is not forecast.
         limbs: (N, J) how much faster than its body a lost person's joint was.
-        inferred: (N, J) metres: the joint is so near to where it is taken to be.
+        inferred: (N, J) metres: maximum distance of the joint from its assumed place.
         age: (N,) seconds from capture to now.
         waited: (N,) seconds from capture to the time of entry 0.
         unknown: (P,) whose speed is unknown.

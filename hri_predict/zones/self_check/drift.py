@@ -69,8 +69,9 @@ class Drift:
 
         Args:
             now_ns: of the tick.
-            missed: how many of them the radii as calibrated did not hold; shares of bodies count.
-            judged: how many there were.
+            missed: number of them that the radii as calibrated did not hold; shares of bodies
+                count.
+            judged: their number.
         """
         if judged <= 0:
             return

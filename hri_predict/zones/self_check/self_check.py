@@ -85,7 +85,7 @@ class SelfCheck:
     Args:
         constants: see ``SelfCheckConstants``.
         level: of the calibrated radii, 0 < level < 1.
-        of: what they hold at that level, the whole ``body`` at once or each ``joint``.
+        of: unit that they hold at that level, the whole ``body`` at once or each ``joint``.
         rate_hz: steps per second of the forecasts and of the snapshots' history.
         horizon_steps: H of the forecasts.
         ranges: of the calibration; ``None``: unknown, so no motion is out of range.

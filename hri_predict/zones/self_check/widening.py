@@ -52,7 +52,7 @@ class AdaptiveWidening:
         people: S, slots for people.
         ends_s: (B,) where each band of horizons ends, seconds ahead, ascending.
         level: of the calibrated radii, 0 < level < 1.
-        growth_per_s: how much w grows in a second of nothing but misses.
+        growth_per_s: growth of w in a second of nothing but misses.
         recover_s: of good coverage, after which nothing is widened.
         max_factor: widening ends here.
 

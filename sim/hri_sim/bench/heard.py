@@ -60,8 +60,8 @@ def heard(
         ``first_advice_s``: from starting the process to the first Advice of a running node;
         ``resident_mib``: of the node's processes at the end; ``cpu_percent``: of one core, by
         group of threads; ``cores_percent``: how busy each core was; ``deviation_ms``: how far the
-        intervals of its Statuses and Advices were from the period, and ``bare_ms`` those of the
-        bare loop; ``missing``: cycles of which no Status came; ``stamps``, ``priority``: whose
+        intervals of its Status and Advice messages were from the period, and ``bare_ms`` those of
+        the bare loop; ``missing``: cycles of which no Status came; ``stamps``, ``priority``: whose
         stamps these are, and how the receiver ran.
 
     Raises:

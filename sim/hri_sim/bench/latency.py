@@ -166,7 +166,7 @@ class Load:
     Attributes:
         ticks: as in the configuration.
         predictor: its name.
-        people: how many stand near the robot.
+        people: number of people near the robot.
     """
 
     ticks: Literal["fixed", "capture"] = "fixed"

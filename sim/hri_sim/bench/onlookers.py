@@ -41,7 +41,7 @@ class Onlookers:
     Attributes:
         flags: of ``hri-predict run``.
         alerts: the block ``alerts:`` of its configuration.
-        process: who looks; it prints a line when it has seen both screens.
+        process: the reader; it prints a line when it has seen both screens.
     """
 
     flags: list[str]

@@ -20,7 +20,7 @@ class Button:
     Args:
         after_s: from being shown to the press, which waits until presses count; ``None``: never
             pressed.
-        lies: where the controller acknowledges by itself instead.
+        lies: cases in which the controller acknowledges by itself instead.
 
     Attributes:
         presses: number of presses.

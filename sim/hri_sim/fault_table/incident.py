@@ -35,7 +35,7 @@ class Incident:
         settings: differences from the demo's configuration; mappings are merged, key by key.
         lies: the wrong behaviour of simulated controllers, as in ``simulate.lies``.
         liars: links whose controllers lie; default: all.
-        requests: what every simulated controller asks for, as in ``simulate.requests``.
+        requests: requests of every simulated controller, as in ``simulate.requests``.
         simulate: differences of every ``simulate`` block from the demo's.
         modes: risk modes to play it in.
         not_clear: no robot may be advised *clear* in this time.

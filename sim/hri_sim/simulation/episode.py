@@ -55,7 +55,7 @@ class Log:
         contacts, contacts_standing, min_separation_m, moving_separation_m, violation_s,
             violation_m: the referee's.
         controllers: their reports.
-        harm: what touches of a moving robot meant.
+        harm: consequences of touches by a moving robot.
     """
 
     times_s: list[float] = field(default_factory=list)
@@ -94,7 +94,7 @@ def run_episode(
         scenario: the approach.
         variant: the way to judge risk.
         bodies: the people as the node knows them, in the room frame.
-        truth: where the people truly are, if other episodes of the scenario ask as well.
+        truth: true places of the people, if other episodes of the scenario ask as well.
         nobody: show the node an empty room, so that the robot works as if alone. This gives the
             course without protection, and the work that an empty cell does.
     """

@@ -76,7 +76,8 @@ class Harm:
     Attributes:
         bearable: by the robot's name.
         speeds_m_s, relative_m_s: segment or joint -> the highest speed of a touch.
-        limits_m_s: how fast a touch the same parts bear; of several robots, the lowest.
+        limits_m_s: maximum speed of a touch that the same parts bear; of several robots, the
+            lowest.
         beyond: instants of touches that were faster than the part bears.
         relative_beyond: the same by the relative speed.
         forbidden: instants of touches of head, face or neck.

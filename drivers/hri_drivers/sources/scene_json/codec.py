@@ -187,7 +187,7 @@ def _parsed(data: bytes | str) -> SceneMessage:
     except RecursionError:
         raise SceneJsonError("scene: nested too deeply; see the schema") from None
     except (ValueError, OverflowError) as error:  # JSON's and Unicode's errors are ValueErrors
-        raise SceneJsonError(f"scene: not JSON in UTF-8: {plain(error)}; mend the sender") from None
+        raise SceneJsonError(f"scene: not JSON in UTF-8: {plain(error)}; fix the sender") from None
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

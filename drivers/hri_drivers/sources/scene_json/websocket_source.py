@@ -83,7 +83,7 @@ class WebSocketSplitter:
     """The server's side of one connection: finds messages and prepares answers.
 
     Attributes:
-        trouble: what the other side does wrong in the protocol; ``None`` if nothing.
+        trouble: protocol error of the other side; ``None`` if none.
     """
 
     def __init__(self, origins: Sequence[str]) -> None:
