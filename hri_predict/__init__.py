@@ -5,7 +5,7 @@ room (a folder) of this package and knows only the next one's contract.
 
 As a library, this module offers the few names in ``__all__``; ``docs/library.md`` shows them at
 work. Each is loaded when it is first used, so ``import hri_predict`` costs next to nothing, and
-torch is imported only when somebody asks for a trained predictor. Everything else is imported from
+torch is imported only when a trained predictor is requested. Everything else is imported from
 its own room.
 
 Units and frames everywhere: metres, seconds, radians, right-handed, z up; integer nanoseconds of

@@ -64,7 +64,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def expected_shape(kind: str, keys: Sequence[str]) -> str | None:
-    """What belongs where a value is neither a block of settings nor a list; else ``None``.
+    """Return the shape expected of a value that is neither a settings block nor a list; else
+    ``None``.
 
     Args:
         kind: type of pydantic's error.

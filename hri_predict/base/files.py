@@ -48,7 +48,7 @@ def shipped_path(what: str, folder: str, name: str, base_dir: Path | None) -> Pa
         what: of the file, for the message.
         folder: under ``configs/``.
         name: shipped name, or a path.
-        base_dir: what a relative path starts from; ``None``: the current folder.
+        base_dir: start of relative paths; ``None``: the current folder.
 
     Raises:
         ConfigError: nothing of this name is shipped.
@@ -170,7 +170,7 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
 
 
 def yaml_problem(error: Exception) -> str:
-    """What the loader says of a text, in brackets; empty if it says nothing."""
+    """Return the loader's message about a text, in brackets; empty if there is none."""
     problem = getattr(error, "problem", None)
     return f" ({problem})" if isinstance(problem, str) and problem else ""
 

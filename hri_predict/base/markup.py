@@ -1,4 +1,4 @@
-"""HTML and SVG as text. Whatever goes in as a value is escaped, wherever it came from."""
+"""HTML and SVG as text. Every value is escaped, wherever it came from."""
 
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -58,7 +58,7 @@ def document(title: str, style: str, *body: Content) -> str:
     Args:
         title: of the window.
         style: CSS, trusted.
-        body: what stands in it.
+        body: its content.
     """
     head = tag(
         "head",

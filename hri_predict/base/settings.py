@@ -1,6 +1,6 @@
 """Validated settings: the base of all configuration models, and validation of YAML data.
 
-Each source, predictor, robot and link has its own model beside its code, derived from ``Settings``.
+Each source, predictor, robot and link has a model in its own package, derived from ``Settings``.
 """
 
 import itertools
@@ -39,7 +39,7 @@ from hri_predict.base.quantities.units import meant, phrase, unit_at
 class Settings(BaseModel):
     """Base of every settings model: unknown keys are refused, values are immutable and finite.
 
-    Truth is no number: YAML reads ``yes`` as true, and pydantic would take that for 1.
+    A truth value is not a number: YAML reads ``yes`` as true, and pydantic would take that for 1.
 
     Attributes:
         safety: by key, the side on which a value is less safe than the default (``safe_side``).
@@ -57,7 +57,9 @@ class Settings(BaseModel):
         result = handler(data)
         for key in data if isinstance(data, dict) else ():
             if _took_truth_for_a_number(data[key], getattr(result, key, None)):
-                raise ValueError(f"{key}: true and false (yes, no, on, off in YAML) are no numbers")
+                raise ValueError(
+                    f"{key}: true and false (yes, no, on, off in YAML) are not numbers"
+                )
         return result
 
 
@@ -106,17 +108,17 @@ MIN_SPEED_M_S = 0.01
 than 1 mm/s counts as standing (``robots.stopping``)."""
 MIN_HUMAN_M_S = 1.2
 """No person is assumed to be slower: people at work walk at 1.2 to 1.4 m/s in comfort (R. Bohannon,
-Age and Ageing 26 (1997) 15). ISO 13855 has 1.6 m/s for everybody."""
+Age and Ageing 26 (1997) 15). ISO 13855 has 1.6 m/s for all people."""
 MAX_PAYLOAD_KG = 5000.0
 """The strongest arms of catalogues carry 2.3 t (FANUC M-2000iA/2300)."""
 MAX_ANGLE_RAD = 2 * math.pi
-"""Of a fixed angle: whoever writes degrees is told so."""
+"""Maximum of a fixed angle; larger values are reported as probable degrees."""
 Radians = Annotated[float, Field(ge=-MAX_ANGLE_RAD, le=MAX_ANGLE_RAD)]
 """An angle of something that does not turn."""
 Metres = Annotated[float, Field(ge=-MAX_ROOM_M, le=MAX_ROOM_M)]
 """A coordinate of a configuration."""
 MIN_SIDE_M = 0.01
-"""Of a region: no tracker tells whether somebody is in a smaller one."""
+"""Minimum size of a region: no tracker can say whether a person is in a smaller one."""
 Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
@@ -150,15 +152,15 @@ def _named(value: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), AfterValidator(_named)]
-"""What the user calls a robot, a tool, a zone, a link; see ``name_problem``."""
+"""The user's name for a robot, a tool, a zone, a link; see ``name_problem``."""
 
 
 class Pose(Settings):
     """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
 
-    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="where its origin is, m")
+    xyz: Vector3 = Field([0.0, 0.0, 0.0], description="position of its origin, m")
     quaternion_xyzw: Quaternion = Field(
-        [0.0, 0.0, 0.0, 1.0], description="how it is turned: a unit quaternion [x, y, z, w]"
+        [0.0, 0.0, 0.0, 1.0], description="orientation: a unit quaternion [x, y, z, w]"
     )
 
     @field_validator("quaternion_xyzw")
@@ -280,7 +282,7 @@ def _keys_of(
 
 
 def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
-    """What is wrong at one place, what belongs there, and the remedy."""
+    """Return the problem at one place, the expected value, and the remedy."""
     loc = found["loc"]
     if found["type"] == "extra_forbidden":
         known = sorted({key for m in _models_at(model, loc[:-1]) for key in m.model_fields})
@@ -303,7 +305,7 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _hint(found: ErrorDetails, unit: str) -> str:
-    """What a number beyond its greatest value would be in the right unit; empty for others."""
+    """Return a number beyond its maximum, converted to the right unit; empty for others."""
     greatest = found.get("ctx", {}).get("le")
     if found["type"] == "greater_than_equal":  # the other end of a range around 0
         greatest = -found["ctx"]["ge"] if found["ctx"]["ge"] < 0 else None
@@ -318,7 +320,7 @@ def _hint(found: ErrorDetails, unit: str) -> str:
 
 
 def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[str, str]:
-    """What the key is, in brackets, and its unit; empty where a field has no description."""
+    """Return the key's description, in brackets, and its unit; empty if the field has none."""
     for end in range(len(loc), 0, -1):
         key = str(loc[end - 1])
         for owner in _models_at(model, loc[: end - 1]):

@@ -117,7 +117,7 @@ def _misused(error: Exception, message: str) -> NoReturn:
 
 
 def _fail(*messages: str) -> NoReturn:
-    """Print each error as one line, whatever characters a name or value in it contains."""
+    """Print each error as one line, even if names or values in it contain line breaks."""
     journal = "<3>" if logs.in_journal(sys.stderr) else ""
     for message in messages:
         line = "".join(

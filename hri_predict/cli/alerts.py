@@ -78,7 +78,7 @@ def try_hooks(config: Config) -> list[dict[str, Any]]:
 
 
 class _Trying(threading.Thread):
-    """One attempt; nobody waits longer for it than its time limit allows."""
+    """One attempt, which never takes longer than its time limit."""
 
     def __init__(self, hook: HookSettings, sender: Sender) -> None:
         super().__init__(daemon=True)
@@ -97,7 +97,7 @@ class _Trying(threading.Thread):
             self._result = self._result or {"ok": False, "answer": text}
 
     def result(self) -> dict[str, Any]:
-        """What came back, within the time limit."""
+        """Return the response, within the time limit."""
         self.join(max(self._until - time.monotonic(), 0.0))
         self._sender.abort()
         return self._result or {"ok": False, "answer": f"no answer within {self._limit_s:g} s"}

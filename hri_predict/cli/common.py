@@ -54,7 +54,7 @@ ClusterOption = Annotated[
         "--cluster",
         metavar="ADDRESS",
         help="Let the workers of this Dask scheduler do the work, such as tcp://127.0.0.1:8786. "
-        "Connect only to a scheduler of your own: whoever reaches it can run any code.",
+        "Connect only to a scheduler of your own: any program that reaches it can run code.",
     ),
 ]
 CalibrationsOption = Annotated[
@@ -77,7 +77,7 @@ def without_effect(flags: Mapping[str, Any], where: str) -> None:
 
 
 def processes(jobs: int | None, cluster: str | None, default: int = 1) -> int:
-    """How many processes of this machine work; with a cluster, its workers do."""
+    """Number of working processes on this machine; with a cluster, its workers do the work."""
     if cluster is not None:
         without_effect({"--jobs": jobs}, "with --cluster")
     return default if jobs is None else jobs
@@ -110,7 +110,7 @@ def own_map(joint_map: str | None) -> JointMap | None:
 
 
 def map_path(joint_map: str) -> str:
-    """A joint map's name or file for a configuration: by its whole path, from whatever folder."""
+    """A joint map's name or file for a configuration: as an absolute path."""
     own_map(joint_map)  # tell a mistake in the flag's own words
     return str(Path(joint_map).absolute()) if joint_map.endswith(YAML_ENDINGS) else joint_map
 
@@ -313,7 +313,7 @@ def tell(files: Sequence[Path]) -> None:
 
 
 def warn(line: str) -> None:
-    """Tell on standard error what the user should know, and go on."""
+    """Print a note for the user on standard error, and go on."""
     print(f"warning: {line}", file=sys.stderr)
 
 

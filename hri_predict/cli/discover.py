@@ -19,7 +19,7 @@ _SHOWN = {"node": ("node", "predictor", "rate", "links", "schema", "version")}
 
 
 def discover(
-    seconds: Annotated[float, typer.Option(help="How many seconds to search.")] = 3.0,
+    seconds: Annotated[float, typer.Option(help="Seconds to search.")] = 3.0,
     interface: Annotated[
         list[str] | None,
         typer.Option(help="Address of an interface to search on; default 127.0.0.1. Repeatable."),

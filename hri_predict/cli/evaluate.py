@@ -332,7 +332,7 @@ def _bases(
     settings: "Mapping[str, PredictorSettings]",
     calibrations: Sequence[Path],
 ) -> "list[ZoneBasis]":
-    """What the zones of each predictor rest on; errors are forecasts' alone and do not tell."""
+    """Return the basis of each predictor's zones, which errors of forecasts alone do not show."""
     from hri_predict.run.asked import basis_of, demand_use, fitting
     from hri_predict.zones.settings import CoverageSettings
 
@@ -359,7 +359,9 @@ def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motio
         own = [motion for motion in motions if len(origins(motion)[0])]
         found += own
         if not own:
-            left_out.append(f"recording {path}: nobody is seen long enough for {HORIZONS_MS[0]} ms")
+            left_out.append(
+                f"recording {path}: no person is seen long enough for {HORIZONS_MS[0]} ms"
+            )
     if not found:
         raise ConfigError(f"--data: no recording can be evaluated: {left_out[0]}; give others")
     for why in left_out:

@@ -127,7 +127,7 @@ class _Watch:
     def page(
         self, port: int | None, host: str, urls: tuple[str, ...] = ()
     ) -> AbstractContextManager[FleetFeed | None]:
-        """What feeds a page in the browser; nothing without a port."""
+        """Return the feed of a page in the browser; nothing without a port."""
         if port is None:
             return nullcontext()
         settings = ScreenSettings("operator", FLEET, port, host, urls)
@@ -135,7 +135,7 @@ class _Watch:
         return self._page_feed
 
     def _facts(self, after: int) -> dict[str, Any]:
-        """What the page shows: all cells, and the changes after this one."""
+        """Return the content of the page: all cells, and the changes after this one."""
         return {
             "cells": [tile(row) for row in self._changes.look()],
             "changes": self._changes.after(after),

@@ -168,7 +168,7 @@ class Printer:
         self._out("silent", {"level": Level.UNKNOWN.name.lower()}, seconds)
 
     def forget(self) -> None:
-        """Forget the Schema: after so long a silence the sender must send it again."""
+        """Forget the Schema: after a silence this long the sender must send it again."""
         self._gate.reset()
 
     def _unknown(self) -> dict[str, Any]:

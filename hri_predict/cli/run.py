@@ -111,7 +111,7 @@ def run(
     viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
-    """Run the node until SIGINT or SIGTERM; it tells the controllers before it ends.
+    """Run the node until SIGINT or SIGTERM; it announces its end to the controllers.
 
     As a service, or without a terminal, SIGHUP reads the configuration again.
 

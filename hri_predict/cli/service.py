@@ -99,7 +99,7 @@ def instance(cell: str) -> str:
 
 
 def unwritable(config: Config, cell: str) -> list[str]:
-    """What the unit does not let the node write, one line each with the remedy."""
+    """Return the paths that the unit does not let the node write, one line each with the remedy."""
     node = config.node
     record = node.record
     wanted = {

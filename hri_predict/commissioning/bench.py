@@ -33,7 +33,7 @@ class Bench:
     transports: Mapping[str, Transport[Any]]
 
     def links(self) -> list[Link]:
-        """The configured links on these wires, for whoever puts something around them."""
+        """Return the configured links on these wires, for code that wraps them."""
         return [
             assemble.build_link(
                 settings=settings,
@@ -54,7 +54,7 @@ class Bench:
         each_tick: Callable[[int], None] | None = None,
         stop: threading.Event | None = None,
     ) -> Assembly:
-        """Run the node for so long, or until ``stop`` is set (in real time).
+        """Run the node for this time, or until ``stop`` is set (in real time).
 
         Raises:
             HriPredictError: it cannot start; one line with the remedy.
@@ -113,7 +113,7 @@ def bench(config: Config, clock: Clock, wrap: Wrap | None = None) -> Iterator[Be
 
 
 def quiet(config: Config) -> Config:
-    """The configuration without what a measurement should not leave behind or tell others."""
+    """Return the configuration without what a measurement must not leave behind or send."""
     node = config.node
     alerts = type(node.alerts)(terminal=False)
     silent = {"alerts": alerts, "record": None, "evidence": None, "state": None, "discovery": None}

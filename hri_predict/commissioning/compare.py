@@ -1,7 +1,7 @@
-"""What another version or configuration makes of the same recorded walk, and whether it is safer.
+"""Result of another version or configuration on the same recorded walk, and whether it is safer.
 
 *Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
-level, a higher speed limit, a stop that is missing or comes later, nobody seen where somebody was,
+level, a higher speed limit, a stop that is missing or comes later, no person seen where one was,
 less of the floor seen, more people lost. Changes to the other side are named too, and count as no
 fault. Neither do stated separations: wider margins look farther ahead, and may state more or less.
 A stricter configuration counts more of the floor, which may leave too little of it walked: that is
@@ -58,7 +58,7 @@ def compare(walk: Walk, old: Sequence[AdviceRow], new: Played) -> Comparison:
 
     Args:
         walk: the validated walk.
-        old: its advices.
+        old: its advice messages.
         new: the same recording, played now.
     """
     found = Comparison()
@@ -101,8 +101,8 @@ def _advices(
     texts = {
         "level": ("a milder level", "a stricter level", ""),
         "limit": ("a higher speed limit", "a lower speed limit", "m/s"),
-        "separation": ("nobody is seen where somebody was", "another separation", "m"),
-        "ahead": ("nobody is predicted where somebody was", "another predicted separation", "m"),
+        "separation": ("no person is seen where one was", "another separation", "m"),
+        "ahead": ("no person is predicted where one was", "another predicted separation", "m"),
     }
     for name, both in changes.items():
         *words, unit = texts[name]
@@ -126,7 +126,7 @@ def _advices(
 def _distance(
     both: tuple[_Change, _Change], time_s: float, was: float | None, now: float | None
 ) -> None:
-    """Note a distance that changed. None at all means that nobody is known: the farthest."""
+    """Note a distance that changed. ``None`` means that no person is known: the farthest."""
     if was is None and now is None:
         return
     text = f"{_metres(was)} -> {_metres(now)}"
@@ -137,7 +137,7 @@ def _distance(
 
 
 def _metres(value: float | None) -> str:
-    return "nobody" if value is None else f"{value:.3f} m"
+    return "no person" if value is None else f"{value:.3f} m"
 
 
 def _totals(found: Comparison, old: RobotAdvice, new: RobotAdvice) -> None:
@@ -194,7 +194,7 @@ def _floor(found: Comparison, walk: Walk, new: Played) -> None:
 
 
 def _of(some: set[tuple[int, int]], all_of: set[tuple[int, int]]) -> str:
-    """How many cells, and what share: of large floors the share alone may hide a change."""
+    """Return the cells' number and share: on large floors the share alone may hide a change."""
     return f"{len(some)} ({100 * len(some) / max(len(all_of), 1):.1f} %)"
 
 

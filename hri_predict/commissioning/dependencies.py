@@ -17,7 +17,7 @@ WRITTEN = ("record", "state.path", "evidence.folder")
 SECRET = "key_file"
 """The hash of a short secret could be tried out, so a key's content is not in any report."""
 ALERTS = "alerts."
-"""No advice depends on who is told of it; and these files are written, or are secrets."""
+"""Receivers do not change any advice; and these files are written, or are secrets."""
 
 
 def escaped(name: str) -> str:
@@ -45,7 +45,7 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def _known(config: Config) -> Iterator[tuple[str, Path]]:
-    """Files that are found by other rules than as a path beside the configuration."""
+    """Files that are found by other rules than as a path relative to the configuration."""
     base_dir = config.base_dir
     for robot in config.node.robots:
         yield f"robots.{escaped(robot.name)}.model", robot_path(robot.model, base_dir)
@@ -72,7 +72,7 @@ def _known(config: Config) -> Iterator[tuple[str, Path]]:
 
 
 def _named(value: Any, base_dir: Path) -> Path | None:
-    """The file that a text names, beside the configuration or from the current folder."""
+    """Return the file that a text names, relative to the configuration or to the current folder."""
     if not isinstance(value, str) or not value or "\0" in value:
         return None
     for path in (base_dir / value, Path(value)):

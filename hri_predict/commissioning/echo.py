@@ -68,7 +68,7 @@ class Tap:
         self.inner.close()
 
     def __getattr__(self, name: str) -> Any:
-        """What this kind of wire has beside ``Transport``."""
+        """Return a member that this kind of wire has besides ``Transport``."""
         return getattr(self.inner, name)
 
 
@@ -79,7 +79,7 @@ def measure_echo(
 
     Args:
         config: the configuration; mock controllers are asked for each round trip.
-        seconds: how long.
+        seconds: duration.
         clock: the node's.
         elsewhere: link's name -> what its controller's programmer measured.
 
@@ -109,7 +109,7 @@ def measure_echo(
 
 
 def judge_echo(echo: Echo) -> tuple[list[str], list[str]]:
-    """What failed, and what could not be judged, one line each."""
+    """Return failures, and what could not be judged, one line each."""
     failed, missing = [], []
     for link in echo.links:
         if not link.states:
@@ -135,7 +135,7 @@ def judge_echo(echo: Echo) -> tuple[list[str], list[str]]:
 
 
 def times(values_ms: Sequence[float]) -> Times | None:
-    """The distribution of so many milliseconds; ``None`` for none."""
+    """Return the distribution of these milliseconds; ``None`` for none."""
     if not values_ms:
         return None
     array = np.asarray(values_ms)
@@ -218,8 +218,8 @@ def _on_link(
 ) -> Iterable[float]:
     """Each round trip without the time in the node, milliseconds.
 
-    Several advices may echo one state. They come in order; if one of them was lost, nobody knows
-    which, and the shortest wait counts.
+    Several Advice messages may echo one state. They come in order; if one of them was lost, it is
+    unknown which, and the shortest wait counts.
     """
     trips: dict[int, list[float]] = {}
     for counter, trip_ms in heard:

@@ -21,7 +21,7 @@ STATE = "state.json"
 
 
 class State(Settings):
-    """What was done so far."""
+    """Steps done so far."""
 
     cell: str = Field(description="name of the configuration's file")
     steps: Steps = Steps()

@@ -53,7 +53,7 @@ class GovernedLink:
 
     @property
     def foreign_ns(self) -> int | None:
-        """When somebody else's frame with the node's ids came."""
+        """Time of another sender's frame with the node's ids."""
         return self.inner.foreign_ns
 
     @property
@@ -78,7 +78,7 @@ class GovernedLink:
         self.inner.post(message)
 
     def take(self) -> list[Received]:
-        """What came, but for states of robots that this link's controller does not control."""
+        """Return received messages, without states of robots that are not the controller's."""
         return [
             received
             for received in self.inner.take()

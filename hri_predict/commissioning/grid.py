@@ -1,4 +1,4 @@
-"""The floor in cells: where people were seen, where they vanished, and where nobody was."""
+"""The floor in cells: where people were seen, where they vanished, and where no person was."""
 
 import math
 from collections import Counter
@@ -13,7 +13,7 @@ from hri_predict.base.settings import Region
 from hri_predict.commissioning.report import MAX_CELLS, GridResult
 
 BASE_M = 0.4
-"""Nobody can stand so near to a robot's base."""
+"""Minimum distance at which a person can stand from a robot's base."""
 
 
 class Grid:
@@ -22,8 +22,8 @@ class Grid:
     Args:
         cell_m: side of a cell.
         circles: (R, 3) x, y and radius of each robot's circle, metres, room frame.
-        view: what the sensor sees; cells outside count as ``outside``. ``None``: everything.
-        exclude: polygons (N, 2) where nobody can stand: machines, walls.
+        view: space that the sensor sees; cells outside count as ``outside``. ``None``: everything.
+        exclude: polygons (N, 2) where no person can stand: machines, walls.
 
     Raises:
         ConfigError: there would be more than ``MAX_CELLS`` cells, or none is left.
@@ -65,19 +65,19 @@ class Grid:
         self._lost: Counter[int] = Counter()
 
     def see(self, positions: Floats, observed: Bools) -> None:
-        """Somebody is seen: joints (J, 3) in the room, and (J,) which of them were observed."""
+        """Note a person who is seen: joints (J, 3) in the room, (J,) whether observed."""
         for cell in set(self._cells(positions[observed, :2])):
             self._seen[cell] += 1
 
     def lose(self, positions: Floats) -> None:
-        """Somebody vanished who was last seen with joints (J, 3); NaN where never seen."""
+        """Note a person who vanished, last seen with joints (J, 3); NaN where never seen."""
         known = positions[np.isfinite(positions).all(axis=1), :2]
         if len(known):
             for cell in self._cells(known.mean(axis=0)[None]):
                 self._lost[cell] += 1
 
     def result(self) -> GridResult:
-        """What was seen so far."""
+        """Return the cells seen so far."""
         return GridResult(
             cell_m=self.cell_m,
             origin=[round(float(v), 4) for v in self.origin],
@@ -98,7 +98,7 @@ class Grid:
         return middles
 
     def _cells(self, points: Floats) -> list[int]:
-        """The cells of (N, 2) points; points beside the grid are in none."""
+        """The cells of (N, 2) points; points outside the grid are in none."""
         finite = points[np.isfinite(points).all(axis=1)]
         place = np.floor((finite - self.origin) / self.cell_m)
         there = ((place >= 0) & (place < [self.columns, self.rows])).all(axis=1)

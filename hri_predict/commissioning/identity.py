@@ -1,4 +1,5 @@
-"""What a cell was when it was validated: configuration, files and versions, and what differs now.
+"""Identity of a cell when it was validated: configuration, files and versions, and what differs
+now.
 
 The configuration is compared as it was understood, with all defaults, so that comments, the order
 of keys and other ways to write a value make no difference. ``commissioning`` itself is left out:
@@ -60,7 +61,7 @@ class Identity(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """What is not as it was: a key, its value then and now (``None``: there was, or is, none)."""
+    """A difference from before: a key, its value then and now (``None``: there is none)."""
 
     key: str
     old: str | None
@@ -123,14 +124,14 @@ def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
 
 
 def _own_names(entries: list[Any]) -> list[str] | None:
-    """What the entries' ``name`` says, if each has one and no two the same."""
+    """Return the entries' names, if each has one and no two are the same."""
     names = [each.get("name") if isinstance(each, Mapping) else None for each in entries]
     texts = [name for name in names if isinstance(name, str) and name]
     return texts if len(set(texts)) == len(entries) else None
 
 
 def versions() -> dict[str, str]:
-    """What is installed here."""
+    """Return the installed versions."""
     found = {
         "hri-predict": __version__,
         "protocol": f"{SCHEMA_VERSION}, schema {SCHEMA_HASH:08x}",
@@ -148,7 +149,7 @@ def differences(old: Identity, new: Identity) -> list[Difference]:
     """Everything that differs, key by key: configuration, then files, then versions.
 
     Of an entry with a name that is there only once, such as a link that was removed, no key is
-    listed: its list's names tell it.
+    listed: its list's names give it.
     """
     alone = _come_and_gone(old.config, new.config)
     found = [

@@ -30,7 +30,7 @@ from hri_predict.run.session import run as run_session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdviceRow:
-    """What the node advised one robot at one tick; metres and m/s, rounded as on the wire or finer.
+    """Advice to one robot at one tick; metres and m/s, rounded as on the wire or finer.
 
     ``time_s`` counts from the first tick.
     """
@@ -46,7 +46,7 @@ class AdviceRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """What came of a recording: every advice, the grid, and how many people vanished."""
+    """Result of a recording: every advice, the grid, and how many people vanished."""
 
     rows: list[AdviceRow]
     grid: GridResult
@@ -66,7 +66,7 @@ class _Watch(View):
 
     @property
     def people_lost(self) -> int:
-        """How many people vanished."""
+        """Number of people who vanished."""
         return len(self._lost)
 
     def on_tick(self, tick: Tick) -> None:
@@ -170,7 +170,7 @@ def _playing(config: Config, recording: Path) -> Config:
 
 
 def write_rows(path: Path, rows: Sequence[AdviceRow]) -> None:
-    """Write advices as JSON lines.
+    """Write advice as JSON lines.
 
     Raises:
         OSError: it cannot be written.

@@ -1,7 +1,7 @@
 """The report of a validation: a model that is checked when it is read, and a hash over all of it.
 
-The hash has no secret in it. It shows damage and careless editing, not somebody who computes it
-anew: only the signatures on paper, or a copy that others keep, do that.
+The hash has no secret in it. It shows damage and careless editing, not a person who computes it
+again: only the signatures on paper, or a copy that others keep, do that.
 """
 
 import json
@@ -28,7 +28,7 @@ Outcome = Literal["passed", "failed", "open", "skipped"]
 Text = Annotated[str, Field(max_length=2000)]
 Lines = Annotated[list[Text], Field(max_length=1000)]
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$", max_length=100)]
-"""A file beside the report, never elsewhere."""
+"""A file in the report's folder, never elsewhere."""
 Amount = Annotated[float, Field(ge=0, le=1e6)]
 R = TypeVar("R")
 
@@ -47,7 +47,7 @@ class TouchedPoint(Settings):
 
 
 class Registration(Settings):
-    """How well the sensor's pose fits points that were touched."""
+    """Fit of the sensor's pose to points that were touched."""
 
     joint: str
     tolerance_m: Amount
@@ -74,7 +74,7 @@ class LinkEcho(Settings):
         states, echoes: RobotStates received, and different counters echoed.
         in_node: from a RobotState's receipt until an advice that echoes it was written.
         round_trip: from sending a RobotState until an advice that echoes it, by the controller.
-        measured_by: who measured the round trip.
+        measured_by: the party that measured the round trip.
         both_ways_ms: the longest time on the link, there and back; ``None``: not measured.
         allowed_ms: twice the delay of the link that the delay budget counts with.
     """
@@ -148,7 +148,7 @@ class Stopping(Settings):
 
 
 class GridResult(Settings):
-    """Where people were seen on the floor.
+    """Places on the floor where people were seen.
 
     Attributes:
         cell_m: side of a cell.
@@ -169,12 +169,12 @@ class GridResult(Settings):
 
     @property
     def coverage(self) -> float:
-        """Share of the area in which somebody was seen; 0 for no area."""
+        """Share of the area in which a person was seen; 0 for no area."""
         return len(set(self.area) & self.seen.keys()) / len(self.area) if self.area else 0.0
 
 
 class RobotAdvice(Settings):
-    """What the node advised one robot during the walk, over all ticks."""
+    """Advice to one robot during the walk, over all ticks."""
 
     robot: str
     ticks_at: dict[str, int]
@@ -235,7 +235,7 @@ STEPS = tuple(Steps.model_fields)
 
 
 class Signature(Settings):
-    """Somebody who answers for the validation."""
+    """The person responsible for the validation."""
 
     role: Text
     name: Text = ""
@@ -308,7 +308,7 @@ def read_report(path: Path) -> tuple[Report, str]:
     """Read a report; return it and its hash.
 
     Raises:
-        ConfigError: it cannot be read, is no report, or was changed after it was written.
+        ConfigError: it cannot be read, is not a report, or was changed after it was written.
     """
     try:
         data = json.loads(read_text(path, "report"))

@@ -81,7 +81,7 @@ def walkers(circles: Floats) -> list[dict[str, Any]]:
 
 
 def with_toucher(config: Config, point: Floats) -> Config:
-    """The cell with somebody who keeps the finger tips at a point (3,), room frame, metres.
+    """Return the cell with a person who keeps the finger tips at a point (3,), room frame, metres.
 
     All joints are delivered: a tracker without hands would show the wrist, a hand's length away.
     """
@@ -90,7 +90,7 @@ def with_toucher(config: Config, point: Floats) -> Config:
 
 
 def toucher(point: Floats) -> list[dict[str, Any]]:
-    """The script of somebody who keeps the right hand at a point (3,), room frame."""
+    """Return the script of a person who keeps the right hand at a point (3,), room frame."""
     x, y, z = (float(v) for v in point)
     away = np.array([x, y]) / max(math.hypot(x, y), 1e-9) if math.hypot(x, y) > 0.1 else [1.0, 0.0]
     start = [round(x + ARM_M * float(away[0]), 4), round(y + ARM_M * float(away[1]), 4)]

@@ -33,9 +33,9 @@ NEAR = 0.95
 STOPS_WITHIN_S = 10.0
 """A robot that still moves after this does not stop."""
 RESTS_S = 0.3
-"""It stands when it has been slow for so long."""
+"""Time for which a robot must be slow before it counts as standing."""
 _ONSET = 0.97
-"""Braking began when the speed was last above this part of its highest: noise is no braking."""
+"""Braking began when the speed was last above this part of its highest: noise is not braking."""
 _CURVE_STEPS = 40
 Sample = tuple[int, float]
 """When a RobotState came (node's clock, ns), and the speed of the fastest point, m/s."""
@@ -43,7 +43,7 @@ Sample = tuple[int, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What to try: speeds (m/s), how often each, and how long to wait until a robot is so fast.
+    """Tests to make: speeds (m/s), runs of each, and the time to wait until a robot is that fast.
 
     No speeds mean ``PARTS`` of each robot's own highest speed.
     """
@@ -106,7 +106,7 @@ class StopTest(Listener):
 
     @property
     def longest_s(self) -> float:
-        """How long the whole test takes at most."""
+        """Maximum duration of the whole test."""
         return 2.0 + len(self._waiting) * (self._plan.wait_s + STOPS_WITHIN_S + 2 * RESTS_S)
 
     def limit(self, robot: int) -> float:
@@ -245,7 +245,7 @@ def typed_stops(config: Config, measured: Sequence[MeasuredStop]) -> Stopping:
 
 
 def judge_stops(stopping: Stopping) -> list[str]:
-    """What failed, one line for each stop that took longer or went farther than allowed."""
+    """Return failures, one line for each stop that took longer or went farther than allowed."""
     failed = []
     for stop in stopping.stops:
         if stop.passed:

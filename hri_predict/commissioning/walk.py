@@ -1,6 +1,6 @@
-"""The walk test: somebody walks through the cell while the node records, and the recording counts.
+"""The walk test: a person walks through the cell while the node records, and the recording counts.
 
-The grid and the advices are those of the recording played again, not of the live run: so a later
+The grid and the advice are those of the recording played again, not of the live run: so a later
 version or configuration can be compared with exactly this.
 """
 
@@ -27,7 +27,8 @@ MOST_UNKNOWN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkPlan:
-    """How to walk: seconds, side of a cell (m), least coverage (share), where nobody can stand.
+    """Plan of a walk: seconds, side of a cell (m), least coverage (share), where no person can
+    stand.
 
     ``shadow``: links say *unknown*, so that no robot moves. ``virtual``: with simulated people and
     controllers, as fast as possible.
@@ -48,7 +49,7 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
         config: the cell.
         live: the same, with simulated people and controllers where they were asked for.
         plan: see ``WalkPlan``.
-        folder: gets the recording and the advices, instead of those of an earlier walk.
+        folder: gets the recording and the advice, instead of those of an earlier walk.
 
     Raises:
         HriPredictError: the run cannot start, or the recording is not whole.
@@ -93,7 +94,7 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
 
 
 def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
-    """What failed, and what could not be judged, one line each."""
+    """Return failures, and what could not be judged, one line each."""
     failed, missing = [], []
     coverage = result.grid.coverage
     if coverage < result.least_coverage:
@@ -104,7 +105,7 @@ def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
         )
     if result.people_lost:
         failed.append(
-            f"{result.people_lost} times somebody vanished in view; see the crosses in the grid"
+            f"{result.people_lost} times a person vanished in view; see the crosses in the grid"
         )
     if not result.robots or any(not robot.ticks_at for robot in result.robots):
         missing.append("no advice came of the recording; walk for longer")
@@ -120,7 +121,7 @@ def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
 
 
 def advice_by_robot(played: Played) -> list[RobotAdvice]:
-    """Levels, stops and extremes of each robot's advices."""
+    """Levels, stops and extremes of each robot's advice."""
     by_robot: dict[str, list[AdviceRow]] = {}
     for row in played.rows:
         by_robot.setdefault(row.robot, []).append(row)

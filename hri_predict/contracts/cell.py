@@ -27,11 +27,11 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(slots=True, kw_only=True)
 class ControllerReport:
-    """What a controller experienced. Times are in seconds of its own clock.
+    """Events that a controller experienced. Times are in seconds of its own clock.
 
     Attributes:
         name, role, robot: the link's name, the controller's role, the robot's name.
-        ended: how it ended: ``ok``, or ``killed`` (then nothing below was reported).
+        ended: outcome: ``ok``, or ``killed`` (then nothing below was reported).
         messages, bytes: good messages received; all bytes received.
         crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
         schema_mismatches: Schema messages of another version or hash.
@@ -39,7 +39,7 @@ class ControllerReport:
         timeouts: times that the node fell silent.
         stale: times that the newest advice was, or became, too old.
         max_age_s: greatest age of an advice at its receipt, as carried.
-        max_gap_s: longest time between two good advices.
+        max_gap_s: longest time between two good Advice messages.
         round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
         round_trips: each of the newest of them, (the counter that was echoed, seconds), where the
             controller was asked to keep them.
@@ -80,13 +80,13 @@ class ControllerReport:
 
 
 class TruePeople(Protocol):
-    """Where everybody truly is, from a copy of the source that has no faults."""
+    """True positions of all people, from a copy of the source that has no faults."""
 
     def open(self, start_ns: int) -> None:
         """Start, at the same time as the node's own copy."""
 
     def at(self, now_ns: int) -> Bodies:
-        """Everybody's true place at ``now_ns``."""
+        """Return the true positions of all people at ``now_ns``."""
 
 
 class Referee(Protocol):
@@ -94,7 +94,7 @@ class Referee(Protocol):
 
     Attributes:
         contacts, contacts_standing: touches of a moving robot, and of a standing robot.
-        min_separation_m: smallest distance; ``None`` while nobody was seen.
+        min_separation_m: smallest distance; ``None`` while no person was seen.
     """
 
     @property
@@ -134,13 +134,13 @@ class Cell(Protocol):
         """Do what is due."""
 
     def robot_truth(self, now_ns: int) -> Joints:
-        """Where every simulated robot truly is."""
+        """Return the true position of every simulated robot."""
 
     def referee(self, robots: Sequence[RobotModel], /) -> Referee:
         """A referee for these robots; it must be fed with ``robot_truth``."""
 
     def true_people(self, source: Source, /) -> TruePeople:
-        """Where everybody in ``source`` truly is; nothing else may poll ``source``."""
+        """Return the true positions of all people in ``source``, which only this may poll."""
 
     def stop(self) -> Sequence[ControllerReport]:
         """End all controllers; returns their reports, link by link. Safe to call twice."""
@@ -226,7 +226,7 @@ class FaultParser(Protocol):
     """Reads a fault from the command line: entry point ``parse``."""
 
     def __call__(self, text: str, /) -> dict[str, Any]:
-        """``kind[@start[+duration]][:parameter=value,...]`` as it would stand in a configuration.
+        """``kind[@start[+duration]][:parameter=value,...]`` as in a configuration.
 
         Raises:
             ConfigError: wrong form, unknown kind or parameter.

@@ -42,7 +42,7 @@ Axes = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class JointMap:
-    """How a source's joints become canonical ones.
+    """Mapping of a source's joints to the canonical ones.
 
     Attributes:
         name: of the map.
@@ -138,10 +138,10 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
 
 
 class SourceFrame(Settings):
-    """What every map file says about its source."""
+    """Facts that every map file states about its source."""
 
     name: str
-    reference: str = Field(description="where the facts about this source come from")
+    reference: str = Field(description="origin of the facts about this source")
     units: float = Field(ge=1e-6, le=1000, description="a unit's name, or metres per unit")
     axes: Axes
     left_handed: bool = False

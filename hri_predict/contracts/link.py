@@ -29,11 +29,11 @@ MIN_DELAY_S = 0.0001
 MIN_REACTION_S = 0.001
 """No controller begins to brake sooner: the fastest have cycles of 1 ms."""
 MIN_STATUS_HZ = 10.0
-"""Status goes out at least so often, even where the node's cycle is longer."""
+"""Maximum interval between Status messages, even where the node's cycle is longer."""
 
 
 class LinkSettings(Settings):
-    """What every link has in common (an entry of ``links:`` in the configuration)."""
+    """Settings common to all links (an entry of ``links:`` in the configuration)."""
 
     name: Name = Field(description="its own name, for messages and alerts")
     kind: str = Field(description="kind of wire")
@@ -88,18 +88,18 @@ class LinkSettings(Settings):
 
     @property
     def blocking_s(self) -> float:
-        """How long an Advice may find the wire taken by what is not urgent, at worst."""
+        """Maximum time for which less urgent messages may keep an Advice off the wire."""
         return 0.0
 
     @property
     def notes(self) -> list[str]:
-        """What whoever checks the configuration should know of this link, one line each."""
+        """Notes on this link for the user who checks the configuration, one line each."""
         return []
 
 
 @dataclass(slots=True, kw_only=True)
 class LinkCounters:
-    """What happened on a link since start; nothing is lost silently."""
+    """Counts of events on a link since start; nothing is lost silently."""
 
     messages_sent: int = 0
     bytes_sent: int = 0
@@ -130,8 +130,8 @@ U = TypeVar("U")
 class Transport(Protocol[U]):
     """A wire that carries units: ``bytes`` on serial, ``CanFrame`` on CAN.
 
-    One thread may write while another reads; ``open`` and ``close`` are called by nobody else at
-    the same time. After ``close``, ``open`` may be called again.
+    One thread may write while another reads; ``open`` and ``close`` are never called from two
+    places at the same time. After ``close``, ``open`` may be called again.
     """
 
     def open(self) -> None:
@@ -164,14 +164,14 @@ R = TypeVar("R", contravariant=True)
 
 
 class Receiver(Protocol[R]):
-    """Decodes the units of one wire, whatever comes: nothing that it is fed makes it raise.
+    """Decodes the units of one wire; no input makes it raise.
 
     Units that are ``bytes`` are a stream: the receiver finds the messages wherever it was cut.
     """
 
     @property
     def counters(self) -> ReceiveCounters:
-        """What was received, and what was refused and why."""
+        """Counts of received units, and of refused ones by cause."""
 
     def feed(self, unit: R, /) -> list[Message]:
         """Messages that this unit completes, oldest first."""
@@ -228,14 +228,14 @@ class Link(Protocol):
 
 @dataclass(slots=True, kw_only=True)
 class LinkLoad:
-    """How full a link is: worst-case seconds of wire per second.
+    """Load of a link: worst-case seconds of wire per second.
 
     Attributes:
         name: the link's.
         load: fraction of the wire taken by Status, Advice, Schema and what the controller sends.
         spare: fraction left for Zone and Pose after ``reserved_load``.
         details: message name -> fraction.
-        rate_hz, bitrate: what it was computed for.
+        rate_hz, bitrate: rates for which it was computed.
         bitrates: bit rates that this kind of link may have, ascending.
     """
 
@@ -252,11 +252,11 @@ S = TypeVar("S", bound=LinkSettings)
 
 
 class LinkClass(Protocol[S, U]):
-    """What the node asks of a kind of link: a class whose objects are ``Link``.
+    """Interface that the node requires of a kind of link: a class whose objects are ``Link``.
 
-    ``SerialLink`` is a ``LinkClass[SerialLinkSettings, bytes]``. Whoever has a class from the
-    registry knows neither: settings that its ``settings_model`` made, and units that its transport
-    gave, are for the same class alone.
+    ``SerialLink`` is a ``LinkClass[SerialLinkSettings, bytes]``. Code that obtains the class from
+    the registry knows neither: settings that its ``settings_model`` made, and units that its
+    transport gave, are for the same class alone.
     """
 
     @property
@@ -282,7 +282,7 @@ class LinkClass(Protocol[S, U]):
             transport: the wire, if not the configured device (a pipe, a fault injector).
             rate_hz: the node's cycle, from which the room for Zone and Pose follows.
             robots: indices of the robots that are advised on this link.
-            shapes: what each of them has, in the same order; if left out, six joints on a base
+            shapes: shape of each of them, in the same order; if left out, six joints on a base
                 that stands.
 
         Raises:
@@ -297,7 +297,7 @@ class LinkClass(Protocol[S, U]):
         """
 
     def receiver(self, settings: S, /) -> Receiver[U]:
-        """What decodes this link's units, for whoever only listens."""
+        """Return a decoder of this link's units, for programs that only listen."""
 
     def load(
         self,
@@ -307,7 +307,7 @@ class LinkClass(Protocol[S, U]):
         shapes: Sequence[StateShape] = (),
         /,
     ) -> LinkLoad:
-        """How full the wire will be, at worst; the node refuses what does not fit.
+        """Return the maximum load of the wire; the node refuses what does not fit.
 
         Raises:
             LinkError: this kind of wire cannot carry the RobotState of one of these robots.
@@ -347,7 +347,7 @@ class ObservesFleet(Protocol):
     """A kind of link on which one program can hear the links of all cells."""
 
     def observer(self, settings: Any, site: str | None, /) -> Transport[Keyed]:
-        """What hears the Status, Advice and Schema of all cells of one site, or of all sites."""
+        """Return an observer of Status, Advice and Schema of all cells of one or all sites."""
 
 
 def check_load(load: LinkLoad, rate_key: str = "rate_hz") -> None:

@@ -26,12 +26,10 @@ MIN_HORIZON_S = 0.01
 
 
 class PredictorSettings(Settings):
-    """What the node needs to know of every predictor (``predictor:`` in the configuration)."""
+    """Settings that the node needs of every predictor (``predictor:`` in the configuration)."""
 
-    name: str = Field(description="which predictor")
-    horizon_s: float = Field(
-        1.0, ge=MIN_HORIZON_S, le=10, description="how far ahead the forecast reaches"
-    )
+    name: str = Field(description="name of the predictor")
+    horizon_s: float = Field(1.0, ge=MIN_HORIZON_S, le=10, description="horizon of the forecast")
     rate_hz: float = Field(
         25.0, ge=1, le=200, description="steps per second of history and forecast"
     )
@@ -103,7 +101,8 @@ S = TypeVar("S", bound=PredictorSettings)
 
 
 class PredictorClass(Protocol[S]):
-    """What the node asks of a kind of predictor: a class whose objects are ``Predictor``.
+    """Interface that the node requires of a kind of predictor: a class whose objects are
+    ``Predictor``.
 
     The first line of its docstring is what ``hri-predict predictors`` shows.
     """
@@ -163,7 +162,7 @@ def checked(forecast: Forecast, people: int, predictor: Predictor) -> Forecast:
 
 
 def problem_in(forecast: Forecast, shape: tuple[int, int, int, int]) -> str:
-    """What is wrong with a forecast whose positions should have ``shape`` (P, H, J, 3), or ""."""
+    """Return the problem of a forecast that should have ``shape`` (P, H, J, 3), or ""."""
     if forecast.positions.shape != shape:
         return f"forecast has shape {forecast.positions.shape}, expected {shape}"
     for array in (forecast.positions, forecast.std):

@@ -20,7 +20,7 @@ from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
 from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
-"""What anybody may bring, and ``hri-predict conformance`` checks."""
+"""Parts that third parties may bring, and that ``hri-predict conformance`` checks."""
 Kind = PartKind | Literal["commands", "predictor_settings", "cells", "faults"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
@@ -32,7 +32,7 @@ def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
 
 @lru_cache
 def _scanned(kind: Kind, _path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
-    """What the packages on the path register: each scan reads all of their files."""
+    """Return the registrations of the packages on the path: each scan reads all of their files."""
     return {e.name: e for e in metadata.entry_points(group=f"hri_predict.{kind}")}
 
 
@@ -68,7 +68,7 @@ def load(kind: Kind, name: str) -> Any:
 
     Raises:
         ConfigError: nothing has this name (lists those there are), it cannot be imported (names
-            the extra or package that is missing), or it is no class with a ``settings_model``.
+            the extra or package that is missing), or it is not a class with a ``settings_model``.
     """
     points = _entry_points(kind)
     if name not in points:
@@ -86,7 +86,7 @@ def load(kind: Kind, name: str) -> Any:
     except (Exception, SystemExit) as error:  # a third party's module may fail in any way
         raise ConfigError(
             f"{kind[:-1]} '{name}' cannot be loaded: {_said(error)}; "
-            f"mend the package that brings it"
+            f"fix the package that provides it"
         ) from error
     base = _SETTINGS.get(kind)
     model = getattr(part, "settings_model", None)
@@ -95,7 +95,7 @@ def load(kind: Kind, name: str) -> Any:
     ):
         raise ConfigError(
             f"{kind[:-1]} '{name}' is not a class whose settings_model derives from "
-            f"{base.__name__}; mend the package that brings it"
+            f"{base.__name__}; fix the package that provides it"
         )
     return part
 
@@ -104,10 +104,11 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
     """The settings model of a predictor, without importing the predictor where that can be.
 
     The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
-    libraries that only they need, such as torch. A name that is not there is loaded.
+    libraries that only they need, such as torch. If the group has no such name, the predictor
+    itself is imported.
 
     Raises:
-        ConfigError: see ``load``; or what is registered is no ``PredictorSettings``.
+        ConfigError: see ``load``; or what is registered is not a ``PredictorSettings``.
     """
     point = _entry_points("predictor_settings").get(name)
     if point is None or name not in _entry_points("predictors"):
@@ -117,12 +118,12 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
     except (Exception, SystemExit) as error:  # a third party's module may fail in any way
         raise ConfigError(
             f"settings of predictor '{name}' cannot be loaded: {_said(error)}; "
-            f"mend the package that brings it"
+            f"fix the package that provides it"
         ) from error
     if not (isinstance(model, type) and issubclass(model, PredictorSettings)):
         raise ConfigError(
-            f"settings of predictor '{name}' are no class that derives from PredictorSettings; "
-            f"mend the package that brings it"
+            f"predictor '{name}': its settings must be a subclass of PredictorSettings; fix the "
+            "package that provides it"
         )
     return model
 
@@ -150,7 +151,7 @@ def _said(error: BaseException) -> str:
 
 
 def _remedy(point: metadata.EntryPoint) -> str:
-    """What to install: the extras that the entry point names after its object, ``[fleet]``."""
+    """Return the extras to install, which the entry point names after its object: ``[fleet]``."""
     if not point.extras or point.dist is None:
         return "install it with pip"
     return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"

@@ -1,4 +1,4 @@
-"""What a source saw at one capture: all people in the room, or nobody."""
+"""A source's view at one capture: all people in the room, or none."""
 
 from dataclasses import dataclass
 
@@ -22,15 +22,15 @@ class Person:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """What a source saw at one capture.
+    """A source's view at one capture.
 
     Attributes:
         stamp_ns: the source's time stamp of the capture, nanoseconds of the *source's* clock.
             ``people`` aligns it with the node's clock; from there on it is a ``capture_ns``.
         sequence: the source's own counter, advancing by one per capture; gaps are losses.
-        sees_room: whether the source saw the room. ``True`` with no people says "nobody is here";
-            ``False`` says "I cannot tell".
-        people: everybody seen.
+        sees_room: whether the source saw the room. ``True`` with no people says "the room is
+            empty"; ``False`` says "not known".
+        people: every person seen.
     """
 
     stamp_ns: int

@@ -1,7 +1,7 @@
 """The contract of a source of scenes.
 
-A kind of source is a class: ``SourceClass`` says what the node asks of the class, ``Source`` what
-it asks of an object, and ``Live`` what a source that hears a sender has beside. ``hri-predict
+A kind of source is a class: ``SourceClass`` is the interface of the class, ``Source`` that of an
+object, and ``Live`` has the additional members of a source that listens to a sender. ``hri-predict
 conformance source:NAME`` checks the contract on any kind.
 """
 
@@ -21,7 +21,7 @@ from hri_predict.contracts.scene import Scene
 
 
 class SourceSettings(Settings):
-    """What every source has in common (``source:`` in the configuration)."""
+    """Settings common to all sources (``source:`` in the configuration)."""
 
     kind: str = Field(description="kind of source")
     room_from_source: Pose = Field(description="pose of the source's frame in the room; required")
@@ -35,8 +35,9 @@ class SourceSettings(Settings):
         0.1,
         ge=0,
         le=1,
-        description="greatest believed rise of the source's clock offset beyond its steady drift: "
-        "by so much an age may be too small if somebody delays scenes ever more, over hours",
+        description="maximum believed rise of the source's clock offset beyond its steady drift; "
+        "an attacker who delays scenes more and more, over hours, can make ages too "
+        "small by this much",
     )
     even_captures: bool = Field(
         True,
@@ -47,23 +48,24 @@ class SourceSettings(Settings):
         None, ge=0.01, le=2, description="age at which input is stale; default 3 periods + 20 ms"
     )
     field_of_view: Region | None = Field(
-        None, description="what the sensor sees (room frame); the rest counts as occupied"
+        None, description="space that the sensor sees (room frame); the rest counts as occupied"
     )
     keeps_ids: bool = Field(
         False,
         description="an id that comes back is the same person (suits, markers, re-identification); "
-        "false where ids may be given to somebody else",
+        "false where ids may be given to another person",
     )
     sees_free_space: bool = Field(
         False,
-        description="where no body is reported in its field of view, the sensor has seen that "
-        "nobody is there (depth camera, lidar)",
+        description="where no body is reported in its field of view, the sensor has seen that no "
+        "person is there (depth camera, lidar)",
     )
     shadows: list[Region] = Field(
-        [], description="what it does not see within its field of view: behind machines, pallets"
+        [], description="space hidden within its field of view: behind machines, pallets"
     )
     viewpoints: list[Vector3] = Field(
-        [], description="where its cameras are (room frame), so that people may hide each other"
+        [],
+        description="positions of its cameras (room frame), from which people may hide each other",
     )
     faults: list[dict[str, Any]] = Field(
         [], description="faults to inject; see hri_sim.faults.injector"
@@ -104,7 +106,7 @@ class SourceSettings(Settings):
 
     @property
     def notes(self) -> list[str]:
-        """What whoever checks the configuration should know of this source, one line each."""
+        """Notes on this source for the user who checks the configuration, one line each."""
         return []
 
 
@@ -114,7 +116,7 @@ NOT_KNOWN_NS = 2**62
 
 @dataclass(slots=True, kw_only=True)
 class SourceCounters:
-    """What a live source heard since start; nothing is lost silently.
+    """Counts of what a live source heard since start; nothing is lost silently.
 
     A packet is what the sender's numbers count: a datagram, a line, a serial frame.
     """
@@ -146,10 +148,10 @@ class SourceCounters:
 
 
 class Live(Protocol):
-    """What a source that hears a sender has beside ``Source``.
+    """Additional members of a source that listens to a sender.
 
     Attributes:
-        arrived: set when a scene has come; whoever waits for scenes clears it before polling.
+        arrived: set when a scene has come; code that waits for scenes clears it before polling.
         counters: see ``SourceCounters``.
         connected: whether it can hear now (a datagram socket always can).
         stamps_utc: whether senders stamp in UTC, so that their clocks can be compared with ours.
@@ -166,7 +168,7 @@ class HasLive(Protocol):
     """A source that hears a sender, or may do so.
 
     Attributes:
-        live: often the source itself; ``None`` where it hears nobody after all.
+        live: often the source itself; ``None`` where it has no sender after all.
     """
 
     @property
@@ -207,7 +209,7 @@ def wait_for(
 
 
 class Source(Protocol):
-    """Yields scenes as they arrive. A recording, a simulator, a live sender: nobody can tell which.
+    """Yields scenes as they arrive. A recording, a simulator, a live sender: it is unknown which.
 
     A source never blocks: the node asks ``poll`` when ``next_ns`` says that it is worth asking.
     That one shape serves real time (a thread sleeps until ``next_ns``) and the virtual clock. A
@@ -238,7 +240,7 @@ class Source(Protocol):
     def next_ns(self) -> int | None:
         """When ``poll`` may next have a scene (node's clock); ``None`` when there will be none.
 
-        ``NOT_KNOWN_NS`` where only ``live.arrived`` can tell.
+        ``NOT_KNOWN_NS`` where only ``live.arrived`` can say.
         """
 
     def poll(self, now_ns: int) -> Scene | None:
@@ -252,7 +254,9 @@ S = TypeVar("S", bound=SourceSettings)
 
 
 class SourceClass(Protocol[S]):
-    """What the node asks of a kind of source: a class whose objects are ``Source``."""
+    """Interface that the node requires of a kind of source: a class whose objects are
+    ``Source``.
+    """
 
     @property
     def settings_model(self) -> type[S]:

@@ -30,7 +30,7 @@ _SHORT = {
     "CONTACT_POSSIBLE": "contact possible",
 }
 _OBEYS_ADVICES = 12
-"""A robot may take so many advices, half a second, to keep a lower limit."""
+"""Number of Advice messages, half a second, within which a robot must keep a lower limit."""
 _WIDEN_ZONES = {r.name for r in Reason if r.row.widens_zones}
 
 
@@ -60,7 +60,7 @@ def reason_text(reason: str) -> str:
 
 
 def remedy(reason: str) -> str:
-    """What clears it."""
+    """Return the remedy."""
     return Reason[reason].clears_when if reason in Reason.__members__ else ""
 
 
@@ -94,7 +94,7 @@ def distance_of(advice: Told) -> float | None:
 
 
 def needed_by(advice: Told) -> float | None:
-    """What that distance had to be for the robot as it moved."""
+    """Return the distance that was needed for the robot as it moved."""
     has_m, slack_m = distance_of(advice), number(mapped(advice.data.get("grounds")).get("slack_m"))
     return None if has_m is None or slack_m is None else has_m - slack_m
 
@@ -107,14 +107,14 @@ def _of_person(about: Situation) -> str:
 def _whereabouts(about: Situation) -> str:
     """``person 2's right hand was 0.42 m from the forearm``."""
     person, part = person_of(about.advice), part_of(about.advice)
-    who = "somebody" if person is None else f"person {person}"
+    who = "a person" if person is None else f"person {person}"
     who += f"'s {in_words(part)}" if part else ""
     link = in_words(link_of(about.advice, about.info))
     return f"{who} was {metres(distance_of(about.advice))} from the {link or 'robot'}"
 
 
 def _released(about: Situation) -> str:
-    """Somebody is there, but it is the release that takes its time."""
+    """A person is there, but it is the release that takes its time."""
     if RISING in text(about.advice.data.get("detail")):
         limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
         waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
@@ -145,7 +145,7 @@ def _needed(advice: Told) -> str:
 
 
 def _forecast(about: Situation) -> str:
-    """What made the zones larger than usual."""
+    """Return the causes of zones larger than usual."""
     there = _reasons(about)
     return "".join(f"; {reason_text(name)}" for name in there if name in _WIDEN_ZONES)
 
@@ -170,7 +170,7 @@ def _lost(about: Situation) -> str:
 
 def _speed_unknown(about: Situation) -> str:
     person = person_of(about.advice)
-    who = "somebody" if person is None else f"person {person}"
+    who = "a person" if person is None else f"person {person}"
     return f"the speed of {who} was not known yet, so the fastest counts: " + _of_person(about)
 
 
@@ -183,7 +183,7 @@ def _zone(about: Situation) -> str:
         if (mapped(state).get("occupied") is True) == is_inside
         and mapped(state).get("entry_s") is not None
     ]
-    who = f"person {about.people[0]['id']}" if len(about.people) == 1 else "somebody"
+    who = f"person {about.people[0]['id']}" if len(about.people) == 1 else "a person"
     verb = "was in" if is_inside else "was about to enter"
     return f"{who} {verb} the zone {', '.join(names) or '(unnamed)'}"
 
@@ -203,7 +203,7 @@ def _robot_state(about: Situation) -> str:
         return f"damaged messages ({where}): no fresh RobotState arrived"
     cut = [link for link in about.links if link.connected is False]
     if cut:
-        said = ", ".join(f"{c.name} ({c.last_error or 'no error told'})" for c in cut)
+        said = ", ".join(f"{c.name} ({c.last_error or 'no error reported'})" for c in cut)
         return f"no fresh RobotState arrived: link not connected: {said}"
     silent = {
         link: max((ns for ns in times if ns <= about.advice.utc_ns), default=None)
@@ -236,7 +236,7 @@ def _clock_jump(about: Situation) -> str:
 
 
 def _steps(scenes: Sequence[Told], until_ns: int) -> list[float]:
-    """How far each capture stamp moved against its receipt, seconds; of the last seconds."""
+    """Return the shifts of capture stamps against their receipt, seconds; of the last seconds."""
     recent = [t for t in scenes if until_ns - 5 * NS <= t.utc_ns <= until_ns]
     pairs = [(whole(t.data.get("capture_ns")), t.node_ns) for t in recent]
     known = [(stamp, receipt) for stamp, receipt in pairs if stamp is not None]
@@ -275,7 +275,7 @@ def _latched(about: Situation) -> str:
 
 
 def _origin(about: Situation) -> str:
-    """What the last phase before said that names more than waiting, and when."""
+    """Return the last phase before that names more than waiting, and its time."""
     phase = None if about.episode is None else about.episode.cause_before(about.advice.utc_ns)
     if phase is None:
         return "nothing else was recorded"

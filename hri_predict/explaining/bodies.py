@@ -13,7 +13,7 @@ from hri_predict.explaining.values import listed, mapped, text, whole
 from hri_predict.recording import Told
 
 LONGEST_GAP_NS = 200_000_000
-"""Between two captures that are farther apart, nobody knows where a joint was."""
+"""Maximum interval between two captures within which a joint's position is known."""
 _OFFSETS = 25
 
 
@@ -54,7 +54,7 @@ def _joints(person: Any, count: int) -> tuple[Floats, Bools] | None:
 
 
 class Offset:
-    """How far the node's clock is ahead of the source's, from forecasts and the scenes before."""
+    """Offset of the node's clock from the source's, from forecasts and the scenes before."""
 
     def __init__(self) -> None:
         self._found: deque[int] = deque(maxlen=_OFFSETS)
@@ -73,7 +73,7 @@ class Offset:
 
 
 def place_at(track: Sequence[Seen], stamp_ns: int) -> tuple[Floats, Bools] | None:
-    """Where a person was between two captures (source's clock); ``None``: nobody saw it.
+    """Return a person's place between two captures (source's clock); ``None``: not seen.
 
     Args:
         track: of one person, by stamp.

@@ -1,4 +1,4 @@
-"""Counters that moved: what went wrong beside the way, on links and in the node."""
+"""Error counters that increased during an episode, of links and of the node."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from hri_predict.explaining.values import mapped, text, whole
 from hri_predict.explaining.window import Window
 
 BEFORE_NS, AFTER_NS = 3 * NS, 1 * NS
-"""Counters are recorded once a second, so the first second after a moment tells of it."""
+"""Counters are recorded once a second, so the first second after a moment reports it."""
 _NORMAL = {
     "messages_sent", "bytes_sent", "messages_received", "bytes_received", "superseded", "decimated",
     "scenes", "scenes_in", "frames_in", "appeared", "left_by_exit", "stamps_evened", "seen_free",
 }  # fmt: skip
-"""What counts up in a healthy cell."""
+"""Counters that rise in a healthy cell."""
 DAMAGE = ("crc_errors", "malformed", "incomplete", "counter_errors")
-"""What a disturbed wire does to messages."""
+"""Counters of messages on a disturbed wire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def _values(data: Mapping[str, Any]) -> Iterator[tuple[tuple[str, str, bool], in
 
 
 def rise(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Moved]:
-    """What rose between two messages of /node, except what rises in a healthy cell."""
+    """Return the increases between two messages of /node, without those of a healthy cell."""
     was = dict(_values(before))
     return [
         Moved(where, name, count - was.get((where, name, is_link), 0), is_link)
@@ -60,7 +60,7 @@ def rise(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Moved]:
 
 
 def moved(window: Window, utc_ns: int) -> list[Moved]:
-    """What rose from some seconds before a moment until the second after it."""
+    """Return the increases from some seconds before a moment until the second after it."""
     around = [told for told in window.node if told.utc_ns <= utc_ns + AFTER_NS]
     early = [told for told in around if told.utc_ns <= utc_ns - BEFORE_NS]
     if not around:

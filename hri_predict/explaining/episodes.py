@@ -19,8 +19,9 @@ _STEADY = tuple(r.name for r in Reason if (r.row.rank or 0) > _PENDING)
 _OF_RUN = tuple(r.name for r in Reason if r.row.kind is Kind.RUN)
 _NS = 1e9
 GAP_NS = 2_000_000_000
-"""After so long without advice nobody knows what was advised: an episode ends there. It ends, too,
-where time goes back by so much: another file, of before the wall clock was set."""
+"""Maximum gap without advice within an episode: afterwards the advice is unknown. An episode
+ends, too, where time goes back by this much: another file, of before the wall clock was set.
+"""
 
 
 @dataclass(slots=True)
@@ -71,7 +72,8 @@ class Episode:
 
     @property
     def worst(self) -> Phase:
-        """The phase that names it: of the severest that say more than wait, the longest.
+        """The phase after which the episode is named: the longest of the most severe ones, ignoring
+        "waiting".
 
         That the node starts or stops names an episode only if nothing else does.
         """
@@ -93,7 +95,7 @@ class Episode:
 
     @property
     def stopped_ns(self) -> int:
-        """How long of it the robot had to stand."""
+        """Time of it for which the robot had to stand."""
         return sum(p.last_ns - p.first.utc_ns for p in self.phases if not Level[p.level].may_move)
 
     def lost_s(self, full_m_s: float) -> float:
@@ -101,18 +103,18 @@ class Episode:
         return lost_s((self.last_ns - self.start_ns) / _NS, self.permitted_m, full_m_s)
 
     def cause_before(self, utc_ns: int) -> Phase | None:
-        """What a waiting phase waits for: the last phase before that names more than waiting."""
+        """Return a waiting phase's cause: the last phase before that names more than waiting."""
         before = [p for p in self.phases if p.first.utc_ns <= utc_ns and p.reason not in WAITING]
         return before[-1] if before else None
 
 
 def lost_s(lasted_s: float, permitted_m: float, full_m_s: float) -> float:
-    """What is left of a time in which the robot might have gone so far; never below zero."""
+    """Return the rest of a time in which the robot could have moved this far; at least zero."""
     return max(0.0, lasted_s - permitted_m / full_m_s) if full_m_s > 0 else 0.0
 
 
 def level_of(advice: dict[str, Any]) -> str:
-    """The level's name; ``UNKNOWN`` for whatever is none."""
+    """The level's name; ``UNKNOWN`` for any other value."""
     level = advice.get("level")
     return level if isinstance(level, str) and level in Level.__members__ else "UNKNOWN"
 
@@ -188,7 +190,7 @@ class EpisodeFinder:
             episode.least_m = distance_m if least_m is None else min(least_m, distance_m)
 
     def _lasted(self, episode: Episode, until: Told) -> None:
-        """What was advised last held until now."""
+        """Extend the newest advice until now."""
         last = episode.phases[-1]
         episode.permitted_m += max(0, until.utc_ns - last.last_ns) / _NS * episode.limit_m_s
         last.last_ns = until.utc_ns

@@ -151,7 +151,7 @@ def history(about: Situation, episode: Episode) -> dict[str, Any]:
 
 
 def _clock_moved(about: Situation) -> float:
-    """How far the wall clock was set in these seconds; 0 where it only ran unevenly, as all do."""
+    """Return the wall clock's step in these seconds; 0 where it only ran unevenly, as all do."""
     near = [t for t in about.window.clock if abs(t.utc_ns - about.advice.utc_ns) <= BEFORE_NS]
     moved = [number(told.data.get("utc_moved_s")) or 0.0 for told in near]
     most = max(moved, key=abs, default=0.0)
@@ -159,7 +159,7 @@ def _clock_moved(about: Situation) -> float:
 
 
 def neighbours(about: Situation) -> dict[str, Any]:
-    """Where nothing was slowed: the nearest slowdowns before and after."""
+    """Return the nearest slowdowns before and after, for a moment without one."""
     before, after = nearest_episodes(about.recordings, about.robot, about.advice.utc_ns)
     return {
         "before": None if before is None else listing(before, about.recordings),

@@ -41,7 +41,7 @@ def error_at(
     track: Sequence[Seen],
     offset_ns: int,
 ) -> Floats | None:
-    """(J,) metres, NaN where not observed; ``None``: nobody saw the person then."""
+    """(J,) metres, NaN where not observed; ``None``: the person was not seen then."""
     there = place_at(track, capture_ns + round(ahead_s * 1e9) - offset_ns)
     if there is None or not there[1].any():
         return None

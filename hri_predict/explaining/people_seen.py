@@ -1,4 +1,4 @@
-"""Who was there at a moment: tracked or lost, how old, and which joints were seen."""
+"""People present at a moment: tracked or lost, how old, and which joints were seen."""
 
 import re
 from typing import Any
@@ -13,7 +13,7 @@ from hri_predict.recording import RecordingInfo, Told
 _SPEED_UNKNOWN = re.compile(r"speed of person (\d+) unknown")
 _FAST = re.compile(r"person (\d+) is fast: ([\w ]+?) ([\d.]+) m/s")
 _PRESENT_NS = NS // 2
-"""Whoever is in no scene for longer is not tracked."""
+"""Maximum time without a scene for which a person is tracked."""
 
 
 def people_seen(
@@ -23,8 +23,8 @@ def people_seen(
 
     Returns:
         ``id``; ``state``: tracked or lost; ``last_seen_s`` ago; ``age_s`` of the capture, where a
-        forecast tells; ``observed`` of ``joints``; ``missing`` joints by name; ``speed``: "" if it
-        is as the standard assumes.
+        forecast gives it; ``observed`` of ``joints``; ``missing`` joints by name; ``speed``: "" if
+        it is as the standard assumes.
     """
     last = _last_seen(window, info, utc_ns)
     lost = _lost(window, utc_ns, last)

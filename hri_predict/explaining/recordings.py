@@ -1,4 +1,4 @@
-"""The recordings that somebody asks about: one file, or all files of one cell, in order."""
+"""The recordings in question: one file, or all files of one cell, in order."""
 
 import os
 from collections.abc import Collection, Iterator, Sequence
@@ -9,7 +9,7 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 
 TWICE_NS = 1_000_000_000
-"""A file may begin so much before the last one ends: less is how clocks drift."""
+"""Maximum overlap of a file with the last one: less is the drift of clocks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Recordings:
 
     Attributes:
         files: by their beginnings.
-        notes: what could not be read, one line each, found so far.
+        notes: unreadable parts found so far, one line each.
         twice: pairs of files, found so far, that say something about the same time.
 
     Raises:

@@ -20,7 +20,7 @@ from hri_predict.explaining.window import (
 from hri_predict.recording import RecordingInfo, Told
 
 _LOOK_S = (120, 1800)
-"""How far to look for an episode's ends, or the nearest one, before everything is read."""
+"""Time spans searched for an episode's ends, or the nearest one, before everything is read."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +53,7 @@ class Situation:
 
 
 def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation:
-    """What is known about a moment.
+    """Return the known facts about a moment.
 
     The severest advice within the time asked about counts; of these the first that says more than
     that the robot waits. Without ``robot``, that of all robots.

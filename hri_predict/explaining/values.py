@@ -40,6 +40,6 @@ def mapped(value: Any) -> Mapping[str, Any]:
 
 
 def metres(value: Any, digits: int = 2) -> str:
-    """``0.42 m``; ``-`` if it is no number."""
+    """``0.42 m``; ``-`` if it is not a number."""
     found = number(value)
     return "-" if found is None else f"{found:.{digits}f} m"

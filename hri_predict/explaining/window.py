@@ -1,4 +1,4 @@
-"""What was recorded around a moment, by topic."""
+"""Messages recorded around a moment, by topic."""
 
 from bisect import bisect_right
 from collections.abc import Iterable

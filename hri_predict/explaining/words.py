@@ -73,7 +73,7 @@ def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
         parts += [f"speed {person['speed']}"] if person["speed"] else []
         yield "; ".join(parts)
     if nobody:
-        yield "nobody"
+        yield "no person"
 
 
 def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
@@ -81,7 +81,7 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
         yield "not known: the robot's or the people's places were not"
         return
     if found["person"] is None:
-        yield "nobody was there"
+        yield "no person was there"
         return
     part, link = in_words(found["body_part"]), in_words(found["robot_part"])
     short, stands = found["short_m"], (found["speed_m_s"] or 0.0) < STANDS_M_S
@@ -103,7 +103,7 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if short is not None and short <= 0 and not found["limit_m_s"]:
         yield (
             "That is for the robot as it moved. To move on or to start it needs more: room for its "
-            "slowest speed (risk.min_speed_m_s), and to be released risk.band_m beside."
+            "slowest speed (risk.min_speed_m_s), and to be released risk.band_m in addition."
         )
     yield "From any part of a body to any part of the robot:"
     yield _row("least distance then", found["nearest_m"])
@@ -178,7 +178,7 @@ def _counters(found: Mapping[str, Any]) -> Iterator[str]:
         yield f"{where}: {each['name'].replace('_', ' ')} +{each['by']}"
     for link in found["links"]:
         if link["connected"] is False:
-            yield f"link {link['name']}: not connected; {link['last_error'] or 'no error told'}"
+            yield f"link {link['name']}: not connected; {link['last_error'] or 'no error reported'}"
     if found["clock_moved_s"]:
         yield f"the wall clock was moved by {found['clock_moved_s']:+.3f} s"
 

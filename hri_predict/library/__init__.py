@@ -1,1 +1,1 @@
-"""What ``import hri_predict`` adds to the rooms' own parts: a few thin functions."""
+"""Functions that ``import hri_predict`` adds to the rooms' own parts: a few thin functions."""

@@ -85,10 +85,10 @@ class Advisor:
         """Run one tick.
 
         Args:
-            scene: what was seen, metres in the room's frame; ``None`` where nothing new came, which
+            scene: people seen, metres in the room's frame; ``None`` where nothing new came, which
                 lets the input age.
-            received: what the controllers sent since the last call: each robot's joint state (rad,
-                rad/s), with a counter that advances, and acknowledgements.
+            received: messages of the controllers since the last call: each robot's joint state
+                (rad, rad/s), with a counter that advances, and acknowledgements.
             now_ns: the caller's monotonic clock at this call, later than at the last one. The age
                 of the input counts from it. In a live cell never pass the scene's own ``stamp_ns``:
                 every scene would look fresh, however late. For a recording that is right.
@@ -160,7 +160,7 @@ class _Inbox:
         """The caller finds every message in the tick."""
 
     def take(self) -> list[Received]:
-        """What the caller brought."""
+        """Take what the caller brought."""
         taken = list(self.waiting)
         self.waiting.clear()
         return taken

@@ -24,12 +24,12 @@ from hri_predict.zones.calibration import Calibration, calibration_for
 from hri_predict.zones.settings import CoverageSettings
 
 MOST_PEOPLE = 64
-"""As many as the people stage can follow: nobody of a recording is left out by a default."""
+"""As many as the people stage can follow: no person of a recording is left out by a default."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RecordedForecast:
-    """What a predictor says at one capture of a recording. P people, H steps, J joints.
+    """Forecast of a predictor at one capture of a recording. P people, H steps, J joints.
 
     Attributes:
         time_s: when the scene arrived, seconds since the recording's first.
@@ -88,12 +88,12 @@ def forecasts(
 ) -> Iterator[RecordedForecast]:
     """Yield a forecast for each scene of a recording, in order.
 
-    The people stage of the node follows everybody, so a forecast rests on what was captured up to
+    The people stage of the node follows all people, so a forecast rests on what was captured up to
     its scene and on nothing later. People who are in the recording but not believed (a jump, a body
     of no human size) are left out, and ``reasons`` says so.
 
     Args:
-        recording: what was captured.
+        recording: the captures.
         predictor: see ``load_predictor``.
         calibration: of the predictor, see ``load_calibration_of``. It gives ``std`` to
             forecasts that have none: from how this person moves, and from how wrong the forecasts
@@ -114,7 +114,7 @@ def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> Re
     """The forecast at one time: that of the newest scene which had arrived by then.
 
     Args:
-        recording: what was captured.
+        recording: the captures.
         predictor: see ``load_predictor``.
         time_s: seconds since the recording's first arrival.
 

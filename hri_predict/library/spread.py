@@ -16,8 +16,9 @@ from hri_predict.zones.settings import CoverageSettings
 
 _LEVEL = 0.9
 _DEVIATIONS = 2.5003
-"""A ball of so many standard deviations holds 90 % of a normal distribution of three axes: the root
-of the 0.9 quantile of chi-squared with 3 degrees of freedom, 6.2514."""
+"""Radius, in standard deviations, of a ball that holds 90 % of a normal distribution of three axes:
+the root of the 0.9 quantile of chi-squared with 3 degrees of freedom, 6.2514.
+"""
 
 
 class Spread:
@@ -26,12 +27,12 @@ class Spread:
     It is the standard deviation of the normal distribution, alike in all directions, of which as
     much lies within the calibrated radius as that radius was stated to hold (90 % of joints).
     Errors have heavier tails than this; for zones use the radii themselves. Nothing is widened, and
-    motion unlike the calibration is not told. Only the steps a second are compared: whoever gives
-    the calibration of another predictor gets numbers that mean nothing.
+    motion that differs from the calibration data is not reported. Only the steps a second are
+    compared: the calibration of another predictor gives numbers that mean nothing.
 
     Args:
         calibration: of the predictor.
-        predictor: which makes the forecasts.
+        predictor: the predictor that makes the forecasts.
 
     Raises:
         ConfigError: the calibration has other steps a second than the predictor.

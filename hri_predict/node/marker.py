@@ -18,7 +18,7 @@ _BYTES = 256
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """What is known of the state file from beside it.
+    """Facts about the state file, kept in the lock file next to it.
 
     Attributes:
         name: random name of this pair of files.

@@ -1,10 +1,10 @@
-"""What survives the node: latches and lost people, in a small file.
+"""State that survives the node: latches and lost people, in a small file.
 
 Parts with something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps come
 from a monotonic clock, which means nothing to the next process. So the parts store how long ago
 something was (``ago_s``), and the file stores when it was written, by the wall clock. Data that
 cannot be read or dated, or that are not provably what this cell wrote last, are distrusted: each
-part then assumes the safe state. So are data that are missing: whoever configures a state file
+part then assumes the safe state. So are data that are missing: a user who configures a state file
 relies on it, and a first start looks like a file that was deleted.
 
 The loop's thread only compares and hands over; a thread of its own writes. A file is replaced as a
@@ -101,7 +101,7 @@ class Memory(Listener):
         settings: see ``StateSettings``.
         base_dir: base of a relative path.
         parts: name -> part.
-        cell: what makes this cell another than others; data of another cell are not trusted.
+        cell: identity of this cell; data of another cell are not trusted.
         wall_s: the wall clock, seconds since the epoch.
         threaded: write in a thread; without it, each write blocks its caller.
 
@@ -245,7 +245,7 @@ class Memory(Listener):
     def _recall(self, data: dict[str, Any]) -> None:
         age_s = self._wall_s() - float(data["written"])
         if not math.isfinite(age_s):
-            raise ValueError("when it was written is no number")
+            raise ValueError("the time of writing is not a number")
         parts = _aged(data["parts"], age_s if age_s >= 0 else LONG_AGO_S)
         for name, part in self._parts.items():
             part.recall(parts[name])

@@ -50,8 +50,8 @@ class Node:
     (RobotStates of a robot that the link's controller does not control).
 
     Attributes:
-        shedding: what is left out while ticks take too long; whoever measures them tells it.
-        conditions: reasons that parts beside the way give, for Status and as notes of the advice.
+        shedding: what is left out while ticks take too long; set by the code that measures them.
+        conditions: reasons of parts off the advice's path, for Status and as notes of the advice.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Node:
 
     @property
     def acknowledges_not_counted(self) -> Mapping[str, int]:
-        """Why -> number of Acknowledges that were no presses; see ``Presses``."""
+        """Why -> number of Acknowledges that were not presses; see ``Presses``."""
         return self._presses.refused
 
     @property

@@ -1,8 +1,8 @@
 """Which Acknowledges count: presses of a button by a person who saw what was shown.
 
 A button that is taped down, a controller that acknowledges by itself, and a recording that is
-played again all send valid Acknowledges. They name what nobody looked at, come too soon after it
-was shown, or come without a pause. So an Acknowledge counts if
+played again all send valid Acknowledges. They name a latch that was not displayed, come too soon
+after it was shown, or come without a pause. So an Acknowledge counts if
 
 - it names the ``latch_id`` that this link is shown now, and has been shown for ``SHOWN_S``;
 - no other Acknowledge has come on this link for ``QUIET_S``, since the node's start at least: the
@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(slots=True)
 class _Line:
-    """What has come on one link.
+    """Acknowledges received on one link.
 
     Attributes:
         heard_ns: when the newest Acknowledge came, repeats left out; at first, the node's start.
@@ -108,7 +108,7 @@ class Presses:
         )
 
     def _why_not(self, line: _Line, robots: frozenset[int], latch_id: int, at_ns: int) -> str:
-        """Why an Acknowledge that is no repeat does not count; "" if it does."""
+        """Why an Acknowledge that is not a repeat does not count; "" if it does."""
         after_pause = at_ns - line.heard_ns >= QUIET_S * 1e9
         line.heard_ns = at_ns
         if after_pause:

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from hri_predict.contracts.link import Link
 
 HOLD_NS = 2_000_000_000
-"""How long the node stops the robots after the last such frame: twice as long as a receiver keeps
-a schema (``protocol.reception.FORGET_S``), so that no receiver still follows the other sender."""
+"""Time for which the node stops the robots after the last such frame: twice as long as a receiver
+keeps a schema (``protocol.reception.FORGET_S``), so that no receiver still follows the other
+sender.
+"""
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""What the node leaves out when its ticks take too long: first poses, then zones.
+"""Messages that the node leaves out when its ticks take too long: first poses, then zones.
 
 Status and Advice are never left out, nor anything that they rest on: only messages are. A tick that
 is late delays advice; a Pose or Zone that is missing does not.
@@ -13,9 +13,9 @@ HIGH = 0.8
 LOW = 0.6
 """Part below which there is room again. What is left out saves less than the difference."""
 SHED_TICKS = 2
-"""So many ticks in a row above ``HIGH`` leave out one kind more: a single one may be chance."""
+"""Consecutive ticks above ``HIGH`` after which one more kind is left out: one may be chance."""
 RESTORE_NS = 5_000_000_000
-"""So long must ticks stay below ``LOW`` until one kind is sent again."""
+"""Ticks must stay below ``LOW`` for this long before one message kind is restored."""
 LONGEST_NS = 80_000_000_000
 """The most that ``RESTORE_NS`` is doubled to, where ticks are soon too long again."""
 ORDER: Sequence[type[Message]] = (Pose, Zone)

@@ -1,1 +1,1 @@
-"""What the plant's people and systems receive: alerts, metrics, the service, evidence."""
+"""Outputs for the plant's people and systems: alerts, metrics, the service, evidence."""

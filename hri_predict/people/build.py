@@ -1,8 +1,8 @@
 """Whether a body has the bones of a person who was seen before.
 
 The same motion does not make two bodies one person: someone else may have stood close by. Bones do
-not prove who somebody is either, because many people are equally tall. But a body whose limbs are
-clearly longer or shorter is somebody else.
+not prove a person's identity either, because many people are equally tall. But a body whose limbs
+are clearly longer or shorter is another person's.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""How far a body got on its way through an exit: what each track keeps of it."""
+"""Progress of a body on its way through an exit, kept by each track."""
 
 from dataclasses import dataclass
 
@@ -66,7 +66,7 @@ class Crossed:
 
 @dataclass(slots=True, eq=False)
 class Passage:
-    """What is known of a body's way through exits.
+    """State of a body's way through exits.
 
     Attributes:
         place: (2,) where it stood when its hips or feet were last seen.

@@ -194,14 +194,14 @@ class People(RemembersLost):
         self._impossible = True
 
     def _refuse_second(self, person: Person, first: Body | None, capture_ns: int) -> None:
-        """Refuse another body of an id: it is somebody else, unless it is the same body again."""
+        """Refuse another body of an id: it is another person, unless it is the same body again."""
         self._refuse("duplicate_ids")
         body = canonical_body(person, self._joint_map, self._origin).body
         if body is not None and (first is None or _apart(body, first) > SAME_PLACE_M):
             self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
 
     def _look_at_refused(self, scene: Scene) -> None:
-        """A scene that does not advance changes nothing, but it may show somebody else.
+        """A scene that does not advance changes nothing, but it may show another person.
 
         Late and repeated packets show who is tracked, near where they are. Others are a sign of two
         senders, or of a scene that comes in parts.
@@ -303,10 +303,9 @@ class People(RemembersLost):
     # -- out --------------------------------------------------------------------------------------
 
     def acknowledge(self) -> int:
-        """Forget, on an operator's word, the lost people whom the newest snapshot counted.
+        """Forget, on an operator's word, the lost people that the newest snapshot counted.
 
-        Returns:
-            how many they were.
+        Returns: their number.
         """
         with self._lock:
             forgotten = self._lost.acknowledge()

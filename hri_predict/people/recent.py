@@ -1,4 +1,4 @@
-"""The newest captures of everybody, as they came: what speeds are measured from."""
+"""The newest captures of all people, as they came: the input from which speeds are measured."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,7 @@ from hri_predict.people.snapshot import RecentCaptures
 SPAN_S = 0.25
 """Captures of this time are kept: a little more than a speed is measured over."""
 LEAST = 5
-"""So many captures are kept however far apart they are: a source may deliver 5 a second."""
+"""Number of captures that are kept, however far apart they are: a source may deliver 5 a second."""
 MOST = LEAST + round(SPAN_S * 240)
 """No more are kept: a source may deliver 240 a second, whatever its nominal rate is."""
 

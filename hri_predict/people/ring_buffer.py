@@ -53,12 +53,12 @@ class RingBuffer:
         joints: J, joints per sample.
         capacity: samples kept.
         max_gap_ns: longest gap between two observations of a joint that is interpolated linearly.
-        future_tolerance_ns: how far after "now" a stamp may lie.
+        future_tolerance_ns: maximum time of a stamp after "now".
         backward_limit_ns: a stamp that is older than the newest by more than this is a backward
             jump of the clock; otherwise it is a sample out of order. Both are refused.
 
     Attributes:
-        counts: how often each ``PushResult`` occurred.
+        counts: number of occurrences of each ``PushResult``.
         reads_cut: reads that dropped the oldest samples because the writer overtook them.
     """
 
@@ -163,7 +163,7 @@ class RingBuffer:
         Positions are finite everywhere, but meaningless where not observed.
 
         Args:
-            newest: so many samples at most; ``None``: all.
+            newest: maximum number of samples; ``None``: all.
         """
         most = self.capacity if newest is None else min(newest, self.capacity)
         for attempt in range(_READ_TRIES):

@@ -3,7 +3,7 @@
 A body that appears may be a person who vanished. It takes over that person's track only a short
 time later (``found_within_s``), where that person's motion leads, and not where people enter.
 Otherwise both exist. This also holds for an id that was absent, and an id that moves as its person
-cannot is somebody else's now, unless the source keeps its ids: then an id that comes back is that
+cannot is another person's now, unless the source keeps its ids: then an id that comes back is that
 person, at any time. Two bodies cannot be in one place. So if an id changes while its body stays in
 place, it is the same body, at any place in the room. A track whose motion turns out to be that of
 two people is cut in two, and the first one is lost; see ``Trail``.
@@ -24,11 +24,11 @@ from hri_predict.people.track import FOUND_M, Body, MotionLimits, Track
 PLACE_SLACK_M = 0.5
 """One capture that is off by less than this is noise of a body, unless it happens again soon."""
 STRAY_NS = 2_000_000_000
-"""Noise of this size is rarer than this; a body that is seen twice in this time is somebody."""
+"""Noise of this size is rarer than this; a body that is seen twice in this time is a person."""
 SAME_PLACE_M = 0.25
-"""Nobody else can be nearer than this to where a body was a moment ago."""
+"""Minimum distance of another person from where a body was a moment ago."""
 TAKEN_NS = 3_000_000_000
-"""Within this time nobody leaves a place and hides, while somebody else takes that very place."""
+"""Minimum time in which a person leaves a place and hides, while another takes that very place."""
 STRIDE_M = 0.75
 """One capture that is torn off by less than this shows the same person."""
 TOGETHER_M = 0.4
@@ -52,7 +52,7 @@ class Roster:
     Attributes:
         tracks: by id.
         lost: as given.
-        counters: what became of bodies.
+        counters: number of bodies by outcome.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Roster:
         return result
 
     def continues(self, track: Track, body: Body, capture_ns: int) -> bool:
-        """Whether a body can be the person of its id's track, and nobody else who got the id."""
+        """Whether a body can be the person of its id's track, and not another who got the id."""
         if self._keeps_ids:
             return True
         absent_ns = max(capture_ns - track.capture_ns, 0)
@@ -106,9 +106,9 @@ class Roster:
         return astray_m <= most_m
 
     def drop_rival(self, track: Track, rival: Track | None) -> None:
-        """Somebody stood where an id had jumped to before it came back: that person is lost.
+        """A person stood where an id had jumped to before it came back: that person is lost.
 
-        A single capture nearby, once in a while, is noise. Somebody known may have been mistaken
+        A single capture nearby, once in a while, is noise. A known person may have been mistaken
         for the id.
         """
         if rival is None or self._keeps_ids:
@@ -134,7 +134,7 @@ class Roster:
         self.lost.add(rival)
 
     def _part_ways(self, track: Track, capture_ns: int) -> None:
-        """Where a track slid from one person to another, the first one is lost."""
+        """Mark the first person as lost if a track slid from one person to another."""
         slip = track.trail.slip()
         if slip is not None:
             self.counters["slipped"] += 1
@@ -257,10 +257,10 @@ class Roster:
                 self._vanish(track, capture_ns)
 
     def part(self, body: Body, capture_ns: int) -> None:
-        """End the track of an id that comes back after an absence: it may be somebody else's now.
+        """End the track of an id that comes back after an absence: it may be another person's now.
 
-        Call it before the body is followed. It may find that person again. If nobody looked
-        meanwhile, whoever is still in the same place is the same person for a few seconds.
+        Call it before the body is followed. It may find that person again. If there was no capture
+        meanwhile, a body still in the same place is the same person for a few seconds.
         """
         track = self.tracks.get(body.id)
         if track is None or self._keeps_ids:
@@ -306,8 +306,9 @@ class Roster:
     def _fit(
         self, body: Body, risen: Track | None, place: Track | Lost, capture_ns: int
     ) -> tuple[float, float]:
-        """How far (m) ``body`` is from where the person seen at ``place`` may be, and how far it
-        may be from there; -1: it is not that person."""
+        """Return the distance (m) of ``body`` from where the person seen at ``place`` may be,
+        and the maximum distance; -1: it is not that person.
+        """
         # An id that jumped has been where it is since its first capture there.
         since_ns = (capture_ns if risen is None else risen.began_ns) - place.capture_ns
         seconds = max(since_ns, 0) * 1e-9
@@ -392,7 +393,7 @@ class Roster:
             self.lost.add(rival)
 
     def _is_stride_of(self, leaver: Track, rival: Track) -> bool:
-        """Whether one torn capture of somebody who was leaving is all that there is of a rival."""
+        """Whether a rival consists of one torn capture of a person who was leaving."""
         seconds = max(rival.capture_ns - leaver.capture_ns, 0) * 1e-9
         reach_m = STRIDE_M + self.lost.found_speed_of(leaver) * seconds
         apart_m = float(np.linalg.norm((rival.centroid - leaver.centroid)[:2]))

@@ -13,7 +13,7 @@ Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
 
 _GONE = {
     "lost_growth_s": "acknowledge_after_s; a lost zone no longer stops growing",
-    "empty_scenes": "source.sees_free_space; a scene without anybody proves nothing",
+    "empty_scenes": "source.sees_free_space; a scene without people proves nothing",
 }
 
 
@@ -71,13 +71,13 @@ class PeopleSettings(Settings):
         "before a person counts as vanished; default: 0.1 s, or 2.5 source periods if longer",
     )
     exits: list[Exit] = Field(
-        [], description="where people leave the room by walking through, far from every robot"
+        [], description="regions through which people leave the room, far from every robot"
     )
     entrances: list[Region] | None = Field(
-        None, description="where people may enter; default: by the exits"
+        None, description="regions where people may enter; default: the exits"
     )
     room: Region | None = Field(
-        None, description="the floor up to walls and fences; nobody can be outside it"
+        None, description="the floor up to walls and fences; no person can be outside it"
     )
     absent_parts: list[Part] = Field(
         [],
@@ -87,8 +87,8 @@ class PeopleSettings(Settings):
         0.5,
         ge=0,
         le=2,
-        description="a body that appears may be a person who vanished at most so long before; "
-        "later, both exist",
+        description="maximum absence after which a body that appears may be a person who "
+        "vanished; later, both exist",
     )
     lost_speed_m_s: float = Field(
         1.6,
@@ -100,14 +100,14 @@ class PeopleSettings(Settings):
         3.0,
         ge=0,
         le=60,
-        description="an Acknowledge forgets only people who were last seen so long before",
+        description="minimum absence before an Acknowledge may forget a person",
     )
     free_captures: int = Field(
         10,
         ge=1,
         le=10_000,
-        description="with source.sees_free_space: in how many captures the tracker finds everybody "
-        "who stands in the open",
+        description="with source.sees_free_space: number of captures in which the tracker finds "
+        "every person who stands in the open",
     )
     max_joint_speed_m_s: float = Field(
         25.0, ge=2, le=100, description="a joint faster than this is not believed"
@@ -119,17 +119,17 @@ class PeopleSettings(Settings):
         5,
         ge=2,
         le=1000,
-        description="how many captures must agree with each other before a jump is believed",
+        description="number of captures that must agree before a jump is believed",
     )
     frozen_scenes: int = Field(
-        3, ge=1, le=1000, description="how many repeats in a row mean a frozen source"
+        3, ge=1, le=1000, description="number of consecutive repeats that mean a frozen source"
     )
     future_tolerance_s: float = Field(
-        0.02, ge=0, le=1, description="how far ahead of the node's clock a capture may lie"
+        0.02, ge=0, le=1, description="maximum time of a capture ahead of the node's clock"
     )
     floor_m: Metres = Field(0.0, description="height of the floor (room frame)")
     floor_tolerance_m: float = Field(
-        0.3, ge=0.05, le=2, description="how far off the floor a foot may seem to be"
+        0.3, ge=0.05, le=2, description="maximum apparent distance of a foot from the floor"
     )
     platform_m: float = Field(
         1.0, ge=0, le=20, description="highest place above the floor where people stand"

@@ -20,7 +20,7 @@ class LostPerson:
         positions: (J, 3) canonical joints where last observed, room frame; NaN if never observed.
         joint_age_s: (J,) seconds from that observation to ``last_seen_ns``; inf if never.
         last_seen_ns: node's clock.
-        speed_m_s: how fast the body may go on: measured, and the standard's at least.
+        speed_m_s: maximum speed at which the body goes on: measured, and the standard's at least.
         limbs_m_s: (J,) how much faster than the body each joint was.
         places: (D, 3) x, y and radius of discs on the floor in which the person is, by what was
             seen free until ``places_ns``; ``None``: the source does not see free space.
@@ -71,8 +71,8 @@ class Inferred:
 
     Attributes:
         joints: (J,) which.
-        within_m: (P, J) metres: so near to its inferred place the true joint is; 0 for delivered
-            joints, and where nothing was inferred.
+        within_m: (P, J) metres: maximum distance of the true joint from its inferred place; 0 for
+            delivered joints, and where nothing was inferred.
     """
 
     joints: Bools
@@ -103,7 +103,7 @@ class PeopleSnapshot:
         recent: newest captures of the tracked people; ``None``: only the history is known.
         to_acknowledge: counts the sets of lost people that an acknowledgement may end now; a set
             that grows counts again. 0: there is none.
-        inferred: which joints are inferred; they count as observed in the fields above where all
+        inferred: whether joints are inferred; they count as observed in the fields above where all
             that they rest on was. ``None``: none is. Ask ``measured`` where only the truth counts.
     """
 

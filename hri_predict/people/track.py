@@ -15,7 +15,7 @@ from hri_predict.people.trail import FOUND_M_S2, SAME_ID_M_S2, Trail
 _STRETCH_M = 0.75
 """Beyond ``_PARTS_M``: a hand and a foot of one stretched body are a metre apart on the floor."""
 _PARTS_M = 0.25
-"""On the floor, the means of two parts of one body may be so far apart."""
+"""Maximum horizontal distance, in metres, between the centres of two fragments of one body."""
 _WHOLE_BODY_JOINTS = 4
 """With this many common joints, their mean describes the body and not one fast hand."""
 _TRUNK = np.array(
@@ -107,7 +107,7 @@ class Track:
         began_ns: the first capture.
         began_at: (3,) the mean of the joints seen in it.
         resumed_ns: since when it is tracked under its present id, without an absence.
-        passage: how far it got on its way through an exit.
+        passage: progress on its way through an exit.
         trail: the way of the body in the last second.
         stray_ns: the last time that a single capture under this id was elsewhere.
     """
@@ -164,7 +164,7 @@ class Track:
         return centroid
 
     def apart(self, body: Body) -> float:
-        """How far (m) ``body`` is from where this one was last seen.
+        """Return the distance (m) of ``body`` from where this one was last seen.
 
         The median over the joints seen in both, or on the floor if these are too few to be a body:
         the means of other joints differ by half a body's height.
@@ -176,7 +176,7 @@ class Track:
         return max(0.0, float(np.linalg.norm((body.centroid - self.centroid)[:2])) - _PARTS_M)
 
     def step(self, body: Body) -> tuple[Floats, float]:
-        """How far the trunk moved over the floor to become ``body``.
+        """Return the motion of the trunk over the floor to that of ``body``.
 
         If too few joints were seen in both, each joint is expected where it was last seen, moved on
         as the body moved since. Parts that were never seen before are somewhere near the others.
@@ -199,7 +199,7 @@ class Track:
     def astray(
         self, body: Body, seconds: float, *, same_id: bool, since: Trail | None = None
     ) -> tuple[float, float]:
-        """How far ``body`` is from where this body's speed leads it in ``seconds``.
+        """Return the distance of ``body`` from where this body's velocity leads it in ``seconds``.
 
         Args:
             same_id: ``body`` has the id of this one: noise explains more.
@@ -255,7 +255,7 @@ class Track:
         return part
 
     def moved(self, span_s: float) -> tuple[Floats, float]:
-        """How far the body moved in the last ``span_s`` before it was last seen.
+        """Return the motion of the body in the last ``span_s`` before it was last seen.
 
         Returns:
             (3,) metres, the mean over the joints seen at both ends, and the seconds in between;

@@ -1,4 +1,4 @@
-"""Where a body went in the last second, and whether one person can have gone that way.
+"""Path of a body in the last second, and whether one person can have taken it.
 
 An id says who a body is only as long as the motion fits. A person has mass: speed changes by some
 metres per second in a second, not at once. So where the way between two captures needs more than
@@ -124,7 +124,7 @@ class Trail:
     def _torn(
         self, seconds: Floats, places: Floats, starts: Ints, end: int, *, is_found: bool
     ) -> list[int]:
-        """Those of ``starts`` from which nobody gets to ``end`` with the speeds at both."""
+        """Return the ``starts`` from which no person gets to ``end`` with the speeds at both."""
         earlier = np.searchsorted(seconds, seconds[starts] - SPAN_S, side="right") - 1
         earlier = np.maximum(earlier, 0)
         known = seconds[starts] - seconds[earlier] >= SPAN_S / 2

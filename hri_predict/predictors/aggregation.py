@@ -5,8 +5,8 @@ A network that predicts t steps is applied again and again with the same weights
 horizon is covered (Eqs. 8-9); before each time a forget unit drops the t oldest steps of its window
 and appends the t just predicted. It works with any network (the paper's Table 5 wraps six others).
 
-The window is read anew each time. A recurrent network could go on from its last state at a fifth of
-the cost, but would then remember steps that the forget unit drops.
+The window is read again each time. A recurrent network could go on from its last state at a fifth
+of the cost, but would then remember steps that the forget unit drops.
 """
 
 from collections.abc import Callable, Iterator

@@ -2,8 +2,8 @@
 
 The same as ``AuxFormer.forward_filled`` but for rounding:
 
-- Observed-only attention sees the joints that somebody shows, not all. These come first in the
-  order of the joints, which no attention depends on. (A source shows 18 of the body's 28.)
+- Observed-only attention sees the joints that at least one person shows, not all. These come first
+  in the order of the joints, which no attention depends on. (A source shows 18 of the body's 28.)
 - The last attention is computed for future tokens alone.
 - Normalisation's factors and attention's scale are part of the projections. What a key's bias adds
   is the same for all keys, so the softmax takes it out; what a value's bias adds is a constant.
@@ -32,7 +32,7 @@ _LARGEST = 60.0  # e^60 is 1e26 and e^-60 1e-26: far inside single precision, ti
 
 
 class Parts(Protocol):
-    """What is read of a network; see ``AuxFormer``."""
+    """Parts read from a network; see ``AuxFormer``."""
 
     shape: Shape
     options: AuxFormerOptions
@@ -195,7 +195,8 @@ class _Lean:
 
 
 def _seen_first(observed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Joints in the order of what anybody shows, each one's place there, and how many are shown.
+    """Return the joints, those that at least one person shows first, each one's place there, and
+    how many are shown.
 
     The first joint counts as shown: attention among none has no meaning.
     """

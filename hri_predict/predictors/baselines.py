@@ -27,7 +27,7 @@ class ZeroVelocitySettings(PredictorSettings):
     """Settings of ``zero_velocity``."""
 
     history_s: float = Field(
-        0.5, ge=0.01, le=5, description="how long ago a joint may have been observed last"
+        0.5, ge=0.01, le=5, description="maximum time since a joint was last observed"
     )
 
 

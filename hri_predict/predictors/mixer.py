@@ -37,7 +37,7 @@ from hri_predict.predictors.neural.network import (
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 BACK_STEPS = (1, 3, 10)
-"""Velocities are measured over so many steps."""
+"""Numbers of steps over which velocities are measured."""
 _DECIMETRES = 10.0
 _PER_JOINT = len(BACK_STEPS) + 3  # a factor for each velocity, and the rest
 

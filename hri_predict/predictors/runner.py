@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 
 class Prediction(Protocol):
-    """What runs a predictor for the node.
+    """Runs a predictor for the node.
 
     Attributes:
         predictor: known once it is ready.

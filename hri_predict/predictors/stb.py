@@ -108,7 +108,7 @@ class STB(Network):
         return torch.cat([window.positions, future], dim=1) * _DECIMETRES
 
     def _changes(self, window: Window) -> dict[str, Tensor]:
-        """What each branch adds to the padded sequence, (B, T + H, J, 3) decimetres."""
+        """Return what each branch adds to the padded sequence, (B, T + H, J, 3) decimetres."""
         features = self._features(window)
         mask = window.observed.to(features[0].dtype)
         mask = nn.functional.pad(mask, (0, 0, 0, self.shape.horizon_steps))
@@ -120,7 +120,7 @@ class STB(Network):
         return changes
 
     def _features(self, window: Window) -> list[Tensor]:
-        """What the options ask for, each (B, T + H, J, 3)."""
+        """Return the features in the options, each (B, T + H, J, 3)."""
         padded = self._padded(window)
         if self.options.inputs == "positions":
             return [padded]

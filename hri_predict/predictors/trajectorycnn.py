@@ -52,7 +52,8 @@ class TrajectoryCNNOptions(NetworkOptions):
         layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) has the
             frames as width, the joints as height, the coordinates as channels.
         residual: Table VIII: use the 1x1 branches of the blocks; false is "w/o DLG".
-        paths: where the branches go: the three ``nested`` ones, or around two ``pairs`` of layers.
+        paths: arrangement of the branches: the three ``nested`` ones, or around two ``pairs`` of
+            layers.
         slope: of LeakyReLU below zero.
         relative: feed displacements from the last pose, not raw positions.
     """

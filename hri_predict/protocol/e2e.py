@@ -4,7 +4,7 @@ Source: AUTOSAR Foundation, "E2E Protocol Specification" (PRS_E2EProtocol), prof
 offset 0. The CRCs are CRC-8 0x2F (start and final xor 0xFF), CRC-32 0xF4ACFB13 (reflected, start
 and final xor 0xFFFFFFFF) and CRC-16 0x1021 (start 0xFFFF).
 
-One extension: on classic CAN the four bits beside profile 2's counter extend it to eight bits.
+One extension: on classic CAN the four bits next to profile 2's counter extend it to eight bits.
 Byte 1 as a whole counts 0..255; its low nibble is the profile's own counter.
 """
 
@@ -85,7 +85,7 @@ def check_profile4(frame: bytes) -> bool:
 
 
 class Verdict(Enum):
-    """What a counter says about its message; only OK and SOME_LOST are fresh."""
+    """Verdict of a counter on its message; only OK and SOME_LOST are fresh."""
 
     OK = "ok"
     SOME_LOST = "some lost"
@@ -99,7 +99,7 @@ class CounterCheck:
     The very first message is fresh, and so is any that advances the counter by 1..MAX_DELTA. After
     a jump (the sender restarted, the wire was down) RESYNC messages must arrive in a row, each
     following the one before by 1; the last of them is fresh again. The first message after the jump
-    is the first of the row. Whatever else comes between, a repeat too, ends the row. A single old
+    is the first of the row. Anything else in between, a repeat too, ends the row. A single old
     message is never fresh.
     """
 

@@ -1,4 +1,4 @@
-"""What a message on the wire consists of: its fields, their widths and scales."""
+"""The parts of a message on the wire: its fields, their widths and scales."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -26,9 +26,9 @@ class Field:
         scale: steps per unit; 0 for a plain integer or enumeration. A scaled number always keeps
             one code for "not available": all ones, or the most negative value if signed.
         signed: two's complement.
-        rounding: where a value between two steps goes.
+        rounding: direction in which a value between two steps is rounded.
         enum: names of the values.
-        fallback: what a receiver reads in place of a value unknown to ``enum``.
+        fallback: value that a receiver reads instead of one unknown to ``enum``.
         optional: whether "not available" is a valid value (a plain integer then reserves the
             all-ones code for it). If not, a receiver refuses a message that holds it.
         bounded: a value beyond the range becomes "not available" instead of the nearest end,
@@ -78,7 +78,7 @@ class Extra:
         part: its place among the parts.
         number: number of its frame, for robot 0.
         stride: frame numbers per robot.
-        robots: how many robots have it, from robot 0 on.
+        robots: number of robots that have it, from robot 0 on.
         signal: the field of part 0 that asks for it ...
         least: ... from this raw value on.
     """
@@ -103,7 +103,7 @@ class Definition:
         cycle_ms: usual period, for the DBC; 0 if event-driven.
         fields: fixed part of the payload.
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
-        items_per_frame: how many items one frame carries at most.
+        items_per_frame: maximum number of items in one frame.
         classic: whether classic CAN carries it.
         extra: its last parts, as far as not every message has them.
         sequenced: whether its counter must advance. False for Schema, which never changes while the
@@ -154,7 +154,7 @@ class Definition:
         return self.parts - len(self.extra)
 
     def robots_with(self, part: int) -> int:
-        """How many robots have a part, from robot 0 on; 1 if the message belongs to no robot."""
+        """Return the number of robots that have a part; 1 if the message belongs to no robot."""
         if part >= self.always:
             return self.extra[part - self.always].robots
         return MAX_ROBOTS if self.per_robot else 1

@@ -42,7 +42,7 @@ _FULL = re.compile(f"{ROOT}/({NAME})/({NAME})/([a-z]+(?:/[0-9])?)")
 class Keyed:
     """A payload and its key: within the cell (``advice/0``), or whole.
 
-    ``heard_ns``: when it arrived here, on the machine's monotonic clock; ``None``: nobody noted it.
+    ``heard_ns``: when it arrived here, on the machine's monotonic clock; ``None``: not recorded.
     """
 
     key: str

@@ -11,7 +11,7 @@ from hri_predict.protocol.reasons import Reason
 
 
 class Level(IntEnum):
-    """What the node asks of a robot; any value but CLEAR, WARN or SLOW means stop."""
+    """Demand on a robot; any value but CLEAR, WARN or SLOW means stop."""
 
     UNKNOWN = 0
     CLEAR = 1
@@ -22,7 +22,7 @@ class Level(IntEnum):
 
     @property
     def rank(self) -> int:
-        """How much the robot is asked: 0 at CLEAR, 3 at STOP, UNKNOWN and FAULT, which all stop it.
+        """Severity for the robot: 0 at CLEAR, 3 at STOP, UNKNOWN and FAULT, which all stop it.
 
         Advice is decided, combined and compared by this order (docs/decisions/levels.md).
         """
@@ -35,7 +35,7 @@ class Level(IntEnum):
 
     @property
     def urgency(self) -> int:
-        """How much people are asked: as ``rank``, but UNKNOWN exceeds STOP, and FAULT exceeds both.
+        """Severity for people: as ``rank``, but UNKNOWN exceeds STOP, and FAULT exceeds both.
 
         Screens and alerts pick the level to show by this order: a stop passes when people step
         back; *unknown* and *fault* must be mended.
@@ -71,7 +71,7 @@ class RobotMode(IntEnum):
 
 
 class OperatingMode(IntEnum):
-    """What the operator asks for (RobotState), and what is in force (Advice)."""
+    """Operating mode: requested (RobotState), or in force (Advice)."""
 
     AUTOMATIC = 0
     TEACH = 1
@@ -98,7 +98,7 @@ class Status:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Advice:
-    """What the node asks of one robot, why, and on which capture.
+    """The node's advice to one robot, its reason and its capture.
 
     Attributes:
         robot: the robot's index in the configuration.
@@ -152,7 +152,7 @@ class ZoneCapsule(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Zone:
-    """Where the body segments of one person may be at one horizon."""
+    """Space that the body segments of one person may occupy at one horizon."""
 
     person: int
     step: int
@@ -196,7 +196,7 @@ class BaseMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotState:
-    """What a controller says of its robot.
+    """State of a robot, from its controller.
 
     Attributes:
         robot: the robot's index in the configuration.

@@ -1,4 +1,4 @@
-"""What a row of the table of reasons says (``protocol.reasons``)."""
+"""A row of the table of reasons (``protocol.reasons``)."""
 
 from dataclasses import KW_ONLY, dataclass
 from enum import Enum, auto
@@ -10,7 +10,7 @@ class Kind(Enum):
 
     NONE = auto()
     PEOPLE = auto()
-    """Where people are, or may be, and how they move."""
+    """Places and motion of people."""
     WAITING = auto()
     """Nothing but that an earlier reason is not over."""
     INPUT = auto()

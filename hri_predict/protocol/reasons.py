@@ -346,12 +346,12 @@ class Reason(IntEnum):
 
     @property
     def text(self) -> str:
-        """What is wrong, for a person."""
+        """Text for a person: the trouble."""
         return self.row.text
 
     @property
     def clears_when(self) -> str:
-        """What clears it, for a person; "" for NONE."""
+        """Text for a person: what clears it; "" for NONE."""
         return self.row.clears_when
 
 

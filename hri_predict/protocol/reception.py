@@ -1,4 +1,4 @@
-"""What all receivers share: they check counters and the schema, and count errors."""
+"""The common part of all receivers: they check counters and the schema, and count errors."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ ERRORS = ("crc_errors", "counter_errors", "malformed", "incomplete")
 
 @dataclass(slots=True, kw_only=True)
 class ReceiveCounters:
-    """What a receiver has counted since it was created.
+    """Counts of a receiver since it was created.
 
     Attributes:
         received: messages handed on.

@@ -3,10 +3,10 @@
 A RobotState of nine joints and a moving base has nine parts on classic CAN, and
 most robots need five. So a part that a robot does not need is neither sent nor awaited. Part 0
 alone decides which ones are needed: JOINTS and BASE. Not the receiver's configuration: sender and
-receiver could disagree about it. Part 0 has the CRC and counter of its message, so whoever has it
-knows what else must come with this counter; a part too many makes the message void as a repeated
-one does. On serial lines and zenoh the payload ends after the last needed part; on FD it is always
-whole, so that each id has one length. The numbers 0x46 and 0x47 are left out: by default
+receiver could disagree about it. Part 0 has the CRC and counter of its message, so a receiver that
+has it knows what else must come with this counter; a part too many makes the message void as a
+repeated one does. On serial lines and zenoh the payload ends after the last needed part; on FD it
+is always whole, so that each id has one length. The numbers 0x46 and 0x47 are left out: by default
 ISO-TP uses these ids. The base of robots 4 to 7 has no numbers, because those that CANopen leaves
 free are used up; robots on several vehicles share no bus anyway.
 """
@@ -19,7 +19,7 @@ BASE_ROBOTS = 4  # robots 0 to 3 may have a moving base on classic CAN
 
 
 def _position(number: int) -> Field:
-    """Where a joint is; "not available" where the robot has fewer joints."""
+    """Return a joint's position; "not available" where the robot has fewer joints."""
     return Field(
         signal=f"POSITION_{number}",
         bits=16,
@@ -33,7 +33,7 @@ def _position(number: int) -> Field:
 
 
 def _velocity(number: int) -> Field:
-    """How fast a joint moves; "not available" where the robot has fewer joints."""
+    """Return a joint's velocity; "not available" where the robot has fewer joints."""
     return Field(
         signal=f"VELOCITY_{number}",
         bits=16,

@@ -17,7 +17,7 @@ LinkKind = Literal["can", "can_fd", "serial"]
 
 
 class StateShape(NamedTuple):
-    """What decides how many parts the RobotState of a robot has."""
+    """Properties that decide how many parts the RobotState of a robot has."""
 
     joints: int = 6
     moving_base: bool = False

@@ -13,7 +13,7 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
     """Write ``output`` whole or not at all.
 
     Args:
-        recording: what to write.
+        recording: the recording to write.
         output: the file.
         to: name of its format, one of ``BY_NAME``.
         force: replace an existing file; never the one that is read.

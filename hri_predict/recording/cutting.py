@@ -69,14 +69,14 @@ def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
     """
     ids = people_of(recording)
     if person not in ids:
-        there = ", ".join(map(str, ids)) or "nobody"
+        there = ", ".join(map(str, ids)) or "none"
         raise RecordingError(f"recording {recording.path}: has no person {person}; has {there}")
     scenes = [_only(scene, person) for scene in recording.scenes]
     return replace(recording, scenes=scenes), len(ids) - 1
 
 
 def people_of(recording: Recording) -> list[int]:
-    """The ids of everybody in any scene, in order of their numbers."""
+    """Return the ids of all people in any scene, in order of their numbers."""
     return sorted({person.id for scene in recording.scenes for person in scene.people})
 
 

@@ -1,6 +1,6 @@
 """A recording as arrays at one rate, for formats that hold only joints in frames.
 
-Such formats cannot say "nobody is here" or "I cannot see". Both become unobserved joints, the
+Such formats cannot say "the room is empty" or "not seen". Both become unobserved joints, the
 cautious reading, and are counted.
 """
 
@@ -24,8 +24,8 @@ class Written:
     Attributes:
         frames: number of frames written.
         people: ids of the people in them.
-        dropped: what the format cannot hold: a plural noun and a count.
-        notes: what else the user should know, one line each.
+        dropped: data that the format cannot hold: a plural noun and a count.
+        notes: further notes for the user, one line each.
         joints: number of joints written; ``None``: all that the recording has.
     """
 
@@ -45,7 +45,7 @@ class Frames:
         ids: ids of the people.
         joints: names of the joints.
         positions: (F, P, J, 3) metres, x forward, y left, z up; NaN where not observed.
-        written: what was lost so far.
+        written: losses so far.
     """
 
     rate_hz: float
@@ -59,12 +59,12 @@ def frames_of(recording: Recording) -> Frames:
     """All people of a recording in even frames; frames missing in it have no joints.
 
     Raises:
-        RecordingError: it shows nobody, or is too long for the memory.
+        RecordingError: it shows no person, or is too long for the memory.
     """
     ids = people_of(recording)
     if not ids:
         raise RecordingError(
-            f"recording {recording.path}: shows nobody; this format holds only people: choose "
+            f"recording {recording.path}: shows no person; this format holds only people: choose "
             f".csv or .mcap"
         )
     slots, rate_hz = _slots(recording)
@@ -95,7 +95,7 @@ def frames_of(recording: Recording) -> Frames:
 
 
 def frames_of_one(recording: Recording) -> Frames:
-    """As ``frames_of``, for formats of one person: whoever is in the most scenes.
+    """As ``frames_of``, for formats of one person: the one who is in the most scenes.
 
     Raises:
         RecordingError: see ``frames_of``.

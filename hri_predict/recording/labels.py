@@ -25,7 +25,7 @@ class Labelled:
         ids: ids of the people.
         joints: names of the joints, the same for all people.
         columns: (P, J) index of the label; -1 where a person has no such marker.
-        note: what was left out, and which name is which person; "" if nothing.
+        note: names left out, and the person of each name; "" if none.
     """
 
     ids: tuple[int, ...]

@@ -4,8 +4,8 @@ Names alone decide, with and without what a tracker writes before or after them 
 (``shared_affix``). All joints of one of the shipped maps, as the map writes them or in another
 spelling (``rig.sided``); or only canonical names; or the names of any rig (``rig.map_of_rig``). Of
 several readings, the one that gives the most canonical joints holds, and another one adds what only
-it understands: nobody's legs are lost for the lack of a head. Other names stay unchanged: the file
-can be converted, but not replayed, unless the user gives a map.
+it understands: no person's legs are lost for the lack of a head. Other names stay unchanged: the
+file can be converted, but not replayed, unless the user gives a map.
 """
 
 from collections.abc import Mapping, Sequence
@@ -113,7 +113,7 @@ def _completed(best: JointMap, other: Floats, taken: Bools) -> JointMap:
 
 
 def _largest(names: Sequence[str]) -> tuple[JointMap, Bools]:
-    """What the shipped maps give all of whose joints are there, and the columns that they name.
+    """Return the largest shipped map all of whose joints are there, and the columns that it names.
 
     That map holds which gives the most canonical joints; of equals the one with the most joints.
     """
@@ -127,7 +127,7 @@ def _largest(names: Sequence[str]) -> tuple[JointMap, Bools]:
 
 
 def _columns(shipped: JointMap, names: Sequence[str]) -> dict[str, int]:
-    """Where a shipped map's joints are among the names, as it writes them or in other spelling."""
+    """Return the indices of a shipped map's joints among the names, in any spelling."""
     columns = {name: k for k, name in enumerate(names)}
     if all(joint in columns for joint in shipped.source_joints):
         return {joint: columns[joint] for joint in shipped.source_joints}

@@ -124,7 +124,7 @@ def _unknown(path: Path, ending: str) -> str:
 
 
 def _but(path: Path, ending: str) -> str:
-    """What the file seems to be, if its name says something else."""
+    """Return the file's probable format, if its name says something else."""
     own, what = seems(path)
     if not what or own == ending:
         return ""

@@ -27,7 +27,7 @@ class PlayedLink:
         """There is nothing to open."""
 
     def post(self, message: Message) -> None:
-        """Count the message; nobody receives it."""
+        """Count the message; it has no receiver."""
         self.counters.superseded += 1
 
     def take(self) -> list[Received]:

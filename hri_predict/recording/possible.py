@@ -23,7 +23,7 @@ MOST_SCENES = 1000
 PUBLISHED = ("cmu", "assembly")
 """Layouts of the data pack alone, in fixed units and axes: no tracker exports them."""
 TILTED = 0.2
-"""Cosine between the sum of everybody's down and gravity below which the axes are wrong."""
+"""Cosine between the sum of all bodies' down and gravity below which the axes are wrong."""
 COHERENT = 0.3
 """Least length of that sum per length of bones: below, people tumble and show no down."""
 MIRRORED_M = 0.025
@@ -50,8 +50,8 @@ def check_possible(recording: Recording, reopened: Reopened | None = None) -> No
 def check_size(recording: Recording, reopened: Reopened | None = None) -> None:
     """Refuse a recording without any joint, or with bodies that are not of human size.
 
-    For a replay: there the node itself judges how people stand, as its configuration asks. What a
-    node recorded plays as it was, whatever it shows.
+    For a replay: there the node itself judges how people stand, as its configuration asks. A node's
+    own recording plays unchanged, regardless of its content.
 
     Raises:
         RecordingError: as ``check_possible``.
@@ -86,7 +86,7 @@ def _check(recording: Recording, reopened: Reopened | None, *, whole: bool) -> N
 
 
 def _unseen(recording: Recording, reopened: Reopened | None) -> str:
-    """What to say of a file of which no joint is believed."""
+    """Return the message for a file of which no joint is believed."""
     what = f"recording {recording.path}: no joint of any person is known"
     for name, unit_m in METRES_PER_UNIT.items():
         if reopened is None or unit_m >= recording.joint_map.scale_to_m:
@@ -101,8 +101,9 @@ def _unseen(recording: Recording, reopened: Reopened | None) -> str:
 
 
 def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None]:
-    """What is wrong with the size of most bodies, the option that mends it, and its unit; "", ""
-    and ``None`` if nothing."""
+    """Return the problem with the size of most bodies, the option that corrects it, and its unit;
+    "", "" and ``None`` if there is none.
+    """
     stature = stature_m(bodies)
     small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
     if not small and (stature is None or is_adult(stature)):
@@ -121,7 +122,7 @@ def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None
 
 
 def _axes(recording: Recording, bodies: _Bodies) -> tuple[list[str], str]:
-    """What is wrong with how most people stand, and the options that mend it."""
+    """Return the problem with how most people stand, and the options that correct it."""
     postures = [posture_of(*body) for body in bodies]
     down = np.sum([posture.down for posture in postures], axis=0)
     bones_m, length = sum(posture.bones_m for posture in postures), float(np.linalg.norm(down))

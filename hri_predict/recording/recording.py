@@ -1,4 +1,4 @@
-"""What every motion file becomes: timed scenes, and their placement in the room."""
+"""Common form of motion files: timed scenes, and their placement in the room."""
 
 import hashlib
 import itertools
@@ -75,7 +75,7 @@ class Recording:
 
     @property
     def action(self) -> str:
-        """What people do in it, for tables: "arms" for the assembly recordings; the folder's name
+        """Action of the people, for tables: "arms" for the assembly recordings; the folder's name
         for those of ``motion``, whose folders are its sets; or else the name without its number.
         """
         if self.kind == "assembly":
@@ -113,7 +113,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 
 def check_rate(path: Path, what: str, rate_hz: float) -> None:
-    """Refuse a rate at which nobody records people.
+    """Refuse a rate at which people are not recorded.
 
     Raises:
         RecordingError: ``what`` in the file gives a rate out of range, or NaN.
@@ -164,7 +164,7 @@ def recording_of(
     ids: Sequence[int],
     stamps_ns: Sequence[int] | None = None,
 ) -> Recording:
-    """A recording from (F, P, J, 3) in the source's units and axes: everybody in every frame.
+    """A recording from (F, P, J, 3) in the source's units and axes: all people in every frame.
 
     ``stamps_ns`` are the frames' times from the first one; by default they are even.
 
@@ -270,7 +270,7 @@ def _moved(recording: Recording, matrix: Floats) -> Recording:
 
 
 def start_of(recording: Recording) -> tuple[Floats, float]:
-    """Where the first person of a recording starts: (2,) metres on the floor, and heading (rad)."""
+    """Return the first person's start: (2,) metres on the floor, and heading (rad)."""
     anchor: Floats | None = None
     person_id, start_ns, facing = -1, 0, 0.0
     for scene in recording.scenes:

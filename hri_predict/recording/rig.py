@@ -3,7 +3,8 @@
 A name is compared without case, separators and namespace. Its side is ``left``, ``right``, ``l`` or
 ``r`` before or after the rest, with any separator or none: ``LeftFoot``, ``lFoot``, ``foot.L``,
 ``Foot_left``, ``mixamorig:LeftFoot``, ``L Foot``. A single letter counts as a side only if the rest
-is a name in the table (``heel`` is no left ``hee``). The table is ``configs/skeletons/bvh.yaml``.
+is a name in the table (``heel`` is not a left ``hee``). The table is
+``configs/skeletons/bvh.yaml``.
 """
 
 import re
@@ -31,7 +32,7 @@ class RigTable(SourceFrame):
     Attributes:
         required: joints without which a rig is not understood.
         derived: canonical joint -> the joints or landmarks whose middle it is, where all are there.
-        landmarks: points that are no canonical joint, without side -> their names.
+        landmarks: points that are not canonical joints, without side -> their names.
         aliases: canonical joint, without ``l_`` or ``r_`` -> its names, the best first.
     """
 
@@ -72,7 +73,7 @@ def map_of_rig(joint_names: Sequence[str]) -> JointMap:
 
     Units and axes are those of a BVH file, which states neither: centimetres and y up, see
     ``with_units`` and ``with_axes``. A joint of the file becomes one canonical joint at most: where
-    a rig has an ankle and a foot, the foot is no ankle.
+    a rig has an ankle and a foot, the foot is not an ankle.
 
     Args:
         joint_names: the file's joints in order; end sites may appear as ``<joint>_End``.
@@ -111,7 +112,7 @@ def lacking(weights: Floats) -> list[str]:
 
 
 def _found(table: RigTable, joint_names: Sequence[str]) -> dict[str, list[int]]:
-    """Where each canonical joint and landmark is that the table has a name for, each once."""
+    """Return the index of each canonical joint and landmark with a name in the table, each once."""
     named = {**table.aliases, **table.landmarks}
     stems = {plain(alias) for aliases in named.values() for alias in aliases}
     known = {sided(name, stems): k for k, name in reversed(list(enumerate(joint_names)))}

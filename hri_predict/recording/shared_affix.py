@@ -1,7 +1,7 @@
-"""What a tracker writes before or after the names of all joints: ``K4ABT_JOINT_``, ``Bob_``.
+"""Affix that a tracker adds to the names of all joints: ``K4ABT_JOINT_``, ``Bob_``.
 
 It ends (or begins) at a separator and is shared by nearly all names: a file may hold a root or a
-tool besides. A side of the body is no such thing: of a file with left joints alone, all names may
+tool besides. A side of the body does not count: of a file with left joints alone, all names may
 begin with ``Left_``.
 """
 

@@ -1,4 +1,4 @@
-"""What a file seems to be, from its first bytes: only for explanations, never to read it."""
+"""Probable format of a file, from its first bytes: only for explanations, never to read it."""
 
 import zipfile
 from pathlib import Path
@@ -44,7 +44,7 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
 
 
 def seems(path: Path) -> tuple[str, str]:
-    """Return the ending and the content of a file by its first bytes.
+    """Return the probable ending and content of a file by its first bytes.
 
     They are (".bvh", "BVH") or ("", "FBX"): the ending is "" for a kind that is not read, and both
     are "" for an unknown one.

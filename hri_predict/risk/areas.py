@@ -15,11 +15,11 @@ from hri_predict.risk.types import NamedZoneState
 from hri_predict.zones.body_zones import BodyZones
 
 FLOOR_M = 0.05
-"""Nobody is below this height; a view that begins here begins at the floor."""
+"""Minimum height of people; a view that begins here begins at the floor."""
 TOUCH_M = 1e-9
 """Nearer than this counts as touching: crossing lines are not exact to the last bit."""
 TOP_M = 2.5
-"""Nobody reaches above this height (a tall man's grip is at 2.2 m); a view up to here sees all."""
+"""Maximum height that people reach (a tall man's grip is at 2.2 m); a view up to here sees all."""
 
 
 class NamedZoneSettings(Region):
@@ -33,7 +33,7 @@ class NamedZoneSettings(Region):
 
     name: Name = Field(description="its own name, for messages and alerts")
     level: Literal["none", "warn", "slow", "stop"] = Field(
-        "warn", description="what it asks for while it is occupied"
+        "warn", description="request while it is occupied"
     )
     robots: list[str] | None = Field(None, description="robots that it concerns; default all")
     speed_limit_m_s: float = Field(
@@ -44,7 +44,7 @@ class NamedZoneSettings(Region):
     )
     entry: Literal["forecast", "zone"] = Field(
         "forecast",
-        description="what a predicted entry is judged by: the forecast body, or the zone about it",
+        description="basis of a predicted entry: the forecast body, or the zone about it",
     )
     entry_warning_s: float = Field(
         0.0, ge=0, le=10, description="ask this long before a predicted entry"
@@ -104,7 +104,7 @@ class NamedZone:
         return result
 
     def state(self, bodies: BodyZones) -> NamedZoneState:
-        """Whether somebody is inside now, and when somebody may first enter."""
+        """Return whether a person is inside now, and when one may first enter."""
         zones = bodies.zones.capsules
         if self.occupied(Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])).any():
             return NamedZoneState(self.settings.name, True, 0.0)
@@ -128,10 +128,10 @@ class NamedZone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldOfView:
-    """What the sensor sees; everything else counts as occupied.
+    """Space that the sensor sees; everything else counts as occupied.
 
     An unseen person may stand just outside and come in at the speeds of ISO 13855. People stand on
-    the floor: nobody is above ``TOP_M`` or below ``FLOOR_M``, seen or unseen.
+    the floor: no person is above ``TOP_M`` or below ``FLOOR_M``, seen or unseen.
     """
 
     region: Region
@@ -167,6 +167,6 @@ def floor_distance(region: Region, point: Floats) -> float:
 
 
 def approach_m(time_s: Floats) -> Floats:
-    """How far an unseen person may have come: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
+    """Return an unseen person's maximum approach: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
     near, walk = REACH_SPEED_M_S * time_s, WALK_SPEED_M_S * time_s
     return np.minimum(near, np.maximum(NEAR_M, walk))

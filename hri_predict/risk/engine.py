@@ -58,14 +58,14 @@ class RiskEngine:
         skeleton: of the forecast.
         absent_parts: missing parts of the body.
         named_zones: the user's zones.
-        field_of_view: what the sensor sees; ``None``: everything.
+        field_of_view: space that the sensor sees; ``None``: everything.
         budget: the delays.
         forecast_rate_hz: steps per second of the forecast.
         horizon_steps: H of the forecast.
         calibration: of the predictor, in the modes that use forecasts; ``None``: not calibrated.
         doors: exits and entrances by their keys in the configuration.
         obeyed: whether the robots are moved by this advice, so that it can be seen whether they do
-            as advised. Not so in shadow mode, and where a recording tells what robots did.
+            as advised. Not so in shadow mode, and where a recording gives what robots did.
         floor_m: height of the floor.
         last_latch_id: see ``LatchIds``.
         base_dir: base of relative paths in ``settings``.
@@ -191,7 +191,7 @@ class RiskEngine:
     def zones(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
     ) -> BodyZones:
-        """First call: where everybody may be. Depends on no robot; arguments as for ``assess``."""
+        """First call: where people may be. Depends on no robot; arguments as for ``assess``."""
         if self._settings.mode == "reactive":  # asks for no forecast, so none can be missing
             forecast, reasons = None, [r for r in reasons if r.row.kind is not Kind.PREDICTOR]
         if forecast is not None and problem_in(forecast, self._shape(snapshot)):
@@ -208,7 +208,7 @@ class RiskEngine:
         )
 
     def robots(self, now_ns: int) -> list[RobotNow]:
-        """Where each robot is at ``now_ns``; notes whether it does as it was advised."""
+        """Return each robot's place at ``now_ns``; note whether it follows its advice."""
         robots = [admitted(t.at(now_ns), t.settings.modes) for t in self._trackers]
         for robot, obedience in self._obedience.items():
             if robots[robot].reasons:
@@ -218,8 +218,8 @@ class RiskEngine:
             model = self._trackers[robot].model
             if obedience.stretch > model.stretch:
                 log.warning(
-                    "robot %s needed %.2f times what its stopping table says to stop; from now on "
-                    "the table counts so many times and a tenth more; correct it",
+                    "robot %s needed %.2f times what its stopping table says to stop; from now "
+                    "on the table's values count times that factor and a tenth more; correct it",
                     model.name,
                     obedience.stretch,
                 )
@@ -252,7 +252,7 @@ class RiskEngine:
         return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near, grounds)
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
-        """What a robot does other than advised."""
+        """Return a robot's deviations from its advice."""
         obedience = self._obedience.get(robot)
         if obedience is None:
             return ()
@@ -264,7 +264,7 @@ class RiskEngine:
 
     @property
     def robot_counters(self) -> dict[str, int]:
-        """What was wrong with the robots' states and motion, over all robots."""
+        """Counts of faults in the robots' states and motion, over all robots."""
         counts: Counter[str] = Counter()
         for tracker in self._trackers:
             states = {f"robot_states_{n}": c for n, c in tracker.counters.items()}
@@ -281,7 +281,7 @@ class RiskEngine:
         return self._levels.acknowledge(latch_id)
 
     def remember(self) -> dict[str, Any]:
-        """What must survive a restart of the node: the latches."""
+        """Return the state that must survive a restart of the node: the latches."""
         return self._levels.remember()
 
     def recall(self, data: Mapping[str, Any]) -> None:
@@ -289,11 +289,11 @@ class RiskEngine:
         self._levels.recall(data)
 
     def distrust(self, why: str) -> None:
-        """What an earlier run left cannot be trusted; see ``Levels.distrust``."""
+        """Distrust the state of an earlier run; see ``Levels.distrust``."""
         self._levels.distrust(why)
 
     def self_check(self) -> dict[str, Any] | None:
-        """How often past forecasts held, for the run's summary; ``None`` without a calibration."""
+        """Return the coverage of past forecasts; ``None`` without a calibration."""
         return None if self._check is None else self._check.report()
 
     @property
@@ -301,7 +301,7 @@ class RiskEngine:
         return self._check is not None and self._check.drift.drifting
 
     def _trust(self, snapshot: PeopleSnapshot, velocities: Velocities) -> Trust | None:
-        """What past forecasts say; the residual alone, if the self-check is off."""
+        """Return the verdict of past forecasts; the residual alone, if the self-check is off."""
         if self._check is None:
             return None
         trust = self._check.check(snapshot, velocities)
@@ -377,14 +377,13 @@ def _check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> N
 
 
 def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> None:
-    """Refuse a door where somebody could be touched who is taken to have left, or not yet to be
-    here."""
+    """Refuse a door at which a person could be touched who counts as gone, or as not yet here."""
     for robot in robots:
         if robot.model.base is None:
             raise ConfigError(
                 f"{key}: the base of robot {robot.name} moves, so its distance from the door is "
-                f"not fixed, and somebody who leaves or comes could be touched; leave the door "
-                f"out: who vanishes there then stays lost until an Acknowledge"
+                "not fixed, and a person who leaves or comes could be touched; leave the door "
+                "out: a person who vanishes there then stays lost until an Acknowledge"
             )
         distance_m = floor_distance(door, robot.model.base)
         margin_m = max(robot.risk.region_margins_m.values(), default=0.0)

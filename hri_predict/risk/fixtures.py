@@ -40,7 +40,7 @@ class BoxFixture(Settings):
 
     kind: Literal["box"] = Field(description="a box")
     name: Name = Field(description="its own name")
-    pose: Pose = Field(description="of its centre in the room")
+    pose: Pose = Field(description="position of its centre in the room")
     size: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
         description="full lengths along its own axes, m"
     )

@@ -8,7 +8,7 @@ from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
 
 TICKS = 4
-"""In so many ticks, forecasts come true and are judged."""
+"""Number of ticks in which forecasts come true and are judged."""
 _STEPS = 6  # of the history: enough to measure speeds
 
 

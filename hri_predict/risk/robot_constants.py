@@ -1,4 +1,4 @@
-"""What the risk stage needs to know about one robot. None of it changes between ticks, unless the
+"""Constants of one robot for the risk stage. None of it changes between ticks, unless the
 robot is measured to stop later than its stopping table says.
 """
 

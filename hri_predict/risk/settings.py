@@ -10,7 +10,7 @@ from hri_predict.risk.fixtures import Fixture
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
-"""What a latch may be set for, see ``RiskSettings.latch``."""
+"""Causes for which a latch may be set, see ``RiskSettings.latch``."""
 
 MIN_FIXED_RADIUS_M = 0.3
 """Arms of the smallest robots reach 0.5 m and more (UR3e)."""
@@ -28,8 +28,8 @@ class ContactSettings(Settings):
     fixtures: list[Fixture] | None = Field(
         None,
         max_length=32,
-        description="what the robot may clamp a body part against, besides the floor; default: the"
-        " table that each robot stands on, a plane at its base",
+        description="objects against which the robot may clamp a body part, besides the floor; "
+        "default: the table that each robot stands on, a plane at its base",
     )
     own_speed: Literal["counted", "left_out"] = Field(
         "counted",
@@ -55,17 +55,17 @@ class ContactSettings(Settings):
 
 
 class RiskSettings(Settings):
-    """How separation is judged, and how levels change.
+    """Settings of how separation is judged, and of how levels change.
 
     ``iso`` compares the distance now with the protective separation distance of ISO/TS 15066.
     ``predictive`` compares the zones with the stopping robot, time by time. ``reactive`` does the
     same with zones that grow from the body as seen, without a forecast. ``fixed`` is a circle
-    around the robot's base: nobody may be inside while the robot moves. ``hybrid`` is
+    around the robot's base: no person may be inside while the robot moves. ``hybrid`` is
     ``predictive``, and where separation cannot be kept, robots with ``contact: allowed`` may touch
     people as fast as the touched part of the body bears.
     """
 
-    mode: RiskMode = Field("iso", description="how separation is judged")
+    mode: RiskMode = Field("iso", description="rule that judges separation")
     fixed_radius_m: float | None = Field(
         None,
         ge=MIN_FIXED_RADIUS_M,
@@ -107,7 +107,7 @@ class RiskSettings(Settings):
         0.05, ge=MIN_SPEED_M_S, le=1, description="a limit below this is advised as a stop"
     )
     speed_rise_m_s2: float = Field(
-        0.5, ge=0.01, le=100, description="how fast the speed limit may rise; it falls at once"
+        0.5, ge=0.01, le=100, description="maximum rise of the speed limit; it falls at once"
     )
     latch: list[LatchCause] = Field(
         [],
@@ -116,9 +116,9 @@ class RiskSettings(Settings):
         " frozen), lost (a person was lost), restart (as start, if a state file shows an earlier"
         " run)",
     )
-    limits: HumanLimits = Field(HumanLimits(), description="how fast people move")
+    limits: HumanLimits = Field(HumanLimits(), description="speeds of people")
     coverage: CoverageSettings = Field(
-        CoverageSettings(), description="how often calibrated zones hold the body"
+        CoverageSettings(), description="coverage of the body by calibrated zones"
     )
     contact: ContactSettings = Field(
         ContactSettings(), description="contact that is permitted in mode hybrid"
@@ -192,7 +192,7 @@ class RiskSettings(Settings):
 
     @property
     def margins_m(self) -> tuple[float, float, float, float]:
-        """How much nearer a hazard is taken to be for each speed limit of a finding, metres.
+        """Margins subtracted from a hazard's distance for each speed limit of a finding, metres.
 
         For the limit now and for its release; for the warning now and for its release.
         """

@@ -104,16 +104,16 @@ def travel_m(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """What one hazard (the people, or what the sensor does not see) asks of one robot.
+    """Demand of one hazard (the people, or the unseen space) on one robot.
 
     Attributes:
         separation_m: distance now, as captured; negative where bodies overlap.
         predicted_m: smallest distance until the robot has stopped, at its present speed.
-        slack_m: how much further away the hazard is than the present motion needs.
+        slack_m: distance of the hazard beyond what the present motion needs.
         near: whether the present distance is too small even for a standing robot.
         breach_s: seconds until the separation may be violated; 0 if it is violated.
         limits: for each margin, the highest permitted speed if the hazard were nearer by it.
-        person: index of the deciding person; -1: nobody.
+        person: index of the deciding person; -1: no person.
         segment: index (in the zones) of the deciding body segment.
         link: index of the deciding robot capsule.
         pair_m: distance now of deciding segment and link, if others are nearer; else ``None``.

@@ -1,4 +1,4 @@
-"""What the risk stage works on, and its result."""
+"""Inputs of the risk stage, and its result."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from hri_predict.zones.types import Zones
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """What the risk stage found in one tick.
+    """Findings of the risk stage in one tick.
 
     Attributes:
         advices: one per robot, in the configuration's order.
         zones: the zones behind the advice.
         named_zones: the state of each of the user's named zones.
         reasons: why the zones are no better than they are; empty if nothing is wrong.
-        near_misses: where a moving robot was nearly too close, one per robot at most.
+        near_misses: cases of a moving robot nearly too close, one per robot at most.
         ask_grounds: gives ``grounds``: a tick does not pay for what only a recorder reads.
     """
 
@@ -32,27 +32,27 @@ class Assessment:
 
     @property
     def grounds(self) -> tuple["Grounds", ...]:
-        """What each robot's advice rests on; empty if it is not known. Any thread may ask."""
+        """Grounds of each robot's advice; empty if it is not known. Any thread may ask."""
         return self.ask_grounds()
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Grounds:
-    """What one robot's advice rests on, for whoever has to explain it later.
+    """Grounds of one robot's advice, for explaining it later.
 
     Attributes:
         unknown: why the robot's situation is unknown; nothing else is known then.
         speed_m_s: of the robot's fastest point.
         capsules: (C,) the robot as it counts now.
-        way: how the deciding people were judged: ``zones``, ``standard`` or ``contact``; "" if
-            nobody is here.
+        way: method by which the deciding people were judged: ``zones``, ``standard`` or
+            ``contact``; "" if there are no people.
         person, segment, link: the deciding pair: the person's id, the body's segment by name, the
             robot's capsule by index.
         pair: the body's segment and the robot's capsule of that pair, as they are now.
         pair_m: the distance of that pair now; negative where they overlap.
         separation_m: the least distance of all pairs now: the pair that decides over time need not
             be the nearest one.
-        slack_m: how much farther away the person is than the robot's present motion needs.
+        slack_m: distance of the person beyond what the robot's present motion needs.
         reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
         intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
         human_m_s: speed of the person, if faster than the standard assumes; else 0.
@@ -86,7 +86,7 @@ class Grounds:
 
     @property
     def pair_needed_m(self) -> float | None:
-        """What ``pair_m`` has to be for the robot's present motion."""
+        """Value of ``pair_m`` that the robot's present motion needs."""
         if self.pair_m is None or self.slack_m is None:
             return None
         return self.pair_m - self.slack_m
@@ -110,7 +110,7 @@ class Grounds:
 
 @dataclass(frozen=True, slots=True)
 class NearMiss:
-    """A robot that moves, and somebody hardly farther from it than its motion needs.
+    """A moving robot with a person hardly farther away than its motion requires.
 
     Attributes:
         robot: its index.
@@ -135,8 +135,8 @@ class NamedZoneState:
 
     Attributes:
         name: as configured.
-        occupied: whether anybody is inside now.
-        entry_s: seconds until somebody may first be inside; 0 if occupied, ``None`` if not within
+        occupied: whether a person is inside now.
+        entry_s: seconds until a person may first be inside; 0 if occupied, ``None`` if not within
             the horizon.
     """
 

@@ -18,13 +18,13 @@ _MORE = {
 
 
 def reason_beside(level: Level, reason: Reason) -> str:
-    """The reason as it stands beside its level: at *clear* it holds nothing up, and is a note."""
+    """Return the reason next to its level: at *clear* it holds nothing up, and is a note."""
     is_note = level is Level.CLEAR and reason is not Reason.NONE
     return f"{NOTE if is_note else ''}{reason.text}"
 
 
 def clears_beside(level: Level, reason: Reason, detail: str, band_m: float | None) -> str:
-    """What clears it; "" at *clear*.
+    """Return what clears it; "" at *clear*.
 
     Args:
         level, reason, detail: the advice's. Its reason stays when the cause has cleared and the
@@ -49,7 +49,8 @@ def apart_text(
     reason: Reason,
     detail: str,
 ) -> str:
-    """How far the deciding pair is apart, and what of it the robot's present motion leaves.
+    """Return the distance of the deciding pair, and the rest that the robot's present motion
+    leaves.
 
     What suffices at the present speed need not suffice for more: that is said, too, or it would
     contradict the level.

@@ -1,4 +1,4 @@
-"""What the controllers of a robot ask for: its operating mode, the request, the enabling device.
+"""Requests of the controllers of a robot: its operating mode, the request, the enabling device.
 
 A robot may have several controllers, each on a link of its own. What they ask counts only if all
 that were heard lately ask the same: one of two channels alone changes no mode.
@@ -11,7 +11,7 @@ from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What is asked at one moment.
+    """Requests at one moment.
 
     Attributes:
         mode: the controllers' operating mode; UNKNOWN if they differ.
@@ -43,7 +43,7 @@ class AskedByLinks:
         self._newest[link] = (asked, received_ns)
 
     def at(self, now_ns: int, stale_s: float) -> Asked:
-        """What is asked at ``now_ns``, by all links that were heard within ``stale_s``."""
+        """Return the requests at ``now_ns`` of all links that were heard within ``stale_s``."""
         fresh = [a for a, at_ns in self._newest.values() if now_ns - at_ns <= stale_s * 1e9]
         if not fresh:
             return NOTHING_ASKED

@@ -40,7 +40,7 @@ catalogues reach 4.7 m (FANUC M-2000iA/1700L)."""
 MAX_REACH_M = 15.0
 """Of the whole chain: such an arm on a slide as long as RobotState carries."""
 MAX_TIP_M_S = 25.0
-"""What one turning joint gives the farthest point: twice what the fastest delta robots do."""
+"""Maximum speed of the farthest point by one joint: twice that of the fastest delta robots."""
 PartMetres = Annotated[float, Field(ge=-MAX_PART_M, le=MAX_PART_M)]
 """A length within a robot."""
 PartVector3 = Annotated[list[PartMetres], Field(min_length=3, max_length=3)]
@@ -183,12 +183,12 @@ class StoppingRow(Settings):
 
 
 class StoppingFile(Settings):
-    """How long and how far the robot moves once its brake or ramp has begun.
+    """Time and distance that the robot moves once its brake or ramp has begun.
 
     ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
 
-    source: str = Field(min_length=1, description="where its numbers come from")
+    source: str = Field(min_length=1, description="origin of its numbers")
     speed_m_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
         description="speeds of the fastest point, ascending"
     )
@@ -228,14 +228,14 @@ class StoppingFile(Settings):
 
 
 class ContactFile(Settings):
-    """What a person feels who is touched; ``contact: allowed`` needs it.
+    """Properties of a contact with a person; ``contact: allowed`` needs it.
 
     ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
     """
 
-    source: str = Field(min_length=1, description="where its numbers come from")
+    source: str = Field(min_length=1, description="origin of its numbers")
     moving_mass_kg: float = Field(
-        ge=0.1, le=10_000, description="of all moving parts, without load"
+        ge=0.1, le=10_000, description="mass of all moving parts, without load"
     )
     area_cm2: float = Field(ge=0.01, le=1000, description="smallest area of contact with any part")
 
@@ -244,7 +244,7 @@ class RobotFile(Settings):
     """A robot: joints from the base outwards, capsules of every link, tool and payload."""
 
     name: Name = Field(description="the model's name")
-    source: str = Field(min_length=1, description="where the kinematic parameters come from")
+    source: str = Field(min_length=1, description="origin of the kinematic parameters")
     base: PartName = Field(description="link that stands")
     joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="from the base outwards"
@@ -252,9 +252,9 @@ class RobotFile(Settings):
     capsules: list[LinkCapsuleFile] = Field(description="that hold every link's body")
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
     payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
-    stopping: StoppingFile = Field(description="how it stops")
+    stopping: StoppingFile = Field(description="stopping table")
     contact: ContactFile | None = Field(
-        None, description="what a person feels who is touched; needed where contact is allowed"
+        None, description="properties of a contact with a person; required where contact is allowed"
     )
 
     def effective_kg(self, loads: Sequence[float | None]) -> float:
@@ -345,7 +345,7 @@ def _capsule_problem(robot: RobotFile) -> str:
             )
     bare = [link for link in links if link not in {c.link for c in robot.capsules}]
     if bare:
-        return f"link '{bare[0]}' has no capsule, so nobody would be kept clear of it; add one"
+        return f"link '{bare[0]}' has no capsule, so people would not be kept clear of it; add one"
     names = [c.name for c in (*robot.capsules, *robot.tool, *robot.payload)]
     twice = next((name for name in names if names.count(name) > 1), None)
     return f"capsule name '{twice}' is used twice; rename one" if twice else ""

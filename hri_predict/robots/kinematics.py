@@ -111,7 +111,7 @@ class Chain:
 
         Piece i is fixed to link i + 1. It runs from a point on that link's own axis to a point on
         the next axis, or to ``point`` (3,) of ``link``. Pieces beyond that link are 0. In every
-        configuration, a point of the link is no farther from axis j than the sum of the pieces
+        configuration, a point of the link is not farther from axis j than the sum of the pieces
         from j on, and of the amounts of the prismatic positions after j: a prismatic joint puts
         its position, as a vector along its axis, between two pieces.
         """

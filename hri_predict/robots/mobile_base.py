@@ -38,10 +38,10 @@ def base_joints(base_from_robot: Floats) -> list[Joint]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """How one part, arm or base, moves on and stops: (..., K) at or before each time.
+    """Motion of one part, arm or base, as it moves on and stops: (..., K) at or before each time.
 
     Attributes:
-        travel_s: how far along its path, in seconds of its speed now.
+        travel_s: distance along its path, in seconds of its speed now.
         rate: the highest share of that speed since the time before.
         bend: 1/s, bound of the rate's change since then.
         stands_s: (..., 1) when it stands.
@@ -88,7 +88,7 @@ class BasedPath:
 
 
 class MobileBase:
-    """How fast a base moves a robot's points, and how both stop together.
+    """Speed that a base gives a robot's points, and the stopping of both together.
 
     Args:
         settings: the base's entry in the configuration.
@@ -107,7 +107,7 @@ class MobileBase:
 
     @property
     def uncertainty_m(self) -> float:
-        """How far any point may be off because the base is not where it is said to be."""
+        """Maximum error of any point due to the error of the base's reported pose."""
         return self.settings.uncertainty_m + self.settings.uncertainty_rad * self._reach_m
 
     def speed(self, qd: Floats) -> Floats:
@@ -144,7 +144,8 @@ class MobileBase:
         times_s: Floats,
         reaction_s: float,
     ) -> "BasedPath":
-        """How a robot moves on at ``factor`` (..., 1) times its velocities, and both parts stop.
+        """Return the motion of a robot at ``factor`` (..., 1) times its velocities until both parts
+        stop.
 
         Args:
             arm: the arm's course.

@@ -72,7 +72,7 @@ class RobotModel:
         tools: each tool's own model by its name; empty without tools.
         numbering: (C,) index in the worst of each capsule of a tool's own model; else ``None``.
         moves: (C,) whether a capsule is beyond the first joint.
-        contact: what a person feels who is touched; ``None`` if the file does not say.
+        contact: properties of a contact with a person; ``None`` if the file does not say.
         effective_kg: m_R = M / 2 + m_L (ISO/TS 15066:2016, A.3.6), with ``contact``; else 0.
     """
 
@@ -145,7 +145,7 @@ class RobotModel:
         self.velocity_max = np.array(fastest)
 
     def _measured(self) -> Pieces:
-        """How far the capsules are from the joints."""
+        """Return the distances of the capsules from the joints."""
         arms = [
             np.maximum(*(self._chain.arms(int(link), end) for end in ends))
             for link, ends in zip(self._link, self._ends, strict=True)
@@ -241,7 +241,7 @@ class RobotModel:
 
     @property
     def stopping_tables(self) -> Tables:
-        """How it stops, as arrays; see ``ahead``."""
+        """Stopping tables, as arrays; see ``ahead``."""
         speeds = times = _NO_BASE
         if self.mobile is not None:
             speeds, times, _ = self.mobile.table.rows
@@ -328,7 +328,7 @@ class RobotModel:
         return swept_capsules(self._geometry, self._pieces, q, (dq_most, ddq_most, half))
 
     def shift_m(self, off: Floats) -> float:
-        """How far any point may be off if each joint is off by at most ``off`` (N,) rad, m."""
+        """Return any point's maximum error, m, if each joint is off by at most ``off`` (N,) rad."""
         return float((self._pieces.beyond @ off).max())
 
     def travel_s(

@@ -16,20 +16,24 @@ class TeachMode(Settings):
     """
 
     speed_m_s: float = Field(
-        0.25, ge=MIN_SPEED_M_S, le=0.25, strict=True, description="of the fastest point, at most"
+        0.25,
+        ge=MIN_SPEED_M_S,
+        le=0.25,
+        strict=True,
+        description="maximum speed of the fastest point",
     )
 
     safety: ClassVar[Safety] = harmless("speed_m_s")
 
 
 class RecoveryMode(Settings):
-    """Backing out slowly where people stop the robot, as long as no link comes nearer to anybody.
+    """Backing out slowly where people stop the robot, as long as no link comes nearer to a person.
 
     The robot goes back along the path of its ``motion.plan``.
     """
 
     speed_m_s: float = Field(
-        0.1, ge=MIN_SPEED_M_S, le=0.1, strict=True, description="of the fastest point, at most"
+        0.1, ge=MIN_SPEED_M_S, le=0.1, strict=True, description="maximum speed of the fastest point"
     )
 
     safety: ClassVar[Safety] = harmless("speed_m_s")
@@ -62,7 +66,7 @@ class MutingMode(Settings):
         ge=MIN_SPEED_M_S,
         le=20,
         strict=True,
-        description="of the fastest point; default: the robot's highest",
+        description="speed of the fastest point; default: the robot's maximum",
     )
 
     safety: ClassVar[Safety] = {

@@ -1,4 +1,4 @@
-"""How a robot moves now, and how it would move on and stop: along its plan, or straight on."""
+"""Motion of a robot now, and as it would go on and stop: along its plan, or straight on."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from hri_predict.robots.stopping import StoppingCurve
 from hri_predict.robots.tracker import RobotNow
 
 DIRECTED_M_S = 0.1
-"""Only above this speed do measured velocities tell a direction. Velocities that a controller takes
+"""Minimum speed at which measured velocities show a direction. Velocities that a controller takes
 from positions of 0.1 mrad over 8 ms have steps of 0.0125 rad/s. Six joints about a metre from the
 tip add up to 0.03 m/s (sqrt(6) x 0.0125) of a robot that stands, in any direction. At three times
 that, the direction is right to within 20 degrees. Along a plan the direction is known."""
@@ -147,7 +147,7 @@ class RobotMotion:
 
     @property
     def place(self) -> float:
-        """Where it is now."""
+        """Place now."""
         return 0.0 if self.on_plan is None else self.on_plan.phase_s
 
     def _steps_until(self, stands_s: Floats) -> Ints:

@@ -34,8 +34,8 @@ class Obedience:
 
     Attributes:
         stretch: the robot's time to stop divided by its table's, at least 1. It never falls: the
-            table is wrong until somebody corrects it.
-        too_fast, late_stops: how often each of these began.
+            table is wrong until it is corrected.
+        too_fast, late_stops: number of times each of these began.
     """
 
     def __init__(

@@ -36,7 +36,7 @@ class OnPlan:
     Attributes:
         phase_s: seconds at full speed along the cycle.
         rate: phase per second, 1 at full speed.
-        off_m: how far any point of the robot may be from its place on the path.
+        off_m: maximum distance of any robot point from its place on the path.
     """
 
     phase_s: float
@@ -118,7 +118,7 @@ class Plan:
         distance of the stopping table at its speed.
 
         Args:
-            start: where it is at time 0.
+            start: place at time 0.
             speeds_m_s: (L,) of the fastest point.
             times_s: (K,) seconds, from 0, not falling.
             reaction_s: until braking begins.
@@ -141,8 +141,9 @@ class Plan:
         return ahead.phases(path, self._model.stopping_tables, start, asked)
 
     def forwards_m_s(self, phase_s: float, qd: Floats) -> float:
-        """How fast the fastest point goes forwards on the path, at joint velocities (N,) rad/s;
-        negative if it goes back."""
+        """Return the forward speed of the fastest point on the path, at joint velocities (N,)
+        rad/s; negative if it goes back.
+        """
         _, dq = self.trajectory.at(phase_s)
         rate = float(dq @ qd) / max(float(dq @ dq), 1e-12)
         return rate * float(self._speed_at(np.array(phase_s)))

@@ -21,7 +21,7 @@ MIN_ACCELERATION_M_S2 = 0.5
 MIN_STILL_S = 0.5
 """A robot that may move moves by then, unless it waits: its reaction, and its first steps."""
 POSITION_TOLERANCE = 0.01
-"""How far beyond a limit a reported position may lie, rad or m: sensor noise, rounding."""
+"""Maximum excess of a reported position over a limit, rad or m: sensor noise, rounding."""
 
 
 class StateMotion(Settings):
@@ -40,7 +40,7 @@ class StateMotion(Settings):
         5.0,
         ge=MIN_ACCELERATION_M_S2,
         le=1000,
-        description="of the fastest point, at most; bounds its motion since RobotState",
+        description="maximum acceleration of the fastest point; bounds its motion since RobotState",
     )
     still_s: float | None = Field(
         None,
@@ -88,7 +88,7 @@ class StandingMotion(Settings):
 
     kind: Literal["standing"] = Field(description="it stands still")
     positions: Annotated[list[float], Field(min_length=1)] = Field(
-        description="of its joints, rad or m"
+        description="positions of its joints, rad or m"
     )
 
 
@@ -126,7 +126,7 @@ class MobileBaseSettings(Settings):
     """A base that moves over the floor; its controller reports where it is in RobotState."""
 
     kind: Literal["state"] = Field(description="RobotState from its controller says where it is")
-    base_from_robot: Pose = Field(description="where the arm's chain begins, in the base's frame")
+    base_from_robot: Pose = Field(description="start of the arm's chain, in the base's frame")
     capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
         description="all of the base's body, in its frame: origin on the floor, x ahead, z up"
     )
@@ -135,8 +135,8 @@ class MobileBaseSettings(Settings):
     acceleration_m_s2: float = Field(
         2.0, ge=0.1, le=100, description="that the base gives any point; since RobotState was sent"
     )
-    uncertainty_m: float = Field(ge=0, le=1, description="of its reported place")
-    uncertainty_rad: float = Field(ge=0, le=0.5, description="of its reported heading")
+    uncertainty_m: float = Field(ge=0, le=1, description="uncertainty of its reported position")
+    uncertainty_rad: float = Field(ge=0, le=0.5, description="uncertainty of its reported heading")
     stopping: StoppingFile = Field(
         description="over the speed that the base's motion gives the robot's fastest point"
     )
@@ -161,7 +161,7 @@ class RobotSettings(Settings):
 
     name: Name = Field(description="its own name, for messages and alerts")
     model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
-    room_from_robot: Pose | None = Field(None, description="where its base stands")
+    room_from_robot: Pose | None = Field(None, description="pose of its base")
     base: MobileBaseSettings | None = Field(None, description="instead: the base moves")
     payload_kg: float | None = Field(
         None,
@@ -173,7 +173,7 @@ class RobotSettings(Settings):
         None, description="that may be mounted, instead of the robot file's tool and payload"
     )
     max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="fastest point in production")
-    motion: Motion = Field(StateMotion(), description="how the node knows its motion")
+    motion: Motion = Field(StateMotion(), description="source of its motion")
     contact: Literal["allowed"] | None = Field(
         None, description="in mode hybrid: the robot may touch people as fast as they bear it"
     )
@@ -197,8 +197,8 @@ class RobotSettings(Settings):
             )
         if self.modes.recovery and isinstance(self.motion, StateMotion) and not self.motion.plan:
             raise ValueError(
-                "modes.recovery needs motion.plan: without the robot's path nobody knows which "
-                "way it would back out; name its trajectory, or leave recovery out"
+                "modes.recovery needs motion.plan: without the robot's path, the way back out is "
+                "unknown; name its trajectory, or leave recovery out"
             )
         return self
 
@@ -212,7 +212,7 @@ class RobotSettings(Settings):
         moves_by_plan = not isinstance(self.motion, StateMotion) or self.motion.plan is not None
         if self.base is not None and moves_by_plan:
             raise ValueError(
-                f"robot '{self.name}': its base moves, so no plan tells where the robot goes; "
+                f"robot '{self.name}': its base moves, so a plan cannot say where the robot goes; "
                 f"set motion to 'kind: state' without plan"
             )
         return self

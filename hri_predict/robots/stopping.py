@@ -1,4 +1,4 @@
-"""How long a robot takes to stop and how far it gets, as a function of its speed."""
+"""Stopping time and distance of a robot, as functions of its speed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from hri_predict.base.machine.compiled import plain
 from hri_predict.robots.file import StoppingFile
 
 STANDING_M_S = 0.001
-"""What is slower is at rest: stopping takes no time and no distance."""
+"""Speed below which a robot is at rest: stopping takes no time and no distance."""
 _SPEED_STEPS = 256
 """A speed limit is one of this many steps up to the robot's highest speed, rounded down."""
 
@@ -76,7 +76,7 @@ class StoppingTable:
         return time_s * (beyond * self.stretch), distance_m * (beyond**2 * self.stretch)
 
     def hold_s(self, speeds: Floats, stopping_s: Floats) -> Floats:
-        """How much later than the brake command a uniform deceleration sets in.
+        """Return the delay from the brake command to the start of a uniform deceleration.
 
         Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2: the hold
         makes up for a table whose distance is longer than speed x T / 2.
@@ -112,7 +112,8 @@ class StoppingTable:
     def travel_s(
         self, speeds: Floats, times_s: Floats, reaction_s: float, stopping_s: Floats
     ) -> Floats:
-        """How far along its path a robot is at ``times_s`` (..., K), in seconds of full speed.
+        """Return the distance of a robot along its path at ``times_s`` (..., K), in seconds of full
+        speed.
 
         ``speeds`` and ``stopping_s`` are (..., 1).
         """
@@ -159,7 +160,7 @@ class StoppingCurve:
         return self.speed_m_s, self.time_s, self.distance_m
 
     def highest(self, counts: Ints) -> tuple[float, ...]:
-        """The highest of the first so many speeds, for each number; 0 if there are none."""
+        """Return the maximum of the first speeds, for each number of them; 0 if there are none."""
         return tuple(float(self.speed_m_s[n - 1]) if n > 0 else 0.0 for n in counts.tolist())
 
     def at(self, speed_m_s: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Where a robot is now, or why that is unknown."""
+"""Place of a robot now, or the reason why it is unknown."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -31,8 +31,9 @@ from hri_predict.robots.trajectory import load_trajectory, standing_at
 PLACE_STEP_S = 0.3
 """A robot that backs out is at most so far, in seconds of its plan, from where it was before."""
 BACK_S = 0.05
-"""Of two places with the same joints, it is at the one nearest to so far back. Where a path turns
-round, that takes it on; either way the joints that follow are those that are judged."""
+"""Distance back along the path: of two places with the same joints, the nearest to it counts. Where
+a path turns round, that takes it on; either way the joints that follow are those that are judged.
+"""
 FASTER_M_S = 0.05
 """A controller that reports the robot faster than the newest state does, by more than this, is the
 one that counts."""
@@ -49,17 +50,17 @@ class RobotNow:
         speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The higher of
             what is reported and what the change of the positions proves.
         reasons: why it cannot be trusted; empty if it can.
-        uncertainty_m: how far any point may be from where ``q`` puts it because the arm changed its
-            speed since RobotState came: acceleration x age^2 / 2; because a moving base is not
-            quite where it is said to be; and because another controller says a little different.
-            Add it to Z_r.
+        uncertainty_m: maximum distance of any point from where ``q`` puts it because the arm
+            changed its speed since RobotState came (acceleration x age^2 / 2), because a moving
+            base is not quite at its reported place, and because another controller differs a
+            little. Add it to Z_r.
         age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
         on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
         confirmed: whether the motion so far proves the direction of ``qd``.
         proven: whether its place is believed; see ``StillCheck``.
         tool: number of the tool that is counted with; ``None``: none is named, or the worst of all.
-        asked: what its controllers ask for.
+        asked: requests of its controllers.
         place_s: its place on the plan by its joints alone, while recovery is asked for: backing
             out, it has velocities that the plan does not have. ``None``: not known.
     """
@@ -195,7 +196,7 @@ class RobotTracker:
 
     @property
     def counters(self) -> dict[str, int]:
-        """What came of the RobotStates; see the class."""
+        """Counts of the RobotStates by outcome; see the class."""
         found = {"velocity_wrong": 0, "jumped": 0, "miscounted": 0, "frozen": 0}
         for line in self._lines.values():
             for name, count in line.check.counters.items():
@@ -204,7 +205,7 @@ class RobotTracker:
         return {**self._counts, **found}
 
     def at(self, now_ns: int) -> RobotNow:
-        """Where the robot is at ``now_ns``, node's clock.
+        """Return the robot's place at ``now_ns``, node's clock.
 
         With RobotState, the joints move on at their reported velocity over the state's age (its
         link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
@@ -306,7 +307,7 @@ class RobotTracker:
     def _off_m(
         self, place: Place, speed_m_s: float, others: Sequence[Place], now_ns: int
     ) -> float | None:
-        """How far other states put the robot from a place, at most; ``None``: too far.
+        """Return the maximum distance of other states from a place; ``None``: too far.
 
         A contradiction counts for ``HELD_S`` after it was last seen.
         """
@@ -363,7 +364,7 @@ class RobotTracker:
         """The phase of the newest state by its joints alone, near the last one that is known.
 
         A path that goes there and back has each place twice. A robot that backs out on the way
-        there looks like one that goes on, on the way back: only where it was before tells.
+        there looks like one that goes on, on the way back: only its previous place decides.
         """
         before_s = self._place_s
         self._place_s = None if self._on_plan is None else self._on_plan.phase_s

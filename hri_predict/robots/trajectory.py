@@ -30,7 +30,7 @@ PEAK = 15 / 8
 
 
 class Waypoint(Settings):
-    """Where the joints are (rad, m) at a time within the cycle (s); and the base, if it moves."""
+    """Positions of the joints (rad, m), and of a moving base, at a time within the cycle (s)."""
 
     time_s: float = Field(ge=0, le=86_400)
     positions: Annotated[list[float], Field(min_length=1)]
@@ -143,7 +143,7 @@ def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
     """(N,) joints of a robot that stands.
 
     Args:
-        motion: where it stands.
+        motion: its place.
         model: the robot.
         name: its own.
 
@@ -194,7 +194,7 @@ def _outside(model: RobotModel, j: int, position: float) -> str:
 
 
 def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
-    """What is wrong with the waypoints for this robot, and the remedy; or ""."""
+    """Return the fault of the waypoints for this robot, and the remedy; or ""."""
     joints = model.joint_names[-model.reported :]
     for i, w in enumerate(waypoints):
         if len(w.positions) != model.reported:

@@ -1,6 +1,6 @@
 """Predictors that a command compares: ``--predictor NAME`` or ``NAME=WEIGHTS``, side by side.
 
-What their zones rest on is told beside every comparison: a predictor without a calibration has
+The basis of their zones is printed with every comparison: a predictor without a calibration has
 zones of the physical limits alone, and looks worse at work than it is at forecasting.
 """
 
@@ -82,7 +82,7 @@ def fitting(calibrations: Sequence[Path], settings: PredictorSettings) -> Path |
     """The first of these files that was made for a predictor, its settings and weights.
 
     Raises:
-        ConfigError: a file cannot be read or is no calibration.
+        ConfigError: a file cannot be read or is not a calibration.
     """
     for path in calibrations:
         if not mismatch(load_calibration(path), settings):
@@ -112,7 +112,7 @@ def demand_use(calibrations: Sequence[Path], asked: Mapping[str, PredictorSettin
 def basis_of(
     asked: Asked, settings: PredictorSettings, coverage: CoverageSettings, base_dir: Path
 ) -> ZoneBasis:
-    """What the zones of a predictor with these settings rest on.
+    """Return the basis of the zones of a predictor with these settings.
 
     Raises:
         ConfigError: see ``calibration_for``.

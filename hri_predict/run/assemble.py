@@ -72,9 +72,10 @@ def build_predictor(config: Config) -> Predictor:
 
 
 def build_prediction(config: Config) -> Prediction:
-    """What runs the predictor in real time: a process of its own, where that is asked for.
+    """Return the runner of the predictor in real time: a process of its own, where that is asked
+    for.
 
-    Whoever builds it must stop it. A process is started at once, and can predict after
+    The caller must stop it. A process is started at once, and can predict after
     ``wait_until_ready``.
 
     Raises:
@@ -243,7 +244,7 @@ def build_link(
 
 
 def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
-    """How full a link will be, with the robots that it advises.
+    """Return the load of a link with the robots that it advises.
 
     Raises:
         LinkError: this kind of link cannot carry the RobotState of one of them.
@@ -254,7 +255,7 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
 
 
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
-    """What decides how long the RobotState of each of these robots is."""
+    """Return the properties that decide the length of each robot's RobotState."""
     models = build_robots(config)
     shapes = ((models[i].reported, models[i].mobile is not None) for i in robots)
     return [StateShape(*shape) for shape in shapes]

@@ -6,7 +6,7 @@ from hri_predict.base.settings import Abbreviated
 
 
 class CommissioningSettings(Abbreviated):
-    """Where the report is, or its path alone."""
+    """Place of the report, or its path alone."""
 
     report: str = Field(
         min_length=1, description="report.json of hri-predict commission, or a folder of reports"

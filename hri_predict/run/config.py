@@ -59,32 +59,32 @@ class NodeSettings(Settings):
         description="with ticks: capture, most cycles per second; default: 100",
     )
     source: dict[str, Any] = Field(
-        description="what is seen: a tracker, a recording or simulated people"
+        description="source of scenes: a tracker, a recording or simulated people"
     )
     predictor: dict[str, Any] = Field(
-        {"name": "constant_velocity"}, description="how people are expected to move"
+        {"name": "constant_velocity"}, description="prediction of people's motion"
     )
     people: PeopleSettings = Field(
-        PeopleSettings(), description="how people are followed, lost and found"
+        PeopleSettings(), description="rules by which people are followed, lost and found"
     )
     robots: list[RobotSettings] = Field(
         min_length=1, max_length=MAX_ROBOTS, description="the robots that are advised"
     )
     risk: RiskSettings = Field(
-        RiskSettings(), description="how separation is judged, and how levels change"
+        RiskSettings(), description="rules that judge separation and change levels"
     )
     zones: list[NamedZoneSettings] = Field(
         [],
         max_length=MAX_ZONES,
-        description="named zones and what they ask for while somebody is inside",
+        description="named zones and what they request while a person is inside",
     )
     links: list[dict[str, Any]] = Field(
         [], max_length=MAX_LINKS, description="wires to the robots' controllers"
     )
     realtime: RealtimeSettings = Field(
-        RealtimeSettings(), description="what the loop asks of the machine"
+        RealtimeSettings(), description="requests of the loop to the machine"
     )
-    alerts: AlertSettings = Field(AlertSettings(), description="what happens at a change of level")
+    alerts: AlertSettings = Field(AlertSettings(), description="actions at a change of level")
     record: RecordSettings | None = Field(
         None, description="file to record into (MCAP), or a folder that can be left on"
     )

@@ -1,4 +1,4 @@
-"""What the zones of a run rest on, for people: of ``check``, the 3D view and recordings."""
+"""Basis of the zones of a run, in words: of ``check``, the 3D view and recordings."""
 
 from hri_predict.run.assemble import build_calibration
 from hri_predict.run.config import Config

@@ -18,7 +18,7 @@ from hri_predict.run.config import Config
 
 MAX_FROM_VIEW_M = 3.0
 """Between a robot's reach and what the source sees, or the walls: a person who comes from there
-is seen in time, or nobody can come."""
+is seen in time, or no person can come."""
 MAX_FROM_SOURCE_M = 15.0
 """Likewise from the source itself, where no view is configured: cameras and lidars see a body up to
 there (depth cameras up to 6 m)."""

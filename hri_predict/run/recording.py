@@ -1,4 +1,4 @@
-"""Where a run records, and what the recording says of it."""
+"""Place of a run's recording, and the recording's description of the run."""
 
 import logging
 import os
@@ -22,7 +22,7 @@ _LONGEST_NAME = 200  # of a folder; longer ones are refused as files are
 
 
 def record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
-    """What the user asks for: ``--record FILE``, ``--record FOLDER``, or the configuration.
+    """Return the user's request: ``--record FILE``, ``--record FOLDER``, or the configuration.
 
     A new path without an ending is a folder, which is made. ``--record`` with the folder of a
     configuration that has one changes only the place.
@@ -43,10 +43,10 @@ def record_settings(config: Config, asked: Path | None) -> RecordSettings | None
 def place_of(
     config: Config, settings: RecordSettings, asked: Path | None, overwrite: bool
 ) -> Place:
-    """Where to record.
+    """Return the place of the recording.
 
     A file that the configuration names and that is there is kept, and the next one gets a number:
-    nobody is there when a node starts again. Who types ``--record`` is told.
+    there is no user when a node starts again. A user who types ``--record`` gets an error.
 
     Raises:
         ConfigError: it is the recording that is being played, or the configuration; or the folder
@@ -79,7 +79,7 @@ def clocks_of(clock: Clock, factor: float | None, start_ns: int) -> Clocks:
 
 
 def info_of(config: Config, source: Source, assembly: Assembly) -> RecordingInfo:
-    """What a recording of this run says of itself."""
+    """Return the description of this run in its recording."""
     record = config.node.record
     bases = ((robot.name, robot.room_from_robot) for robot in config.node.robots)
     return RecordingInfo(

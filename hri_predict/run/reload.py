@@ -22,14 +22,14 @@ fails."""
 
 
 class Reload:
-    """What SIGHUP asks of a service.
+    """Reload of a service on SIGHUP.
 
     Args:
         config: the configuration that runs.
-        load: reads it anew, as it was read at the start.
+        load: reads it again, as it was read at the start.
         parts: key or dotted key of the configuration -> who takes it, and all beneath it. They are
             asked in this order.
-        notifier: told when a reload begins and ends.
+        notifier: notified when a reload begins and ends.
 
     Attributes:
         count, failures: reloads, and those of them that changed nothing because the new file is

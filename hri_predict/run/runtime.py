@@ -37,7 +37,7 @@ SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
 
 
 class Stepped(Protocol):
-    """A simulation that runs beside the node on the virtual clock (the simulated cell)."""
+    """A simulation that runs with the node on the virtual clock (the simulated cell)."""
 
     def next_ns(self) -> int | None:
         """Return the time of the next step."""
@@ -57,11 +57,11 @@ def run_real_time(
 ) -> Pace:
     """Run until ``stop`` is set, ``duration_s`` has passed, or the source is exhausted.
 
-    ``pace`` is kept and returned, if somebody watches it meanwhile.
+    ``pace`` is kept and returned, if it is watched meanwhile.
 
     Raises:
         LinkError: a link's device is absent at start.
-        MachineError: the machine was suspended meanwhile; the controllers are told *unknown*.
+        MachineError: the machine was suspended meanwhile; the controllers get *unknown*.
     """
     clock, node = assembly.clock, assembly.node
     pace = pace or Pace()
@@ -130,8 +130,8 @@ def _loop(
         ticks.wait(clock, stop)
         if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
             raise MachineError(
-                f"the machine was suspended for {slept_s:.1f} s: nothing that the node knew is of "
-                f"now; restart it, and forbid the machine to sleep (systemctl mask sleep.target)"
+                f"the machine was suspended for {slept_s:.1f} s: the node's state is out of "
+                "date; restart it, and forbid the machine to sleep (systemctl mask sleep.target)"
             )
         now_ns = clock.now_ns()
         if now_ns < ticks.due_ns:
@@ -286,9 +286,10 @@ def _quiet_collector(first: bool = True) -> Iterator[None]:
 def stop_on_signals(
     stop: threading.Event, hangup: Callable[[], None] | None = None
 ) -> Iterator[None]:
-    """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node tells the controllers and ends.
+    """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node notifies the controllers and ends.
 
-    With ``hangup``, SIGHUP calls that instead: no terminal controls the node, so somebody asks.
+    With ``hangup``, SIGHUP calls that instead: no terminal controls the node, so a service manager
+    does.
 
     SIGHUP (the terminal was closed) stays ignored if it was ignored before, as under ``nohup``.
     """

@@ -1,4 +1,4 @@
-"""What a run in real time has for those who operate it: systemd, monitoring, reload."""
+"""Parts of a run in real time for those who operate it: systemd, monitoring, reload."""
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
@@ -26,13 +26,13 @@ class Serving:
     """The service's side of one run.
 
     Args:
-        config: what runs.
-        notifier: who started the node, if that wants to know how it is.
+        config: configuration of the run.
+        notifier: the service manager, if it wants reports of the node's state.
         reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
 
     Attributes:
         pace: of the loop.
-        hangup: what SIGHUP does; ``None``: it ends the node.
+        hangup: action on SIGHUP; ``None``: it ends the node.
     """
 
     def __init__(

@@ -49,7 +49,7 @@ class View(Listener):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to run a configuration.
+    """Options of a run.
 
     Attributes:
         factor: node seconds per wall second; ``None``: as fast as possible on the virtual clock.
@@ -63,7 +63,7 @@ class Options:
         last_latch_id: what is to be acknowledged is numbered from the next one on; ``None``: from a
             random number, so that an Acknowledge of another run names nothing.
         view: shows each tick; the loop's thread calls it, so it must be quick.
-        notifier: who wants to know how the node is (systemd), in real time only.
+        notifier: receiver of reports on the node's state (systemd), in real time only.
         reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
     """
 
@@ -207,7 +207,7 @@ class _Session:
         return assembly
 
     def _where_to_record(self) -> tuple[RecordSettings | None, Place | None]:
-        """What to record and where, if anywhere; see ``run.recording``."""
+        """Return what to record and where, if anywhere; see ``run.recording``."""
         asked = self.options.record
         settings = record_settings(self.config, asked)
         if settings is None:
@@ -319,7 +319,7 @@ class _Session:
         return result
 
     def counters(self) -> dict[str, int]:
-        """What was counted beside the node: forecasts, and what was lost on its way to disks."""
+        """Return the counters besides the node's: forecasts, and losses on the way to disks."""
         counted = dict(self.prediction.counters) if self.prediction is not None else {}
         counted["alerts_dropped"] = self.alerts.dropped
         counted["alert_failures"] = self.alerts.failures

@@ -36,7 +36,7 @@ class SlowStart(Listener):
     """Says once that the start takes long; the first tick ends the start.
 
     Args:
-        after_s: how long a start may take until that is said.
+        after_s: duration of a start after which it is reported.
     """
 
     def __init__(self, after_s: float = LONG_S) -> None:
@@ -180,7 +180,7 @@ def memory_of(
 
 
 def cell_of(config: Config) -> str:
-    """What tells this cell from others: its configuration's path, and where its parts are.
+    """Return the identity of this cell: its configuration's path, and the places of its parts.
 
     Where a robot or the source has been moved, the places of lost people mean others.
     """

@@ -11,12 +11,12 @@ from hri_predict.base.clock import Clock
 from hri_predict.run.config import NodeSettings
 
 LEAVE_NS = 1_000_000
-"""So long the loop rests after a tick, if a capture waits: the links' threads send the advice."""
+"""Pause of the loop after a tick, if a capture waits: the links' threads send the advice."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a tick ended.
+    """End of a tick.
 
     Attributes:
         used: part of its time that the tick used; above 1 it was late.

@@ -1,11 +1,11 @@
-"""What a person should know of a configuration's ticks: rates, and how long captures wait."""
+"""Notes on a configuration's ticks: rates, and how long captures wait."""
 
 from typing import Any
 
 from hri_predict.run.config import NodeSettings
 
 RACE = 0.9
-"""A period of at least so much of the source's period, and not much more, races with captures."""
+"""Ratio to the source's period from which a period, if not much longer, races with captures."""
 
 
 def ticks_facts(node: NodeSettings, source_rate_hz: float) -> dict[str, Any]:

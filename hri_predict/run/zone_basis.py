@@ -1,4 +1,4 @@
-"""What the zones of a predictor rest on, as every comparison tells it."""
+"""Basis of a predictor's zones, as every comparison prints it."""
 
 import shlex
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True, kw_only=True)
 class ZoneBasis:
-    """What the zones of a predictor rest on.
+    """Basis of a predictor's zones.
 
     Attributes:
         label, name: of the predictor.

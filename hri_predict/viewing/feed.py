@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 PICTURES_HZ = 15.0
 CHANGES = 64
-"""So many changes of level go with each picture: one that came between two pictures is in it."""
+"""Changes of level sent with each picture, so one between two pictures is not missed."""
 VIEWER = "hri_predict.viewing.scene3d.live"
 OPERATOR = "hri_predict.viewing.operator.page"
 

@@ -1,4 +1,4 @@
-"""Hands what is known of all cells to their page: a process of its own that holds up nobody.
+"""Hands what is known of all cells to their page: a process of its own that holds up nothing.
 
 A thread asks for the facts five times a second, and at once after ``wake``, and writes them to the
 page's pipe. What the page does not take is dropped and counted; changes go again until it has.
@@ -16,7 +16,7 @@ from hri_predict.viewing.screen import Screen, ScreenSettings, check_port, write
 FLEET = "hri_predict.viewing.operator.fleet"
 PERIOD_S = 0.2
 SOONEST_S = 0.05
-"""Between two pictures, however often somebody calls ``wake``."""
+"""Minimum interval between two pictures, however often ``wake`` is called."""
 
 
 class FleetFeed:

@@ -1,4 +1,4 @@
-"""How levels, people and rooms look on all screens: colours, and which level is the worst."""
+"""Appearance of levels, people and rooms on all screens: colours, and which level is the worst."""
 
 from collections.abc import Iterable
 from operator import attrgetter
@@ -16,7 +16,7 @@ GREY: Rgb = (128, 128, 128)
 """Nothing is known: no node, no picture."""
 PERSON: Rgb = (30, 105, 230)
 LOST: Rgb = COLOURS["UNKNOWN"]
-"""Also of shadows and of floor that nobody sees: somebody may be there."""
+"""Also of shadows and of unseen floor: a person may be there."""
 FORECAST: Rgb = (90, 190, 255)
 VIEW: Rgb = (80, 170, 190)
 GRID: Rgb = (95, 103, 112)

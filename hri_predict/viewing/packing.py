@@ -20,7 +20,7 @@ from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
 from hri_predict.viewing.room import room_of, sees
 
 STEPS = 8
-"""So many moments of the horizon are sent, now and its end among them."""
+"""Number of moments of the horizon that are sent, now and its end among them."""
 _A = [segment.joint_a for segment in CANONICAL.segments]
 _B = [segment.joint_b for segment in CANONICAL.segments]
 _RADII = np.array([segment.radius for segment in CANONICAL.segments])
@@ -71,7 +71,7 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
 
 
 def facts_of(tick: Tick, config: Config, cut_off: Sequence[str] = ()) -> dict[str, Any]:
-    """What is known besides shapes: robots, people, the node's state, and the room's regions.
+    """Return the facts besides shapes: robots, people, the node's state, and the room's regions.
 
     ``cut_off``: the links that are not connected, by name.
     """
@@ -114,7 +114,7 @@ def state_facts(
 
 
 def said_of(level: Level, reason: Reason, detail: str, band_m: float | None) -> dict[str, str]:
-    """What an advice says, as screens say it. ``band_m``: ``risk.band_m``."""
+    """Return an advice's words, as on screens. ``band_m``: ``risk.band_m``."""
     return {
         "level": level.name,
         "reason": reason_beside(level, reason),
@@ -138,7 +138,7 @@ def pair_facts(
     """The deciding pair: its nearest points (2, 3), how far they are and, at the robot's speed,
     have to be apart, and the names of both; ``None`` and "": not known.
 
-    "near" is for whoever stands there, and "" unless a person decides the level.
+    "near" is for the person who stands there, and "" unless a person decides the level.
     """
     by_distance = level is not Level.CLEAR and reason.row.by_distance
     decides = bool(who) and pair_m is not None and by_distance

@@ -21,7 +21,7 @@ _SHAPES = ("bodies", "forecast", "zones", "robots")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """What is shown of one tick. Capsules are rows of ax ay az bx by bz r: metres, room frame.
+    """Content of one tick on screens. Capsules are rows of ax ay az bx by bz r: metres, room frame.
 
     Attributes:
         facts: plain data; see ``packing.facts_of``.
@@ -51,7 +51,7 @@ def unpack(body: bytes) -> Picture:
     """The picture of what follows the first length.
 
     Raises:
-        ValueError: these bytes are no picture.
+        ValueError: these bytes are not a picture.
     """
     try:
         (length,) = _LENGTH.unpack_from(body)
@@ -85,7 +85,7 @@ def read(stream: BinaryIO) -> Picture | None:
 
 
 def empty_shapes() -> dict[str, Shapes]:
-    """Shapes of nobody and nothing, by name."""
+    """Return empty shapes, by name."""
     assert tuple(f.name for f in fields(Picture))[1:] == _SHAPES
     people = np.zeros((0, 1, 1, 7), np.float32)
     return {

@@ -35,7 +35,7 @@ from hri_predict.viewing.room import band_of_text, room_of_text, sees
 
 WINDOW_NS = 30_000_000_000
 WINDOWS = 4
-"""So many windows are kept in memory."""
+"""Number of windows kept in memory."""
 BEFORE_NS = 2_000_000_000
 OLD_NS = 600_000_000
 """Zones and forecasts of longer ago are not those of this picture: three are missing."""
@@ -51,13 +51,13 @@ class RecordedPictures:
     """A recording's pictures by time, and its levels.
 
     Attributes:
-        info: what the recording says of itself.
+        info: description of the recording.
         start_ns, end_ns: of its statuses; UTC, or the node's clock where there is no UTC.
         changes: (ns, the worst level from then on).
-        first_ns: when somebody was there first, or else when the level first changed.
+        first_ns: when a person was there first, or else when the level first changed.
 
     Raises:
-        RecordingError: it is no recording of this node, says nothing, or is damaged.
+        RecordingError: it is not a recording of this node, says nothing, or is damaged.
         OSError: it cannot be read.
     """
 
@@ -90,7 +90,7 @@ class RecordedPictures:
         return (self.end_ns - self.start_ns) * 1e-9
 
     def opening_ns(self) -> int:
-        """Where a view begins: at the first picture that has somebody in it, if any does."""
+        """Return the start of a view: the first picture that has a person in it, if any does."""
         try:
             picture = self.at(self.first_ns)
         except RecordingError:  # whoever goes there is told
@@ -104,7 +104,7 @@ class RecordedPictures:
         return self.changes[max(0, index - 1)][1]
 
     def levels(self, parts: int) -> list[str]:
-        """The worst level in each of so many equal parts of the recording."""
+        """Return the worst level in each of this number of equal parts of the recording."""
         span = max(1, self.end_ns - self.start_ns)
         edges = [self.start_ns + span * k // parts for k in range(parts + 1)]
         found = []
@@ -187,7 +187,7 @@ class RecordedPictures:
 
 
 def _says(advice: Told) -> tuple[Any, ...]:
-    """What an advice says to whoever looks at a screen."""
+    """Return an advice's words for a screen."""
     return advice.data.get("level"), advice.data.get("reason"), advice.data.get("latch_id")
 
 

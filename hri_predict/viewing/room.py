@@ -1,4 +1,4 @@
-"""What a configuration says, for pictures: what the sensor sees and does not see, and the band."""
+"""Facts of a configuration for pictures: what the sensor sees and does not see, and the band."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -17,7 +17,7 @@ _POINTS = TypeAdapter(list[Vector3])
 
 
 def room_of(config: Config) -> dict[str, Any]:
-    """What a configuration says.
+    """Return the facts of a configuration.
 
     Where its source does not see free space (``sees_free_space``), ``shadows`` and ``viewpoints``
     are empty: the configuration has none.

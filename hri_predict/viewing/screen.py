@@ -24,13 +24,13 @@ from hri_predict.base.errors import ConfigError
 log = logging.getLogger(__name__)
 
 END_S = 3.0
-"""A screen that has not ended so long after its pipe is killed."""
+"""Time after the end of its pipe after which a screen is killed."""
 PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
 """Before a screen that ended is started again; the pause doubles with each time,"""
 STEADY_S = 600.0
-"""and is short again after one that lasted so long."""
+"""and is short again after one that lasted this long."""
 MOST_STARTS = 10
-"""One that ends so often, each time sooner, is given up: a start costs the machine a second."""
+"""Number of such ends after which a screen is given up: a start costs a second of CPU."""
 LOOPBACK = "127.0.0.1"
 
 
@@ -40,7 +40,7 @@ class ScreenSettings:
 
     Attributes:
         name: as people call it.
-        module: what runs, as ``python -m``; it takes ``--host`` and ``--port``.
+        module: module that runs, as ``python -m``; it takes ``--host`` and ``--port``.
         port: 0: any free one.
         host: the address that it listens on.
         urls: addresses under which proxies serve it; given as ``--url``.
@@ -76,7 +76,7 @@ class Screen:
 
     Attributes:
         dropped: pictures that it was too slow for, or that came while none ran.
-        starts: how often it was started. A new process knows nothing of what the last one was
+        starts: number of starts. A new process knows nothing of what the last one was
             shown.
 
     Raises:

@@ -39,7 +39,7 @@ class UnseenFloor:
         """(N, 4) rectangles: x and y of the middle, width and depth, metres.
 
         Args:
-            places: x and y of everybody who is tracked: people hide each other.
+            places: x and y of all tracked people: people hide each other.
             sees: whether scenes prove anything now; if not, no place is seen free.
         """
         if self._space is None:

@@ -52,7 +52,7 @@ class BodyZones:
         capture_ns: that capture; without people, the newest good one.
         reasons: why the zones are no better than they are.
         claimed: see ``JointSpheres``.
-        speeds: of everybody, in the order of ``zones``.
+        speeds: of all people, in the order of ``zones``.
         segments_m_s: (P, S) how fast each segment moves in the room as captured, at its faster end;
             infinite if that is not known, as of a lost person. An inferred hand or foot counts at
             the physical limit: its tracker does not see how it turns.
@@ -99,8 +99,8 @@ class ZoneBuilder:
         steps: number of steps of zones after now; defaults to ``horizon_steps``.
         radii: calibrated radii; ``None``: the predictor is not calibrated.
         with_paths: whether to build ``paths``; otherwise they are the zones.
-        margins_m: what segments count thicker by, by region (``head``, ``hand``). Where nobody
-            knows which segment is where, the largest counts.
+        margins_m: added thickness of segments, by region (``head``, ``hand``). Where it is
+            unknown which segment is where, the largest counts.
 
     Attributes:
         joints: see ``JointZones``.
@@ -169,7 +169,7 @@ class ZoneBuilder:
         trust: Trust | None = None,
         velocities: Velocities | None = None,
     ) -> BodyZones:
-        """Zones of everybody in ``snapshot``.
+        """Return the zones of all people in ``snapshot``.
 
         Args:
             snapshot: people at this tick.

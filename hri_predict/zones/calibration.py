@@ -1,8 +1,8 @@
 """Calibrated radii: how far people were from where a predictor put them, and how often.
 
 A calibration belongs to one predictor with its settings and weights. For each level, each of two
-questions (each *joint* alone; the whole *body* at once), each speed class and horizon step it
-tells radii in two ways:
+questions (each *joint* alone; the whole *body* at once), each speed class and horizon step it gives
+radii in two ways:
 
 - **estimated**: a factor on the learned scale (``learned_scale``), which says for each joint how
   wrong this forecast may be, after its shape (``scale_shape``), up to a limit. Windows of one
@@ -46,7 +46,7 @@ from hri_predict.zones.settings import LEVELS, CoverageSettings
 Of = Literal["joint", "body"]
 OFS: tuple[Of, ...] = ("joint", "body")
 FOLDER = package_path("predictors", "weights")
-"""Calibrations of shipped predictors lie beside the weights; so do those of the baselines."""
+"""Calibrations of shipped predictors lie next to the weights; so do those of the baselines."""
 
 VERSION = 3
 """Of the files; 3 has a learned scale."""
@@ -76,7 +76,7 @@ class UsedRecording(Settings):
 
 
 class SiteParts(Settings):
-    """What moved a calibration's factors towards a site; see ``lab.calibration.site.mixing``."""
+    """Changes of a calibration's factors towards a site; see ``lab.calibration.site.mixing``."""
 
     base: str = Field(description="first digits of the SHA-256 of the calibration it came from")
     recordings: tuple[UsedRecording, ...] = Field(description="parts of the site's recordings")
@@ -97,10 +97,10 @@ class CalibrationFile(Settings):
     scale: dict[str, Any]
     shape: dict[str, Any] | None = Field(None, description="factors on the scale by its size")
     estimated_thousandths: dict[str, list[list[Row]]] = Field(
-        description="of the scale: of, level, speed class"
+        description="factors of the scale: of, level, speed class"
     )
     limits_mm: dict[str, list[list[list[Row]]]] | None = Field(
-        None, description="of the estimated radii: of, level, speed class, joint"
+        None, description="factors of the estimated radii: of, level, speed class, joint"
     )
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"
@@ -116,7 +116,7 @@ class Calibration:
     """A calibration in memory. L levels, G joints (sides pooled), H steps.
 
     Attributes:
-        predictor, settings, weights: what it belongs to.
+        predictor, settings, weights: the predictor that it belongs to.
         rate_hz: steps per second.
         joints: names of the G joints, without their side.
         scale: the fitted network.
@@ -157,7 +157,7 @@ class Calibration:
         return int(self.estimated["joint"].shape[-1])
 
     def independent(self, speed_class: int) -> int:
-        """How many recordings have windows of a speed class."""
+        """Return the number of recordings with windows of a speed class."""
         return sum(used.windows[speed_class] > 0 for used in self.recordings)
 
     def motion_ranges(self, skeleton: Skeleton) -> MotionRanges:
@@ -182,7 +182,7 @@ def plain(joint: str) -> str:
 
 
 def needed(level: float) -> int:
-    """How many independent recordings a guarantee of ``level`` takes: 9, 19, 99."""
+    """Return the independent recordings that a guarantee of ``level`` takes: 9, 19, 99."""
     return math.ceil(level / (1.0 - level) - 1e-9)
 
 
@@ -190,7 +190,7 @@ def needed(level: float) -> int:
 
 
 def shipped_calibration(predictor: str) -> Path:
-    """Where the calibration of a shipped predictor lies."""
+    """Return the path of the calibration of a shipped predictor."""
     return FOLDER / f"{predictor}.calibration.json"
 
 

@@ -1,4 +1,4 @@
-"""How fast people move, compared with what the standard assumes.
+"""Speeds of people, compared with what the standard assumes.
 
 ISO 13855:2010 assumes K = 1.6 m/s for a walking body and 2.0 m/s for an upper limb. It does not
 cover running and jumping (the abstract of that edition says so). So a separation by that standard
@@ -135,7 +135,7 @@ def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floa
 
 
 def velocities_in(snapshot: PeopleSnapshot, rate_hz: float) -> Velocities:
-    """``joint_velocities`` of everybody in a snapshot whose history has ``rate_hz``.
+    """Return ``joint_velocities`` of all people in a snapshot whose history has ``rate_hz``.
 
     Those of inferred joints are not measured.
     """
@@ -144,7 +144,7 @@ def velocities_in(snapshot: PeopleSnapshot, rate_hz: float) -> Velocities:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HumanSpeeds:
-    """How fast P people are. S body segments.
+    """Speeds of P people. S body segments.
 
     Attributes:
         fast: (P,) whether a joint is faster than the standard assumes.
@@ -190,7 +190,7 @@ def joined_speeds(parts: Sequence[HumanSpeeds]) -> HumanSpeeds:
 
 
 class Moving(NamedTuple):
-    """How fast P people and everything of them move. J joints, S segments.
+    """Speeds of P people and of all their parts. J joints, S segments.
 
     Attributes:
         people: see ``HumanSpeeds``.
@@ -207,7 +207,7 @@ class Moving(NamedTuple):
 
 
 class _Rule(NamedTuple):
-    """What loops and arrays read of a ``SpeedRule``; (J,) each, but for the last two."""
+    """Values that loops and arrays read of a ``SpeedRule``; (J,) each, but for the last two."""
 
     trunk: Bools
     leg: Bools
@@ -251,11 +251,11 @@ class SpeedRule:
         )
 
     def moving(self, speeds: JointSpeeds, delivered: Bools, ends: tuple[Ints, Ints]) -> Moving:
-        """How fast everybody and every part of them is.
+        """Return the speeds of all people and of all their parts.
 
         Args:
             speeds: (P, J) of the joints.
-            delivered: (J,) the joints that are not inferred: these alone tell who is fast.
+            delivered: (J,) the joints that are not inferred: these alone decide who is fast.
             ends: (S,) and (S,) the joints of the segments.
         """
         joints = speeds.speed, speeds.surely, speeds.measured
@@ -270,7 +270,7 @@ class SpeedRule:
         return Moving(people, found[5], found[6])
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
-        """How fast lost people may go on.
+        """Return the maximum speeds at which lost people go on.
 
         Args:
             speeds_m_s: (L,) of their bodies.

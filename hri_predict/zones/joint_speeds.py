@@ -1,16 +1,17 @@
-"""How fast each joint moves in the room, measured from the captures themselves.
+"""Speed of each joint in the room, measured from the captures themselves.
 
 A joint's velocity is the least-squares slope of its captures over a span: the difference of two
 captures would turn a centimetre of noise into half a metre per second. Two spans are tried:
 ``QUICK_S`` finds a joint that has just set out, ``SPAN_S`` is less disturbed by noise. Of a source
-too slow for that, the newest ``LEAST_CAPTURES`` count, whatever time they take.
+too slow for that, the newest ``LEAST_CAPTURES`` count, no matter how long they take.
 
 **Noise**: white noise of standard deviation s gives each component of a slope the standard
 deviation s / sqrt(sum (t - mean)^2). With 2 cm at 30 Hz over 0.2 s that is 0.11 m/s, and the
 fastest of 21 joints of a person who stands looks as fast as 0.5 m/s. So s is measured as well: by
-what remains of the captures beside a parabola, which holds every motion with constant acceleration,
-as the median over the person's joints. (A kick moves few joints; noise moves them all.) What
-``CERTAIN`` standard deviations explain is not *surely* speed. At most ``MOST_NOISE_M_S`` is
+what remains of the captures after a fit with a parabola, which holds every motion with constant
+acceleration, as the median over the person's joints. (A kick moves few joints; noise moves them
+all.) What ``CERTAIN`` standard deviations explain is not *surely* speed. At most ``MOST_NOISE_M_S``
+is
 explained so: a sensor that is noisier makes people look fast, never slow. The quick span is used
 only where its noise is below that.
 """
@@ -61,7 +62,7 @@ class _Slope(NamedTuple):
 
 
 def joint_speeds(captures: RecentCaptures, delivered: Bools | None = None) -> JointSpeeds:
-    """How fast every joint is.
+    """Return the speed of every joint.
 
     Args:
         captures: the newest ones.
@@ -204,7 +205,7 @@ def _slope_of(ages: Floats, place: Floats, used: Bools) -> tuple[float, float, f
 
 @part
 def _variance_of(ages: Floats, place: Floats, used: Bools, kept: Floats) -> float:
-    """Of one joint, square metres: what remains beside a parabola; -1: too few captures."""
+    """Of one joint, square metres: the residual of a parabola; -1: too few captures."""
     n, middle = 0, 0.0
     for c in range(len(ages)):
         if used[c]:

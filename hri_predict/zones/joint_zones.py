@@ -19,8 +19,8 @@ forecast can leave such a zone; how often is unknown.
 was not seen in the capture or only recently appeared, and to a person whose motion is out of
 distribution. Without a calibration, the standard's assumption replaces them: the joint is at most
 ``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
-present speed, whichever is higher, and the physical limit if nobody could measure how fast the
-person is. A lost person goes on from where each joint was last seen, at the speed last measured or
+present speed, whichever is higher, and the physical limit if the person's speed could not be
+measured. A lost person goes on from where each joint was last seen, at the speed last measured or
 the physical speed, whichever is higher; a limb that was faster than its body gets an arm's length
 farther. Past the last calibrated step the zone grows at the physical speed.
 
@@ -52,13 +52,13 @@ from hri_predict.zones.trust import Trust
 __all__ = ["FRESH_S", "LIMB_M", "JointSpheres", "JointZones"]
 
 RECENT_STEPS, SETTLED_STEPS = 15, 8
-"""A joint is settled if it was seen in so many of the most recent steps: calibrated radii rest on
+"""Number of the most recent steps in which a settled joint was seen: calibrated radii rest on
 at least as much history."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class JointSpheres:
-    """Where joints may be. P people (lost ones last), K steps after now, J joints.
+    """Regions where joints may be. P people (lost ones last), K steps after now, J joints.
 
     Attributes:
         mid, radius: (P, K+1, J, 3) and (P, K+1, J); entry 0 at the capture, entry k during the
@@ -135,7 +135,7 @@ class JointZones:
         growth_m_s: Floats | None = None,
         unknown: Bools | None = None,
     ) -> JointSpheres:
-        """Spheres for everybody in ``snapshot``; see ``ZoneBuilder.build``.
+        """Return spheres for all people in ``snapshot``; see ``ZoneBuilder.build``.
 
         Args:
             snapshot, forecast, trust, velocities: as there.

@@ -43,8 +43,9 @@ LEADS_S = (0.12, 0.4)
 """Ages of the forecasts whose errors the network reads. The first shows noise, the second how
 predictable a person is."""
 LEAD_TOLERANCE_S = (0.045, 0.07)
-"""A forecast stands for one of ``LEADS_S`` if its age is so near: at 8 to 60 captures a second
-there is one."""
+"""Maximum difference of a forecast's age from the one of ``LEADS_S`` that it stands for: at 8 to 60
+captures a second there is one.
+"""
 
 KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
 """The network runs at these steps; between them the scale's logarithm is linear."""
@@ -64,7 +65,7 @@ AHEAD = ("moved", "speed_ahead", "lead", "log_lead")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Evidence:
-    """What is known of P people when a forecast is made. T steps back, H ahead, J joints.
+    """Knowledge of P people when a forecast is made. T steps back, H ahead, J joints.
 
     Attributes:
         history, observed: (P, T, J, 3) metres and (P, T, J); where T is short, speeds are measured
@@ -183,7 +184,7 @@ class ScaleNetwork:
     """The fitted network. ``NOW`` + ``AHEAD`` + ``KINDS`` inputs, hidden layers of ReLU.
 
     Attributes:
-        mean, deviation: of the inputs that are no kinds.
+        mean, deviation: of the inputs that are not kinds.
         layers: weights (inputs, outputs) and biases (outputs,), first to last; the last gives the
             natural logarithm of the scale in metres.
     """
@@ -202,7 +203,7 @@ class ScaleNetwork:
 
     @staticmethod
     def of_json(data: Mapping[str, Any]) -> "ScaleNetwork":
-        """What ``to_json`` gave.
+        """Invert ``to_json``.
 
         Raises:
             ValueError: shapes or numbers do not fit.
@@ -211,7 +212,7 @@ class ScaleNetwork:
             mean, deviation = _array(data["mean"]), _array(data["deviation"])
             layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
         except (KeyError, TypeError, OverflowError) as error:
-            raise ValueError("the scale is no network of numbers") from error
+            raise ValueError("the scale is not a network of numbers") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
         if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")

@@ -1,6 +1,6 @@
 """Zones of lost people whose possible places are known, because other places were seen free.
 
-Each place is a disc on the floor. Somebody in it may stand, crouch or reach out in any direction,
+Each place is a disc on the floor. A person in it may stand, crouch or reach out in any direction,
 so each zone is an upright capsule about the disc, an arm's reach wider.
 """
 
@@ -11,9 +11,9 @@ from hri_predict.base.geometry import Capsules
 from hri_predict.people.snapshot import LostPerson
 
 ARM_M = 0.85
-"""How far a hand gets from the body's middle: ISO 13855:2010 takes 850 mm for an arm's reach."""
+"""Reach of a hand from the body's middle: ISO 13855:2010 takes 850 mm for an arm."""
 TOP_M = 2.5
-"""Nobody reaches farther above where they stand: a tall man's grip is at 2.2 m."""
+"""Maximum reach above the place where a person stands: a tall man's grip is at 2.2 m."""
 
 
 def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:

@@ -27,7 +27,7 @@ BRISK_M_S = 1.0
 """From this speed on a person walks: people prefer 1.2 to 1.4 m/s (R. Bohannon, Age and Ageing 26
 (1997), 15), and are slower when they set out, turn or stop."""
 RESIDUAL_S = 0.4
-"""How old a forecast is when its error counts as the residual, and how long it is remembered."""
+"""Age of a forecast whose error counts as the residual, and time for which it is remembered."""
 SPEED_CLASSES = ("still", "slow", "brisk")
 _TRUNK = ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
 

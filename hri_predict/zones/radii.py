@@ -24,7 +24,7 @@ class Radii:
 
     Args:
         calibration: see ``Calibration``.
-        settings: which level, question and basis.
+        settings: level, question and basis.
         skeleton: of the zones; joints that were not calibrated have infinite radii.
         horizon_steps: H of the forecast; radii of steps that were not calibrated are infinite.
 

@@ -1,4 +1,4 @@
-"""What bodies can do: the bounds that no zone needs to exceed, and the cut to these bounds.
+"""Abilities of bodies: the bounds that no zone needs to exceed, and the cut to these bounds.
 
 Three bounds give each joint a sphere during each interval: its highest speed from where it was; its
 velocity at capture and how much that can change (like the reachable sets of SaRA: S. Pereira, M.

@@ -1,6 +1,6 @@
-"""How the tail of errors depends on the size of the learned scale.
+"""Dependence of the tail of errors on the size of the learned scale.
 
-The network says how large an error may be, but not how heavy its tail is. Somebody who stands still
+The network says how large an error may be, but not how heavy its tail is. A person who stands still
 has a small scale and may start to walk; an arm that is in motion has a large one, and its errors
 seldom exceed it by much. One factor for both makes the zones of arms too large and those of people
 who stand too small. So the scale is first multiplied by a factor that depends on its own size, the
@@ -67,7 +67,7 @@ class ScaleShape:
             size = np.array(data["size_um"], dtype=np.float64) * 1e-6
             factor = np.array(data["thousandths"], dtype=np.float64) / 1000.0
         except (OverflowError, TypeError, ValueError) as error:
-            raise ValueError(f"shape is no table of numbers ({error})") from error
+            raise ValueError(f"shape is not a table of numbers ({error})") from error
         if size.shape != shape or factor.shape != shape:
             raise ValueError(f"shape's tables must have the shape {shape}")
         good = (size > 0).all() and (np.diff(size) > 0).all() and (size < 100).all()

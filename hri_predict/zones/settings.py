@@ -19,7 +19,7 @@ LEVELS = (0.9, 0.95, 0.99)
 
 
 class Reach(Settings):
-    """How far a joint of one part of the body can get: it is within both of two spheres.
+    """Reach of a joint of one part of the body: it is within both of two spheres.
 
     The first has the radius ``speed_m_s`` t about where the joint was. The second has the radius
     (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where its present velocity would take it.
@@ -38,7 +38,7 @@ class Reach(Settings):
             "each second"
         ),
         "burst_m_s": LessSafe(
-            below="a joint that jerks is expected {more:.2g} m less far in each second"
+            below="a joint that jerks is expected to move {more:.2g} m less in each second"
         ),
         "sustained_m_s2": LessSafe(
             below="a body that speeds up for a second is expected {more:.2g} m/s slower"
@@ -55,7 +55,7 @@ REACH: dict[Literal["trunk", "arm", "leg"], Reach] = {
 
 
 class HumanLimits(Settings):
-    """How fast people move: what the standard assumes, and what bodies can do.
+    """Speeds of people: what the standard assumes, and what bodies can do.
 
     The standard's figures apply without a calibrated forecast: ISO 13855:2010 gives K = 2.0 m/s for
     an upper limb and 1.6 m/s for a walking body (as quoted in the ifm OY and Schmersal SLC
@@ -84,10 +84,10 @@ class HumanLimits(Settings):
         description="every joint without a forecast; its present speed if higher",
     )
     arm_acceleration_m_s2: float = Field(
-        50.0, ge=MIN_HUMAN_M_S2, le=1000, description="of arms and hands, at most"
+        50.0, ge=MIN_HUMAN_M_S2, le=1000, description="maximum acceleration of arms and hands"
     )
     body_acceleration_m_s2: float = Field(
-        30.0, ge=MIN_HUMAN_M_S2, le=1000, description="of everything else, at most"
+        30.0, ge=MIN_HUMAN_M_S2, le=1000, description="maximum acceleration of all other parts"
     )
     velocity_error_m_s: float = Field(
         1.6,
@@ -97,39 +97,42 @@ class HumanLimits(Settings):
         " walking speed, holds for any predictor",
     )
     std_factor: float = Field(
-        0.0, ge=0, le=10, description="zones hold at least so many of the forecast's std; 0: off"
+        0.0,
+        ge=0,
+        le=10,
+        description="minimum size of zones, in standard deviations of the forecast; 0: off",
     )
     extend_beyond_horizon: bool = Field(
         False, description="past the last horizon zones grow at the physical speed"
     )
     reach: dict[Literal["trunk", "arm", "leg"], Reach] = Field(
         REACH,
-        description="how far each part of the body can get: trunk, arm, leg",
+        description="reach of each part of the body: trunk, arm, leg",
     )
 
     safety: ClassVar[Safety] = {
         "arm_speed_m_s": LessSafe(
-            below="an arm that comes is expected {more:.2g} m less far in each second",
+            below="an approaching arm is expected to move {more:.2g} m less in each second",
             above="an arm of up to {value:g} m/s does not count as fast",
         ),
         "body_speed_m_s": LessSafe(
-            below="a person who comes is expected {more:.2g} m less far in each second",
-            above="a person who comes at up to {value:g} m/s does not count as fast",
+            below="an approaching person is expected to move {more:.2g} m less in each second",
+            above="a person who approaches at up to {value:g} m/s does not count as fast",
         ),
         "physical_speed_m_s": LessSafe(
-            below="what has no forecast, and the lost, are expected {more:.2g} m less far in each "
-            "second"
+            below="joints without a forecast and lost people are expected to move {more:.2g} m "
+            "less in each second"
         ),
         "arm_acceleration_m_s2": LessSafe(
-            below="an arm that sets out is expected {more:.2g} m/s slower after a second"
+            below="an arm that starts to move is expected {more:.2g} m/s slower after a second"
         ),
         "body_acceleration_m_s2": LessSafe(
-            below="a person who sets out is expected {more:.2g} m/s slower after a second"
+            below="a person who starts to move is expected {more:.2g} m/s slower after a second"
         ),
         "velocity_error_m_s": LessSafe(
             below="zones without a calibration are {more:.2g} m narrower for each second ahead"
         ),
-        "std_factor": LessSafe(below="zones hold fewer of the forecast's std"),
+        "std_factor": LessSafe(below="zones cover fewer standard deviations of the forecast"),
         "extend_beyond_horizon": LessSafe(
             other="past the horizon zones rest on physical_speed_m_s alone, and the robot need not "
             "stop within the horizon"
@@ -153,7 +156,7 @@ class HumanLimits(Settings):
 
 
 class CoverageSettings(Settings):
-    """How often zones hold the body (``risk.coverage``); see ``calibration``.
+    """Coverage of the body by zones (``risk.coverage``); see ``calibration``.
 
     ``of: joint`` requires each joint to be inside (the joint nearest to the robot is one joint);
     ``body`` requires all joints at once, which takes larger zones. ``guaranteed`` radii exist only
@@ -163,7 +166,8 @@ class CoverageSettings(Settings):
 
     level: float = Field(0.99, description="0.9, 0.95 or 0.99")
     of: Literal["body", "joint"] = Field(
-        "joint", description="what must be inside so often: each joint, or the whole body at once"
+        "joint",
+        description="unit that must be inside at this rate: each joint, or the whole body at once",
     )
     basis: Literal["estimated", "guaranteed"] = Field(
         "estimated",

@@ -1,4 +1,4 @@
-"""What the self-check says of this tick's forecasts."""
+"""Verdict of the self-check on this tick's forecasts."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,13 +9,13 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.protocol.reasons import Reason
 
 BY_CHANCE = 1.1
-"""Factors up to this are no news: radii that hold as often as they say miss now and then. They
+"""Maximum factor that is not reported: radii that hold as often as they say miss now and then. They
 widen, but neither is it said nor does the standard lose its say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trust:
-    """How far this tick's forecasts can be trusted. P people of the snapshot, H steps.
+    """Trust in this tick's forecasts. P people of the snapshot, H steps.
 
     Attributes:
         residual_m: (P,) metres; NaN if no forecast is old enough to be judged.

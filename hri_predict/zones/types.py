@@ -8,7 +8,8 @@ from hri_predict.base.geometry import Capsules
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zones:
-    """Where every body segment of every person may be. P people (lost ones too), S segments.
+    """Regions where every body segment of every person may be. P people (lost ones too), S
+    segments.
 
     Attributes:
         ids: (P,) person ids.

@@ -41,7 +41,7 @@ class RecordingSettings(SourceSettings):
     kind: Literal["recording"]
     room_from_source: Pose = Field(Pose(), description="pose of the recording's frame in the room")
     keeps_ids: bool = Field(
-        True, description="false for a recording of a tracker that may give an id to somebody else"
+        True, description="false for a recording of a tracker that may give an id to another person"
     )
     path: str = Field(min_length=1, description=ANY_ENDING)
     place: Vector3 | None = Field(
@@ -76,7 +76,7 @@ class RecordingSettings(SourceSettings):
 
     @property
     def known_places(self) -> list[list[float]]:
-        """Where the recording begins, too."""
+        """Also the place where the recording begins."""
         return [*super().known_places, *([[*self.place[:2], 0.0]] if self.place else [])]
 
 

@@ -34,7 +34,7 @@ class Bulk(Generic[U]):
         return bool(self._under_way) or self._slots.has_bulk()
 
     def patience_s(self) -> float | None:
-        """How long the link may sleep while a message is under way; ``None``: forever."""
+        """Return the maximum sleep of the link while a message is under way; ``None``: no limit."""
         return None
 
     def next(self, now_ns: int) -> U | None:

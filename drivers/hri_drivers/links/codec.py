@@ -1,4 +1,4 @@
-"""What a link needs to know about its wire: how messages become units, and how long they take."""
+"""Interface between a link and its wire: how messages become units, and how long they take."""
 
 from typing import Protocol, TypeVar
 
@@ -18,7 +18,7 @@ class Codec(Protocol[U]):
         """Whether this kind of link carries the message."""
 
     def watch(self, own: OwnFrames) -> None:
-        """Be a node's end from now on: tell ``own`` of every frame that is sent.
+        """Be a node's end from now on: report every sent frame to ``own``.
 
         ``own`` also hears the frames with the ids of what only a node sends; they are not decoded.
         """
@@ -68,7 +68,7 @@ def item_count(message: Message) -> int | None:
 
 
 def shape_of(message: Message) -> StateShape:
-    """What decides how long this message is, if it is a RobotState."""
+    """Return the properties that decide the length of this message, if it is a RobotState."""
     if isinstance(message, RobotState):
         return StateShape(len(message.positions), message.base is not None)
     return SIX_JOINTS

@@ -25,10 +25,10 @@ SAY_NS = 10_000_000_000
 
 
 class ConfiguredLinkSettings(LinkSettings):
-    """What these links have in common in the configuration."""
+    """Settings common to these links."""
 
     robot_state_rate_hz: float = Field(
-        50.0, ge=0, le=1000, description="how often the controller sends RobotState"
+        50.0, ge=0, le=1000, description="rate at which the controller sends RobotState"
     )
     wait_for_device: bool = Field(
         False, description="start even if the device is missing, and keep trying to open it"
@@ -49,7 +49,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
         transport: a wire to use instead of the configured one (a pipe, a fault injector).
         rate_hz: the node's cycle rate; with the bit rate it sets the room for Zone and Pose.
         robots: indices of the robots that this link advises.
-        shapes: what each of them has; see ``LinkClass``.
+        shapes: shape of each of them; see ``LinkClass``.
 
     Raises:
         LinkError: the settings name no device and no transport is given.

@@ -25,12 +25,12 @@ log = logging.getLogger(__name__)
 
 BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit: what ``wire_bits`` counts
 NOISE_BYTES = 1000
-"""So many bytes hold a frame, if the other end sends any: the longest has 255."""
+"""Number of bytes that hold a frame, if the other end sends any: the longest has 255."""
 NETWORK_BITRATE = 10_000_000.0
 
 
 class FramedLinkSettings(ConfiguredLinkSettings):
-    """What every link over a wire of bytes has in common."""
+    """Settings common to all links over a wire of bytes."""
 
     @property
     def bitrate_8n1(self) -> float:
@@ -42,7 +42,7 @@ class FramedLinkSettings(ConfiguredLinkSettings):
 
     @property
     def blocking_s(self) -> float:
-        """What is written ahead of the wire, and the longest frame of a Zone or Pose after it."""
+        """Time of the bytes ahead of the wire, and of the longest frame of a Zone or Pose."""
         if not self.zones:
             return 0.0
         frames = (wire_bits(message, "serial").seconds(self.bitrate_8n1) for message in BULK)
@@ -106,7 +106,7 @@ class SerialCodec:
         return unit
 
     def size(self, unit: bytes) -> int:
-        """How many."""
+        """Return their number."""
         return len(unit)
 
 
@@ -148,7 +148,7 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
         robots: Sequence[int] = (0,),
         shapes: Sequence[StateShape] = (),
     ) -> LinkLoad:
-        """How full the wire will be; see ``LinkClass``."""
+        """Return the load of the wire; see ``LinkClass``."""
         return link_load(
             name=settings.name,
             kind="serial",
@@ -164,5 +164,5 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
 
     @staticmethod
     def receiver(settings: S) -> SerialReceiver:
-        """What decodes this link's units, for whoever only listens."""
+        """Return a decoder of this link's units, for programs that only listen."""
         return SerialReceiver()

@@ -1,4 +1,4 @@
-"""What all links share: newest-wins slots, supervision, reconnecting, counters.
+"""Common part of all links: newest-wins slots, supervision, reconnecting, counters.
 
 In real time a link has two threads. The writer sleeps until a message is posted, writes it, and
 supervises: it opens, closes and reopens the device; an endless opening holds up nothing else. The

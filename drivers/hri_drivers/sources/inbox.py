@@ -64,6 +64,6 @@ class SceneInbox:
             return self._full_ns - (self._capacity - 1) * self._spacing_ns
 
     def _allowed(self, now_ns: int) -> int:
-        """How many scenes may be taken now."""
+        """Return the number of scenes that may be taken now."""
         spare_ns = self._capacity * self._spacing_ns - max(0, self._full_ns - now_ns)
         return spare_ns // self._spacing_ns

@@ -1,4 +1,4 @@
-"""What all live sources share: a supervised thread, reconnecting, counters, the room's frame.
+"""Common part of all live sources: a supervised thread, reconnecting, counters, the room's frame.
 
 Each kind of source adds a *receiver*, which owns the device and returns bytes, and a *decoder*,
 which turns bytes into scenes. The thread waits in the receiver's ``read``, decodes, and wakes the

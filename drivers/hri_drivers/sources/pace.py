@@ -3,7 +3,7 @@
 WINDOW_NS = 5_000_000_000
 """Time over which the rate is measured,"""
 PAUSE_NS = 3_000_000_000
-"""a gap that is no part of it: the sender was not started yet, or was stopped,"""
+"""a gap that is not part of it: the sender was not started yet, or was stopped,"""
 AGAIN_NS = 600_000_000_000
 """and least time between two notes."""
 SLOW = 0.7
@@ -24,7 +24,7 @@ class SenderPace:
         self._said_ns: int | None = None
 
     def note(self, scenes: int, connected: bool, now_ns: int) -> str | None:
-        """What to say now, if anything.
+        """Return a message, if there is one now.
 
         Args:
             scenes: scenes since the start.

@@ -30,7 +30,7 @@ class SentScene:
         stamp_ns: time stamp of the capture, nanoseconds of the sender's clock.
         sequence: the sender's counter.
         sees_room: whether the sender saw the room; see ``hri_predict.contracts.scene.Scene``.
-        people: everybody seen.
+        people: every person seen.
         session: changes when the sender restarts and its counter with it.
     """
 

@@ -38,9 +38,9 @@ class StreamServer:
     It accepts at most ``places`` senders. No new sender takes the place of one that still sends.
 
     Args:
-        host, port: where to listen.
+        host, port: address to listen on.
         splitter: returns a new splitter for each connection.
-        places: how many senders may be connected at the same time.
+        places: maximum number of senders connected at the same time.
         counters: counts ``disconnects``, ``reconnects`` and ``refused`` of the senders.
     """
 
@@ -165,7 +165,7 @@ class StreamClient:
         """Connect.
 
         Raises:
-            SourceError: nobody answers there.
+            SourceError: there is no answer.
         """
         self.close()
         try:
@@ -236,7 +236,7 @@ def listen_error(address: tuple[str, int], error: OSError) -> SourceError:
 
 
 def connect_error(address: tuple[str, int], error: OSError) -> SourceError:
-    """Why nobody answers at an address, and the remedy."""
+    """Return the reason why an address does not answer, and the remedy."""
     if error.errno == errno.ECONNREFUSED:
         why = "connection refused; start the sender there, or correct 'port'"
     elif isinstance(error, TimeoutError):

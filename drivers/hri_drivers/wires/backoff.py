@@ -1,4 +1,4 @@
-"""How long to wait before the next try to open a lost device."""
+"""Time to wait before the next try to open a lost device."""
 
 FIRST_S = 0.05
 LAST_S = 2.0

@@ -1,4 +1,4 @@
-"""What a link needs from a wire; and an in-memory wire for the virtual clock and for tests."""
+"""Interface that a link requires of a wire; an in-memory wire for virtual time and tests."""
 
 import threading
 from collections import deque
@@ -12,7 +12,7 @@ __all__ = ["PipeEnd", "Transport", "TransportBusy", "pipe"]
 U = TypeVar("U")
 
 READ_TIMEOUT_S = 0.1
-"""How long a reading thread waits in ``read``, and so how long a stop may wait for the thread."""
+"""Maximum wait of a thread in ``read``, and so of a stop for the thread."""
 PIPE_CAPACITY = 4096
 
 

@@ -28,8 +28,8 @@ LONE_S = 0.02  # how often a new session checks for a neighbour
 class ZenohTransport:
     """``Transport[Keyed]``: writes and reads payloads whose keys begin with ``prefix``.
 
-    If ``connect`` is configured and nobody is connected, the transport counts as lost: zenoh would
-    drop a message without an error.
+    If ``connect`` is configured and there is no connection, the transport counts as lost: zenoh
+    would drop a message without an error.
 
     Args:
         settings: the session's.
@@ -61,7 +61,7 @@ class ZenohTransport:
 
         Raises:
             ConfigError: see ``open_session``.
-            LinkError: nobody is connected; names the endpoints and the remedy.
+            LinkError: there is no connection; names the endpoints and the remedy.
         """
         self.close()
         self._needs_neighbour = expects_neighbour(session_config(self._settings))
@@ -82,7 +82,7 @@ class ZenohTransport:
         """Send one payload; blocks at most 0.2 s while a neighbour accepts nothing.
 
         Raises:
-            LinkError: nobody is connected.
+            LinkError: there is no connection.
         """
         session = self._opened()
         self._check_neighbour(session)
@@ -100,7 +100,7 @@ class ZenohTransport:
         """Return what has arrived.
 
         Raises:
-            LinkError: nobody is connected.
+            LinkError: there is no connection.
         """
         session = self._opened()
         with self._arrived:
@@ -149,7 +149,7 @@ class ZenohTransport:
     def _check_neighbour(self, session: zenoh.Session) -> None:
         if self._lonely(session):
             raise LinkError(
-                "nobody is connected; start the router or peer, or correct 'connect' "
+                "no connection; start the router or peer, or correct 'connect' "
                 f"({', '.join(self._settings.connect or ['as in zenoh_config or the default'])})"
             )
 

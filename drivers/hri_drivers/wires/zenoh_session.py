@@ -34,7 +34,7 @@ Endpoint = Annotated[
 
 
 class ZenohSettings(Settings):
-    """How to reach other zenoh nodes; for the link, the source and ``hri-predict fleet``."""
+    """Settings to reach other zenoh nodes; for the link, the source and ``hri-predict fleet``."""
 
     mode: Mode | None = Field(
         None,
@@ -73,7 +73,7 @@ class ZenohSettings(Settings):
 
 
 class CellSettings(ZenohSettings):
-    """What the link and the source share: the cell in their keys."""
+    """Settings common to the link and the source: the cell in their keys."""
 
     site: Name = Field("site", description="first part of the key, shared by all cells of a site")
     cell: Name = Field(description="second part of the key; unique for each cell")
@@ -84,7 +84,7 @@ def open_session(settings: ZenohSettings) -> zenoh.Session:
 
     Raises:
         ConfigError: the zenoh file cannot be read, or zenoh rejects a setting.
-        LinkError: nobody answers at the endpoints; one line that names them and the remedy.
+        LinkError: there is no answer at the endpoints; one line that names them and the remedy.
     """
     config = session_config(settings)
     try:
@@ -150,7 +150,7 @@ def short(error: BaseException) -> str:
     """Zenoh's message in one short line, without its source location."""
     text = " ".join(str(error).split(" at /")[0].split())
     if text.startswith("Unable to connect"):
-        return "nobody answers"
+        return "no answer"
     said = re.search(r'msg: "(.*?)(, expected one of .*)?"', text)
     text = (said[1] if said else text).strip(" .!")
     return text[:MAX_WORDS] or type(error).__name__

@@ -1,1 +1,1 @@
-"""What depends on the machine: the cache's folder, and compiled loops."""
+"""Parts that depend on the machine: the cache's folder, and compiled loops."""

@@ -28,7 +28,7 @@ class Asleep:
         self._ahead_ns = self._measured_ns()
 
     def since_last_s(self) -> float:
-        """Seconds; 0.0 if it did not sleep, or if nobody can tell this time."""
+        """Return seconds; 0.0 if it did not sleep, or if the time is unknown."""
         now_ns, before_ns = self._measured_ns(), self._ahead_ns
         if now_ns is None:
             return 0.0  # the next answer has it
@@ -37,7 +37,7 @@ class Asleep:
         return slept_ns * 1e-9 if slept_ns >= LEAST_NS else 0.0
 
     def _measured_ns(self) -> int | None:
-        """How far the clock that counts sleep is ahead; ``None``: it could not be measured."""
+        """Return the lead of the clock that counts sleep; ``None`` if it could not be measured."""
         for _ in range(TRIES):
             first_ns, boot_ns, second_ns = self._clocks()
             if second_ns - first_ns <= AT_ONCE_NS:

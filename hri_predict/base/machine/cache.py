@@ -1,4 +1,4 @@
-"""A folder for what can be made again: what is missing, damaged or not writable is made anew.
+"""A folder for what can be made again: what is missing, damaged or not writable is made again.
 
 The folder is the first of these that is set: ``HRI_PREDICT_CACHE`` (empty: nothing is kept),
 ``CACHE_DIRECTORY`` (as systemd names a service's), ``XDG_CACHE_HOME``/hri-predict, and
@@ -34,7 +34,7 @@ def cache_folder() -> Path | None:
 
 
 def cached(name: str, make: Callable[[], bytes]) -> bytes:
-    """What ``make`` gives, kept under ``name``: with its digest, so that damage is found.
+    """Return the result of ``make``, kept under ``name``: with its digest, so that damage is found.
 
     Args:
         name: of the file. It says all that the content depends on, such as a hash of it.
@@ -48,7 +48,7 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
         content = _undamaged(path)
         if content is not None:
             return content
-        log.warning("cache: %s is damaged and is made anew", path)
+        log.warning("cache: %s is damaged; rebuilding it", path)
     content = make()
     try:
         atomic_write(path, hashlib.sha256(content).digest() + content)
@@ -58,7 +58,7 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
 
 
 def _undamaged(path: Path) -> bytes | None:
-    """What a file holds; ``None`` if it is not what was written.
+    """Return a file's content; ``None`` if it is not what was written.
 
     Raises:
         OSError: there is no such file, or it cannot be read.

@@ -3,7 +3,7 @@
 A loop is written twice: as plain loops, which numba compiles, and as array operations, which
 compute where numba is missing or turned off (``HRI_PREDICT_COMPILED=0``). Tests hold both equal.
 What is compiled is kept in the cache's folder, and nowhere else; without one, each start compiles
-anew.
+again.
 """
 
 import functools
@@ -78,7 +78,7 @@ def _say_once(why: str) -> None:
 def part(function: Callable[P, R]) -> Callable[P, R]:
     """Mark a function that compiled loops of the same file call; numba compiles it into them.
 
-    Of the same file, because numba makes its copy anew when the file of the loops changes.
+    Of the same file, because numba makes its copy again when the file of the loops changes.
     """
     _PARTS.append(function)
     return function
@@ -87,7 +87,7 @@ def part(function: Callable[P, R]) -> Callable[P, R]:
 def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same numbers as compiled loops take them: in one piece, writable, double precision.
 
-    Loops are compiled anew for arrays of another type, and those of another order or that may not
+    Loops are compiled again for arrays of another type, and those of another order or that may not
     be written are of another type. That must not happen while robots move.
     """
     if array.flags.carray and array.dtype == np.float64:
@@ -111,7 +111,7 @@ def why_not_compiled() -> str:
 
 @functools.cache
 def _compiler() -> Callable[[Callable[..., Any]], Callable[..., Any]] | None:
-    """What compiles a function; ``None``: numba is missing, broken or turned off."""
+    """Return the compiler; ``None`` if numba is missing, broken or turned off."""
     if os.environ.get(_SWITCH, "1") == "0":
         return None
     try:

@@ -1,4 +1,4 @@
-"""How late the system wakes a bare loop: what no node on this machine can be better than."""
+"""Wake-up lateness of a bare loop: the lower bound for any node on this machine."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""What the system can do for a loop in time: a priority, cores of its own, memory that stays.
+"""Help of the system for a real-time loop: a priority, cores of its own, memory that stays.
 
 All of it is optional, and what the system does not permit is one warning with the remedy: a node
 that is less steady is better than none. The priority goes to the thread that runs the loop, and to
@@ -26,7 +26,7 @@ GUIDE = "docs/guides/realtime.md"
 
 
 class RealtimeSettings(Settings):
-    """What the loop asks of the system (``realtime:`` in the configuration); by default nothing."""
+    """Requests of the loop to the system (``realtime:`` in the configuration); by default none."""
 
     priority: int | None = Field(
         None, ge=1, le=98, description="SCHED_FIFO priority of the loop's thread"
@@ -51,7 +51,7 @@ class RealtimeSettings(Settings):
 
 
 def can_have_process() -> bool:
-    """Whether a process of its own for the predictor would find a core beside the loop's."""
+    """Whether a process of its own for the predictor would find a core besides the loop's."""
     return hasattr(os, "memfd_create") and len(usable_cores()) > 1
 
 

@@ -1,4 +1,5 @@
-"""What a machine lacks for a loop in time, and how to set it. Linux; elsewhere little is known.
+"""Missing settings of a machine for a real-time loop, and how to set them. Linux; elsewhere little
+is known.
 
 Everything is read from the system or tried for a moment, nothing is changed.
 """
@@ -21,9 +22,9 @@ class Finding:
     """One property of the machine.
 
     Attributes:
-        name: what was looked at.
-        found: what was found.
-        remedy: how to set what is missing; "" if nothing is.
+        name: the inspected setting.
+        found: its state.
+        remedy: command that sets what is missing; "" if nothing is.
         refused: the key under ``realtime:`` that asks for it and cannot have it; or "".
     """
 
@@ -187,7 +188,7 @@ def _clock(root: Path) -> Finding:
 
 
 def _in_thread(work: Callable[[], str]) -> str:
-    """What ``work`` returns in a thread that ends with what it was given."""
+    """Return the result of ``work``, run in a thread that ends and takes its scheduling with it."""
     found: list[str] = []
     thread = threading.Thread(target=lambda: found.append(work()))
     thread.start()

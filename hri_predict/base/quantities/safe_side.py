@@ -15,7 +15,7 @@ from pydantic_core import PydanticUndefined
 
 @dataclass(frozen=True, slots=True)
 class LessSafe:
-    """What a value permits that differs from the default, by the side on which it lies.
+    """Freedom that a value adds to the default, by the side on which it lies.
 
     The texts may use ``{value}``, ``{default}`` and ``{more}``, their difference; with ``:g``.
 
@@ -53,7 +53,7 @@ class Finding:
 
 
 def declared(model: type, key: str) -> LessSafe | None:
-    """What the model, or one that it derives from, declares for a key; ``None``: nothing."""
+    """Return the declaration of the model or its bases for a key; ``None`` if there is none."""
     for each in model.__mro__:
         found: Safety = each.__dict__.get("safety", {})
         if key in found:

@@ -1,1 +1,1 @@
-"""Who does offline work: this process, several processes, or a cluster."""
+"""Workers for offline work: this process, several processes, or a cluster."""

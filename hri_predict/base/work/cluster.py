@@ -4,8 +4,8 @@ Tasks name files by path, and each worker reads its own. So each task first chec
 has the same software and the same files, and refuses otherwise: a table must not depend on who made
 a part of it.
 
-Dask's messages are pickles, which can run any code: who reaches the scheduler owns its workers and
-whoever connects. This connects only to the address that the user gives, and never listens.
+Dask's messages are pickles, which can run any code: a program that reaches the scheduler owns its
+workers and every client. This connects only to the address that the user gives, and never listens.
 """
 
 import asyncio
@@ -45,7 +45,7 @@ class Cluster(Workers):
             reads: files that the tasks read.
 
         Raises:
-            ConfigError: the extra is missing, nobody answers, or there is no worker.
+            ConfigError: the extra is missing, there is no answer, or there is no worker.
         """
         try:
             import distributed
@@ -94,7 +94,7 @@ class Cluster(Workers):
                 self._client.cancel(list(waiting))
 
     def _finished(self, futures: Sequence[Any]) -> list[Any]:
-        """Wait until some are done; say if nobody is left to do them."""
+        """Wait until some are done; report if no worker is left to do them."""
         import distributed
 
         while True:

@@ -1,4 +1,4 @@
-"""Who does the offline work of a command: see ``workers``."""
+"""The workers for a command's offline work: see ``workers``."""
 
 from collections.abc import Sequence
 from pathlib import Path

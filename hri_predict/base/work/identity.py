@@ -1,4 +1,4 @@
-"""What must be the same on two machines so that they compute the same: code, data, libraries."""
+"""The code, data and libraries that must match for two machines to compute the same."""
 
 import hashlib
 import platform
@@ -32,7 +32,7 @@ def code_digest() -> str:
 
 @lru_cache(maxsize=1)
 def software() -> dict[str, str]:
-    """What runs here: Python, the libraries that compute, and the project's own code."""
+    """Return the versions of Python, of the numerical libraries and of the project's own code."""
     versions = {"Python": platform.python_version()}
     for library in _LIBRARIES:
         try:

@@ -1,8 +1,8 @@
-"""Who does offline work: this process, several processes, or a cluster's workers.
+"""Workers for offline work: this process, several processes, or a cluster's workers.
 
 A task is a function of a module and plain arguments, such as one recording or one episode. Tasks
-know nothing of each other, and each computes with one thread: whoever does them, and in whatever
-order, the results are the same.
+know nothing of each other, and each computes with one thread: the results do not depend on the
+worker or the order.
 """
 
 import contextlib
@@ -30,10 +30,10 @@ _SAID_BEFORE = "hri_predict.recording.unused"  # its warnings: the starting proc
 
 
 class Workers(ABC):
-    """Somebody who does tasks. Use it in a ``with`` block, which ends what it started.
+    """A worker for tasks. Use it in a ``with`` block, which ends what it started.
 
     Attributes:
-        count: how many tasks are done at a time.
+        count: number of tasks done at a time.
     """
 
     count: int = 1
@@ -49,7 +49,7 @@ class Workers(ABC):
             tasks: the arguments of each call.
 
         Raises:
-            HriPredictError: what a task raised, or nobody is left who could do the tasks.
+            HriPredictError: the error of a task, or no worker is left to do the tasks.
         """
 
     def in_order(

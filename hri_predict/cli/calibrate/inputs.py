@@ -1,4 +1,4 @@
-"""What the forms of ``calibrate`` have in common: predictor, recordings, scores."""
+"""The common parts of the forms of ``calibrate``: predictor, recordings, scores."""
 
 import contextlib
 from collections.abc import Callable, Sequence
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 RATE_HZ = 25.0
 HORIZON_S = 1.2
 SIMULATED = ("approach", "procedural")
-"""Kinds of sources whose people nobody recorded."""
+"""Kinds of sources whose people are not from recordings."""
 LEAST_HORIZON_S = 0.2
-"""Shorter zones protect nobody: robots take longer to stop."""
+"""Shorter zones protect no one, because robots take longer to stop."""
 
 
 class Data(NamedTuple):

@@ -121,7 +121,7 @@ def _parts(built: Any, base: "Calibration", data: Data) -> "list[Part]":
 
 
 def _notes(base: "Calibration", parts: "list[Part]", made: "Calibration") -> list[str]:
-    """What a reader of the tables must know."""
+    """Notes for a reader of the tables."""
     from hri_predict.lab.calibration.site.mixing import GROW, SHRINK, weights_of
     from hri_predict.lab.calibration.site.parts import PART_S
     from hri_predict.zones.motion_class import SPEED_CLASSES

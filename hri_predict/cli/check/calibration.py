@@ -47,7 +47,7 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
         return []
     days = facts["age_days"]
     if days is None:
-        age = "it does not tell when it was made"
+        age = "it does not say when it was made"
     elif days < 0:
         age = f"made on {facts['made']}, which is in the future: check this computer's date"
     else:
@@ -62,7 +62,7 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
 
 
 def calibration_notes(facts: dict[str, Any] | None) -> list[str]:
-    """What a thin calibration lacks: speed classes that too few recordings show."""
+    """Return the gaps of a thin calibration: speed classes that too few recordings show."""
     if facts is None or not facts["uncalibrated"]:
         return []
     return [

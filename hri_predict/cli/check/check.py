@@ -73,7 +73,11 @@ def check(
     ] = None,
     listen: Annotated[
         float | None,
-        typer.Option(min=1, max=60, help="Listen to the source so many seconds: do people stand?"),
+        typer.Option(
+            min=1,
+            max=60,
+            help="Listen to the source for this many seconds and check that people appear upright.",
+        ),
     ] = None,
     realtime: Annotated[
         bool,
@@ -87,7 +91,7 @@ def check(
     where the sensor sees the joint. Exit status 1 if they are further apart
     than risk.person_uncertainty_m.
 
-    With --listen, check the people whom the source shows against gravity and
+    With --listen, check the people in the source against gravity and
     the floor. Exit status 1, with the axes that would be right, if they lie in
     the air, hang upside down or have left and right swapped.
 

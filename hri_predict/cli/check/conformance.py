@@ -42,7 +42,7 @@ def conformance(
         typer.Option("--set", help="key=value: one of its settings. Repeatable."),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(min=0.1, max=600, help="How long to listen to a sender.")
+        float, typer.Option(min=0.1, max=600, help="Seconds to listen to a sender.")
     ] = 2.0,
     limit: Annotated[
         float, typer.Option(min=1, max=3600, help="Give up after this many seconds.")
@@ -75,7 +75,7 @@ def conformance(
 
 
 def _verdict(findings: Sequence[Finding]) -> str:
-    """What came of all checks, in a line."""
+    """Return the outcome of all checks, in a line."""
     failed = sum(finding.verdict == "fail" for finding in findings)
     skipped = [finding.detail for finding in findings if finding.verdict == "skipped"]
     unheard = [detail for detail in skipped if detail.startswith(NOTHING_CAME)]
@@ -131,7 +131,7 @@ def _part(text: str) -> tuple[str, str]:
 
 
 def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any], Path]:
-    """What is known of the part's settings, and where relative paths start."""
+    """The known settings of the part, and the folder at which relative paths start."""
     key = "name" if kind == "predictor" else "kind"
     if config is None:
         data: dict[str, Any] = {key: name}

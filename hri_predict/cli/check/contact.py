@@ -15,7 +15,7 @@ from hri_predict.robots.model import RobotModel, RobotSettings
 
 Robots = Sequence[tuple[RobotSettings, RobotModel]]
 _ABOVE_BASE_M = 0.1
-"""So far along the base's own z axis is surely within the robot, and not in what it stands on."""
+"""Distance along the base's z axis that is surely within the robot, not in its stand."""
 
 
 def contact_facts(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> dict[str, Any]:
@@ -51,7 +51,7 @@ def contact_facts(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
 
 
 def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> list[str]:
-    """What whoever lets a robot touch people must know."""
+    """Notes for cells in which a robot may touch people."""
     allowed = [(robot, model) for robot, model in robots if robot.contact is not None]
     if not allowed:
         return []
@@ -62,7 +62,7 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
     said = " ".join(table.source.split())
     notes = [
         f"CONTACT IS ALLOWED: {names} may touch people. Measure force and pressure on the robot "
-        f"before anybody works beside it (ISO 10218-2:2025); docs/guides/contact.md says how",
+        f"before people work beside it (ISO 10218-2:2025); docs/guides/contact.md says how",
         f"contact limits: {said}",
     ]
     for robot, model in allowed:
@@ -85,7 +85,7 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
 
 
 def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
-    """That the robot stops beside hands and feet that the tracker does not deliver.
+    """Note that the robot stops near hands and feet that the tracker does not deliver.
 
     Args:
         risk: of the configuration.
@@ -96,7 +96,7 @@ def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
     if risk.mode != "hybrid" or risk.contact.own_speed == "left_out" or not unseen:
         return []
     return [
-        f"contact: {', '.join(unseen)} not delivered by the tracker, so nobody knows their speed: "
+        f"contact: {', '.join(unseen)} not delivered by the tracker, so their speed is unknown: "
         f"a robot stops that can reach them (risk.contact.own_speed left_out: it may go on)"
     ]
 
@@ -128,8 +128,8 @@ def _around(risk: RiskSettings, robot: RobotSettings) -> list[str]:
         return []
     above = robot.room_from_robot.matrix()[:3] @ (0.0, 0.0, _ABOVE_BASE_M, 1.0)
     return [
-        f"risk.contact.fixtures: robot {robot.name} stands in or behind {fixture.name}, so "
-        f"everybody beside it counts as clamped; turn a plane's normal to the free side, or make "
+        f"risk.contact.fixtures: robot {robot.name} stands in or behind {fixture.name}, so every "
+        "person beside it counts as clamped; turn a plane's normal to the free side, or make "
         f"a box smaller"
         for fixture in risk.contact.fixtures or ()
         if fixture.distance(above) <= 0

@@ -45,7 +45,7 @@ def evidence_line(facts: dict[str, Any] | None) -> str:
 
 
 def evidence_notes(facts: dict[str, Any] | None) -> list[str]:
-    """What would keep the node from keeping it."""
+    """Return the problems that would keep the node from writing evidence."""
     return [] if facts is None else list(facts["notes"])
 
 

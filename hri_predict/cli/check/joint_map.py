@@ -1,4 +1,4 @@
-"""What a joint map costs: the zones of a standing body, against those of all joints delivered."""
+"""The cost of a joint map: the zones of a standing body, against those of all joints delivered."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -98,7 +98,7 @@ class StandingBody:
 
 
 def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) -> dict[str, Any]:
-    """What the joints that a map lacks cost in zones.
+    """Cost in zones of the joints that a map lacks.
 
     Returns:
         ``name`` of the map; ``later_s``, the time of "later"; ``parts``: for each kind of inferred

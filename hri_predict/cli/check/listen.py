@@ -42,7 +42,7 @@ Heard = dict[int, tuple[Floats, Bools]]
 
 
 def listen(config: Config, seconds: float) -> dict[str, Any]:
-    """Listen to the source for so long and judge the people whom it shows.
+    """Listen to the source for this time and judge the people in it.
 
     Raises:
         ConfigError: nothing was heard, with the reason.
@@ -90,7 +90,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
 
 
 def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
-    """Print what was found; return whether somebody was verified, and all names are known."""
+    """Print what was found; return whether a person was verified, and all names are known."""
     unchecked = config.node.people.posture_unchecked is not None
     fine = not found["refused"] and not found["unknown_joints"] and not found.get("stamps")
     fine = fine and bool(found["judged"] or (unchecked and found["people"]))
@@ -112,7 +112,10 @@ def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
     elif reason is not None:
         print(f"not checked against gravity and the floor: {reason}")
     elif not found["judged"]:
-        print("the orientation could not be verified: let somebody stand in view, trunk and legs")
+        print(
+            "the orientation could not be verified: have a person stand in view, trunk and "
+            "legs visible"
+        )
     elif fine:
         print("ok: bodies stand upright on the floor, left and right where they belong")
     return fine
@@ -165,7 +168,7 @@ def refusals(config: Config, people: Heard, correction: Floats) -> list[Verdict]
 
 
 def remedy(config: Config, people: Heard, rotation: Floats) -> str:
-    """What to configure so that people stand, in one line.
+    """Return the configuration with which people stand, in one line.
 
     Args:
         config: as it is.
@@ -211,7 +214,7 @@ def uprightness(people: Heard, correction: Floats) -> float:
 
 
 def _place(kind: str) -> str:
-    """Where the axes of a source of this kind are stated."""
+    """Return the place where the axes of a source of this kind are stated."""
     if kind in IN_SCENE:
         return "each scene that the sender writes"
     return "source" if kind in IN_SOURCE else "the joint map"

@@ -1,4 +1,4 @@
-"""What ends being lost in this cell, and which shadows keep a robot waiting: notes of ``check``."""
+"""Notes of ``check`` on how lost people end, and on shadows that keep a robot waiting."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ PAGE = "docs/guides/lost-people.md"
 def lost_notes(
     config: Config, robots: Mapping[str, tuple[RobotModel, float]], rate_hz: float
 ) -> list[str]:
-    """One line each for what whoever wires the cell should know.
+    """Return notes for the person who wires the cell, one line each.
 
     Args:
         config: the configuration.
@@ -35,8 +35,8 @@ def lost_notes(
     notes = []
     if not source.viewpoints:
         notes.append(
-            "source.sees_free_space without viewpoints: nothing counts as seen free while anybody "
-            "is in view"
+            "source.sees_free_space without viewpoints: nothing counts as seen free while a "
+            "person is in view"
         )
     walked_m = people.lost_speed_m_s * people.free_captures / rate_hz
     around_m = ARM_M + BODY_M + CELL_M + walked_m
@@ -48,7 +48,7 @@ def lost_notes(
             if short_m > 0:
                 notes.append(
                     f"source.shadows.{i}: {short_m:.2f} m too close to robot {name} for it to go "
-                    f"on at full speed after somebody vanished there, until an Acknowledge"
+                    f"on at full speed after a person vanished there, until an Acknowledge"
                 )
     return notes
 

@@ -1,5 +1,4 @@
-"""What ``check`` says of the operating modes that a configuration allows, and of how the node
-knows where its robots are."""
+"""Notes of ``check`` on operating modes, and on how the node knows where its robots are."""
 
 from collections.abc import Sequence
 
@@ -11,8 +10,8 @@ def mode_notes(robot: RobotSettings) -> list[str]:
     modes, notes = robot.modes, []
     if isinstance(robot.motion, TrajectoryMotion):
         notes.append(
-            f"robot {robot.name}: motion.kind trajectory: the file says where it is, whatever it "
-            "is advised; a robot that obeys the advice is soon elsewhere (unknown, if its "
+            f"robot {robot.name}: motion.kind trajectory: the file says where it is, regardless "
+            "of the advice; a robot that obeys the advice is soon elsewhere (unknown, if its "
             "controller sends RobotState; a danger, if not): set motion: {kind: state} for it"
         )
     if modes.teach is not None:
@@ -24,12 +23,12 @@ def mode_notes(robot: RobotSettings) -> list[str]:
     if modes.recovery is not None:
         notes.append(
             f"robot {robot.name}: RECOVERY is allowed: beside people it may go back along its plan "
-            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to anybody"
+            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to a person"
         )
     if modes.muting is not None:
         limit = modes.muting.speed_m_s or robot.max_speed_m_s
         notes.append(
-            f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s nobody "
+            f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s no person "
             f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; that time recovers in "
             f"{modes.muting.recovery_s:g} s without a request, so people may be ignored for "
             f"{modes.muting.share:.0%} of the time; they must be protected by other means"

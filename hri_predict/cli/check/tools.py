@@ -1,4 +1,4 @@
-"""What each tool means for a robot, and the worst of all: a part of ``check``."""
+"""Effect of each tool on a robot, and the worst of all: a part of ``check``."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -60,7 +60,7 @@ def tool_tables(found: Mapping[str, Mapping[str, Any]]) -> list[Table]:
 
 
 def base_notes(settings: Sequence[RobotSettings]) -> list[str]:
-    """What whoever wires a robot with a moving base or with tools should know."""
+    """Notes for the person who wires a robot with a moving base or with tools."""
     notes = []
     for entry in settings:
         if entry.base is not None:

@@ -1,4 +1,4 @@
-"""What the steps need to know: from a YAML file, from questions, or as it is by default."""
+"""Answers that the steps need: from a YAML file, from questions, or by default."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -21,9 +21,12 @@ class RegistrationAnswers(Settings):
 
     points: list[Vector3] = Field([], max_length=50, description="metres, room; at least three")
     joint: str | None = Field(None, description="the joint that touches; default: a hand")
-    seconds: float = Field(2.0, ge=0.5, le=30, description="look so long at each point")
+    seconds: float = Field(2.0, ge=0.5, le=30, description="seconds to observe each point")
     every_s: float | None = Field(
-        None, ge=0.1, le=600, description="ask nothing: look at the next point after so long"
+        None,
+        ge=0.1,
+        le=600,
+        description="do not prompt; move to the next point after this many seconds",
     )
     write: StrictBool = Field(
         False, description="write the pose that fits best into source.room_from_source"
@@ -47,7 +50,7 @@ class RoundTrips(Settings):
 
 
 class EchoAnswers(Settings):
-    """How long to measure, and what the controllers' programmers measured."""
+    """Duration of the measurement, and the values measured by the controllers' programmers."""
 
     seconds: float = Field(30.0, ge=2, le=3600)
     measured: dict[str, RoundTrips] = Field({}, description="link's name -> its round trips")
@@ -66,7 +69,7 @@ class StoppingAnswers(Settings):
     """The stopping test: by the node, or as the integrator measured it."""
 
     cell_is_clear: StrictBool = Field(
-        False, description="nobody is in the cell, and somebody holds the emergency stop"
+        False, description="the cell is empty, and a person holds the emergency stop"
     )
     speeds_m_s: list[Annotated[float, Field(ge=MIN_SPEED_M_S, le=20)]] = Field(
         [], max_length=20, description="default: a quarter, half, three quarters and all of "
@@ -82,9 +85,9 @@ class WalkAnswers(Settings):
 
     seconds: float = Field(60.0, ge=2, le=3600)
     cell_m: float = Field(0.25, ge=0.05, le=2)
-    least_coverage: float = Field(0.9, ge=0, le=1, description="of the floor that counts")
+    least_coverage: float = Field(0.9, ge=0, le=1, description="share of the floor that counts")
     exclude: list[Annotated[list[Point], Field(min_length=3, max_length=100)]] = Field(
-        [], max_length=100, description="polygons where nobody can stand: machines, walls"
+        [], max_length=100, description="polygons where no person can stand: machines, walls"
     )
     shadow: StrictBool = Field(True, description="links say unknown, so that no robot moves")
     virtual: StrictBool = Field(
@@ -95,7 +98,7 @@ class WalkAnswers(Settings):
 class Answers(Settings):
     """The file of ``--answers``."""
 
-    by: Text = Field("", description="who did it")
+    by: Text = Field("", description="person who did it")
     registration: RegistrationAnswers = RegistrationAnswers()
     echo: EchoAnswers = EchoAnswers()
     stopping: StoppingAnswers = StoppingAnswers()
@@ -161,7 +164,7 @@ def _echo(answers: Answers) -> Answers:
 
 def _stopping(answers: Answers) -> Answers:
     say("Every robot moves now, up to its highest speed, where the node permits it.")
-    clear = ask("Is nobody in the cell, and the emergency stop in somebody's hand? [y/N]")
+    clear = ask("Is the cell empty, and the emergency stop in a person's hand? [y/N]")
     mine = _value("Speeds, m/s, such as [0.25, 0.5] (empty: by default):", answers.stopping,
                   "speeds_m_s")  # fmt: skip
     mine = mine.model_copy(update={"cell_is_clear": clear.lower() in _YES})
@@ -171,7 +174,7 @@ def _stopping(answers: Answers) -> Answers:
 def _walk(answers: Answers) -> Answers:
     mine = _value("Walk for how many seconds?", answers.walk, "seconds")
     mine = _value(
-        "Polygons where nobody can stand, [[[x, y], ...]] (empty: none):", mine, "exclude"
+        "Polygons where no person can stand, [[[x, y], ...]] (empty: none):", mine, "exclude"
     )
     return answers.model_copy(update={"walk": mine})
 

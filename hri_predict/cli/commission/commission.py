@@ -38,7 +38,7 @@ def commission(
         list[str] | None, typer.Option(help="STEP=WHY: skip it, with a note. Repeatable.")
     ] = None,
     note: Annotated[list[str] | None, typer.Option(help="An open note. Repeatable.")] = None,
-    by: Annotated[str | None, typer.Option(help="Who does it.")] = None,
+    by: Annotated[str | None, typer.Option(help="Person who does it.")] = None,
     simulate: Annotated[
         bool,
         typer.Option("--simulate", help="With simulated people and controllers, asking nothing."),

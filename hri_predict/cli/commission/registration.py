@@ -42,8 +42,8 @@ def register_points(
         What was found, and the configuration, with another pose if one was written.
 
     Raises:
-        ConfigError: too few points, nobody in view, the hand not still, ...; or the pose cannot be
-            written.
+        ConfigError: too few points, no person in view, the hand not still, ...; or the pose cannot
+            be written.
     """
     points = answers.points
     if not points and simulated:
@@ -59,7 +59,7 @@ def register_points(
         )
     if not simulated and answers.every_s is None and not interactive:
         raise ConfigError(
-            "registration.every_s: missing; it looks at the next point after so many seconds"
+            "registration.every_s: missing; give the seconds after which the next point is observed"
         )
     known = [np.array(point) for point in points]
     touch = _touched_by_simulation if simulated else _touched
@@ -75,7 +75,7 @@ def register_points(
 
 
 def judge_registration(found: Registration) -> list[str]:
-    """What failed, one line for each point."""
+    """Return the failures, one line for each point."""
     return [
         f"point {i}: the sensor is {1e3 * point.error_m:.0f} mm off; allowed "
         f"{1e3 * found.tolerance_m:.0f} (risk.person_uncertainty_m): write the pose that fits, or "
@@ -106,7 +106,7 @@ def _touched(config: Config, answers: RegistrationAnswers, known: list[Floats]) 
 def _touched_by_simulation(
     config: Config, answers: RegistrationAnswers, known: list[Floats]
 ) -> Touched:
-    """Somebody who keeps the hand at each point in turn, on a clock that need not wait."""
+    """A person who keeps the hand at each point in turn, on a clock that need not wait."""
     joint, places, sights = "", [], []
     for point in known:
         source = assemble.build_source(with_toucher(config, point), with_faults=False)

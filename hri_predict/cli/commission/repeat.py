@@ -92,7 +92,7 @@ def _show(config: Config, changed: list[Difference], found: Comparison, as_json:
     for line in found.other:
         print(f"differs: {line}")
     for line in found.worse:
-        print(f"{'CANNOT TELL' if _CANNOT_TELL in line else 'LESS SAFE'}: {line}")
+        print(f"{'NOT KNOWN' if _CANNOT_TELL in line else 'LESS SAFE'}: {line}")
     for line in found.unwalked:
         print(f"NOT WALKED: {line}")
     if not (found.worse or found.unwalked or found.other):

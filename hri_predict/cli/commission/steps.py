@@ -22,14 +22,14 @@ from hri_predict.run.config import Config
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What every step needs.
+    """Inputs of every step.
 
     Attributes:
         config: the cell.
-        answers: what was said.
+        answers: the answers.
         folder: for the recording.
         simulate: use simulated people and mock controllers, whatever the cell has.
-        interactive: whether somebody is there to answer.
+        interactive: whether there is a user to answer.
     """
 
     config: Config
@@ -172,7 +172,8 @@ def _walk(task: Task) -> Found:
         )
     if not answers.shadow and _real_links(live) and not task.answers.stopping.cell_is_clear:
         raise ConfigError(
-            "walk.shadow: false lets real robots move beside who walks; leave it out: shadow mode "
+            "walk.shadow: false lets real robots move beside the person who walks; leave it out: "
+            "shadow mode "
             "records the same people"
         )
     plan = WalkPlan(

@@ -30,8 +30,8 @@ def explain(
     at: Annotated[
         str | None,
         typer.Option(
-            help="When: 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the start. Without "
-            "it, all slowdowns and stops are listed."
+            help="Time to explain: 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the "
+            "start. Without it, all slowdowns and stops are listed."
         ),
     ] = None,
     robot: Annotated[

@@ -1,4 +1,4 @@
-"""What ``init`` puts into a configuration: the cell of a few answers."""
+"""The configuration that ``init`` writes: the cell of a few answers."""
 
 import math
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ _SHOWN = ("joint_map", "rate_hz", "host", "port", "baudrate", "min_latency_s", "
 _RATE_HZ = 30
 
 DOORS_M = (3.0, 4.5, 7.0, 12.0)
-"""How far beyond the robot's reach the door may be; the first that is far enough is taken."""
+"""Distances of the door beyond the robot's reach; the first that is far enough is taken."""
 HINTS: dict[str, Any] = {
     "people": {"exits": [{"polygon": [[3.2, 2], [4.2, 2], [4.2, 3], [3.2, 3]]}]},
     "zones": [
@@ -38,7 +38,7 @@ HINTS: dict[str, Any] = {
 
 @dataclass(kw_only=True)
 class Answers:
-    """What the user was asked.
+    """Answers of the user.
 
     Attributes:
         robot: shipped name, or path of a robot file.
@@ -167,7 +167,7 @@ def _door(robot: dict[str, Any], base_dir: Path, door_m: float) -> tuple[float, 
 
 
 def _visitor(x: float, y: float) -> dict[str, Any]:
-    """Somebody who comes in at the door, comes near, and goes out by it: the arm moves, stops and
+    """A person who comes in at the door, comes near, and goes out by it: the arm moves, stops and
     moves."""
     behind = 1.0 + _BEHIND_M / math.hypot(x, y)
     return {

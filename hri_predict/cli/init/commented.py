@@ -93,7 +93,7 @@ def _flow(value: Any) -> str:
 
 
 def _chosen(known: Schema, value: Any, whole: Schema) -> Schema:
-    """What a schema says of this value: references followed, the right member of a union."""
+    """Return the schema of this value: references followed, the right member of a union."""
     if "$ref" in known:
         return _chosen(whole["$defs"][known["$ref"].rsplit("/", 1)[-1]], value, whole)
     members = [_chosen(m, value, whole) for m in (*known.get("oneOf", []), *known.get("anyOf", []))]

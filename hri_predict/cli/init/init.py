@@ -115,7 +115,8 @@ def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
         raise ConfigError(f"{path}: exists; name another file, or give --force to replace it")
     if beside is not None and beside.exists() and not _is_ours(beside):
         raise ConfigError(
-            f"{beside}: exists, and is no schema of hri-predict; give --force to replace it, or"
+            f"{beside}: already exists and was not written by hri-predict; use --force to "
+            "replace it, or"
             " --no-schema"
         )
 

@@ -49,7 +49,7 @@ class Asker:
 
     @property
     def asks(self) -> bool:
-        """Whether there is somebody to ask."""
+        """Whether there is a user to ask."""
         return self._asks
 
     def take(
@@ -70,10 +70,10 @@ class Asker:
         return self.ask(question, default, check)
 
     def need(self, flags: Mapping[str, Any]) -> None:
-        """Check that somebody can be asked for the flags that are not given.
+        """Check that there is a user to ask for the flags that are not given.
 
         Raises:
-            ConfigError: nobody can; names them.
+            ConfigError: there is none; names the flags.
         """
         missing = [flag for flag, value in flags.items() if not value]
         if self._needs_flags and missing:
@@ -130,7 +130,7 @@ def ask_speed(asker: Asker, speed: float | None, robot: str, base_dir: Path) -> 
 
 
 def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
-    """How separation is judged; whether robots may touch people is never decided by a default."""
+    """Ask how separation is judged; no default ever decides that robots may touch people."""
 
     def check(text: str) -> str:
         known: str = one_of("mode", text, RISK_MODES)
@@ -184,7 +184,7 @@ def completed(
     """``block`` with what ``--set`` changes in it, and with the keys that it still needs.
 
     Raises:
-        ConfigError: nobody can be asked for what is missing or wrong.
+        ConfigError: there is no user to ask for what is missing or wrong.
     """
     for change in [c for c in changes if c.startswith(f"{where}.")]:
         set_key(block, change.removeprefix(f"{where}."))
@@ -234,7 +234,7 @@ def ask_all(
     """All questions, in order; those whose flag is given are not asked.
 
     Raises:
-        ConfigError: a flag is wrong, or nobody can be asked.
+        ConfigError: a flag is wrong, or there is no user to ask.
     """
     if simulated is None:
         simulated = asker.asks and typer.confirm(

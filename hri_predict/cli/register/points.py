@@ -1,4 +1,4 @@
-"""Where the touched points are in the room: given, asked for, or where a robot holds its tool."""
+"""Places of the touched points in the room: given, asked for, or from a robot's tool."""
 
 import math
 import sys
@@ -44,7 +44,7 @@ def point_from(text: str, numbers: int, where: str) -> Floats:
     """Return ``x,y,z`` (or ``x,y``) as metres.
 
     Raises:
-        ConfigError: it is not so many finite numbers.
+        ConfigError: it does not have this number of finite values.
     """
     try:
         point = [float(part) for part in text.split(",")]
@@ -57,7 +57,7 @@ def point_from(text: str, numbers: int, where: str) -> Floats:
 
 
 class Hears(Protocol):
-    """What the place of a tool needs of a link."""
+    """Data of a link from which the place of a tool is computed."""
 
     @property
     def last_error(self) -> str | None:
@@ -110,7 +110,8 @@ def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
         )
     if config.node.robots[names.index(robot)].base is not None:
         raise ConfigError(
-            f"--robot {robot}: its base moves, so what it touches is no better known than its base;"
+            f"--robot {robot}: its base moves, so a point it touches is only as accurate as the "
+            "base pose;"
             f" give the points with --point"
         )
     settings = next((k for k in config.links if not k.robots or robot in k.robots), None)

@@ -57,10 +57,14 @@ def register(
     joint: Annotated[
         str | None, typer.Option(help="The joint that touches; default: a hand, else a wrist.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.5, max=30, help="Look so long at a point.")] = 2.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.5, max=30, help="Seconds to observe each point.")
+    ] = 2.0,
     every: Annotated[
         float | None,
-        typer.Option(min=0.1, max=600, help="Ask nothing: look at the next point after so long."),
+        typer.Option(
+            min=0.1, max=600, help="Do not prompt; move to the next point after this many seconds."
+        ),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
     as_json: Annotated[
@@ -118,7 +122,7 @@ class Wizard:
     """Asks for points and looks at them.
 
     Attributes:
-        places: where the source saw the joint at each point, as the configuration is now.
+        places: place of the joint at each point, by the source as configured now.
         points: (3,) where each is in the room.
         sights: all that was seen.
     """
@@ -231,7 +235,7 @@ def refuse_fallen(config: Config, seen: Sequence[Sights], correction: Floats) ->
 
     Args:
         config: the cell.
-        seen: what the source showed at each point, with the pose as configured.
+        seen: captures of the source at each point, with the pose as configured.
         correction: (4, 4) from the pose as configured to the new one.
 
     Raises:

@@ -18,7 +18,7 @@ from hri_predict.contracts.source import Source, live_part, wait_for
 LEAST_SIGHTS = 10
 KEPT = 1000  # scenes whose times are kept
 MOST_SPREAD_M = 0.15
-"""More scatter than this is no noise of a tracker that may work beside a robot."""
+"""Maximum scatter of a tracker that may work beside a robot."""
 STILL_M = 0.03
 """From the first half to the second, a joint that is kept still moves no farther than this, plus
 what its noise explains."""
@@ -31,11 +31,11 @@ _MEDIAN_ERROR = 1.2533  # standard error of a median, of sigma / sqrt(n): sqrt(p
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sights:
-    """What a source showed in some seconds.
+    """Captures of a source over some seconds.
 
     Attributes:
         positions, observed: (n, J, 3) metres in the room as configured, (n, J); one person.
-        scenes: number of scenes, with or without somebody.
+        scenes: number of scenes, with or without a person.
     """
 
     positions: Floats
@@ -52,7 +52,7 @@ class Sights:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Place:
-    """Where a joint was kept: median (3,) metres, noise per axis (standard deviation), sights."""
+    """Place of a joint: median (3,) metres, noise per axis (standard deviation), sights."""
 
     middle: Floats
     spread_m: float
@@ -131,7 +131,7 @@ class Sensor:
         return {n: (_bodies(b), _flags(s)) for n, (b, s) in found.items()}, scenes
 
     def _scenes(self, seconds: float) -> Iterator[Scene]:
-        """Scenes of so many seconds from now on; what came before is dropped."""
+        """Return the scenes of the next seconds; earlier ones are dropped."""
         while self.source.poll(self._clock.now_ns()) is not None:
             pass
         end_ns = self._clock.now_ns() + round(seconds * 1e9)
@@ -148,7 +148,7 @@ class Sensor:
         if live.counters.last_error is not None:
             return f"what came was refused: {live.counters.last_error}"
         if not live.counters.packets:
-            return "nobody sends; start the tracker and its sender, and check host and port"
+            return "no sender; start the tracker and its sender, and check host and port"
         return "no whole scene arrived"
 
 
@@ -177,12 +177,12 @@ def place_of(sensor: Sensor, sights: Sights, joint: str) -> Place:
     The median bears noise and outliers. What it can't bear is a joint that moved meanwhile.
 
     Raises:
-        ConfigError: no sender, nobody in view, the joint not in view, not still, or too noisy.
+        ConfigError: no sender, no person in view, the joint not in view, not still, or too noisy.
     """
     if not sights.scenes:
         raise ConfigError(f"no scene arrived: {sensor.trouble()}")
     if not len(sights.positions):
-        raise ConfigError(f"{sights.scenes} scenes arrived, and nobody is in view; step into it")
+        raise ConfigError(f"{sights.scenes} scenes arrived, but no person is in view; step into it")
     points = _points(sights, joint)
     if len(points) < LEAST_SIGHTS:
         others = ", ".join(sights.seen()) or "none"

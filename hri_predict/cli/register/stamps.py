@@ -33,7 +33,7 @@ def unit_of_stamps(captured_ns: Sequence[int], arrived_ns: Sequence[int]) -> str
 
 
 def stamps_remedy(captured_ns: Sequence[int], arrived_ns: Sequence[int]) -> str | None:
-    """What is wrong with the stamps and the remedy, in one line; ``None`` if nothing is."""
+    """Return the problem of the stamps and the remedy, in one line; ``None`` if there is none."""
     unit = unit_of_stamps(captured_ns, arrived_ns)
     if unit is not None:
         factor = round(UNITS_NS[unit])

@@ -100,7 +100,7 @@ def _value(node: yaml.Node | None, key: str) -> yaml.Node | None:
 
 
 def _free_name(path: Path) -> Path:
-    """A name beside ``path`` that no file has: an older backup is never overwritten."""
+    """Return an unused name in the folder of ``path``: an older backup is never overwritten."""
     number = 1
     while (backup := path.with_name(f"{path.name}.before-register-{number}")).exists():
         number += 1

@@ -26,8 +26,8 @@ Host = Annotated[
     str,
     typer.Option(
         "--viewer-host",
-        help="Address that the 3D view and the operator's page listen on. Whoever reaches it sees "
-        "where people are.",
+        help="Address that the 3D view and the operator's page listen on. Everyone who can reach "
+        "it sees where people are.",
     ),
 ]
 OperatorUrl = Annotated[
@@ -66,7 +66,7 @@ def published(operator: int | None, urls: list[str] | None) -> tuple[str, ...]:
 def screens(
     viewer: int | None, operator: int | None, host: str, urls: list[str] | None = None
 ) -> AbstractContextManager[Feed | None]:
-    """What feeds the screens that were asked for; nothing if none was.
+    """Return the feed of the requested screens; nothing if none was requested.
 
     Raises:
         ConfigError: the 3D view's library is missing, or an address of a proxy is wrong.

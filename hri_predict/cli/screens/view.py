@@ -12,7 +12,7 @@ from hri_predict.viewing.recorded import RecordedPictures
 from hri_predict.viewing.screen import LOOPBACK, ScreenSettings, check_port
 
 LARGE_BYTES = 50_000_000
-"""To read the levels of so much takes a second, or some: it is said."""
+"""Above this size reading takes seconds, so a message is printed."""
 
 
 def view(
@@ -23,7 +23,7 @@ def view(
         str,
         typer.Option(
             "--viewer-host",
-            help="Address to listen on. Whoever reaches it sees where people were.",
+            help="Address to listen on. Everyone who can reach it sees where people were.",
         ),
     ] = LOOPBACK,
 ) -> None:

@@ -1,1 +1,1 @@
-"""What may stand in a configuration: a JSON schema for editors, a page of the documents."""
+"""The allowed content of a configuration: a JSON schema for editors, a page of the documents."""

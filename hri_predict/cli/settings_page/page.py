@@ -11,7 +11,7 @@ from hri_predict.cli.settings_page.schema import NAMED_BY, Schema, schema
 HEAD = """\
 # Configuration
 
-Every key that may stand in a cell's YAML file, by block. `hri-predict config document` writes this
+All keys of a cell's YAML file, by block. `hri-predict config document` writes this
 page from the descriptions in the code; change them there.
 
 - `hri-predict init cell.yaml` writes a first configuration.
@@ -41,7 +41,7 @@ class _Section:
     """One block of keys.
 
     Attributes:
-        places: where it may stand, such as ``robots[].motion``.
+        places: keys at which it may stand, such as ``robots[].motion``.
         kind: the name that chooses it among others at its place.
         block: its schema.
         common: keys that others of its kind have alike, and where they are described.
@@ -170,7 +170,7 @@ def _inner(value: Any, place: str) -> Iterator[tuple[str, str]]:
 
 
 def _type(value: Schema, names: dict[str, str]) -> str:
-    """What a value may be, in words."""
+    """Return the allowed values, in words."""
     if "$ref" in value:
         title = names[_name(value)]
         return f"[{title}](#{_anchor(title)})"

@@ -9,7 +9,7 @@ from hri_predict.base.geometry import Capsules
 LEAST_M = 2.0
 """The plan shows at least this much around every robot's base."""
 FARTHEST_M = 30.0
-"""What is farther from the first robot is not shown: no impossible place shrinks the plan."""
+"""Maximum distance from the first robot that is shown: no impossible place shrinks the plan."""
 _MARGIN_M = 0.3
 _STEPS_M = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0)
 _DOT_M = 0.06  # radius of a joint
@@ -45,7 +45,7 @@ class Plan:
     A character is about twice as high as it is wide, so a row is twice as long as a column.
 
     Args:
-        extent: what to show.
+        extent: the region to show.
         columns: width in characters.
         rows: height in characters.
     """

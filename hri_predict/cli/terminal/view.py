@@ -122,7 +122,7 @@ class TerminalView(View):
         return _High(layout, rows)
 
     def _side(self, tick: Tick, assembly: Assembly) -> list[RenderableType]:
-        """The parts beside the plan, the most important first: what does not fit is cut off."""
+        """Return the parts next to the plan, most important first; what does not fit is cut."""
         changes = Group(*reversed(self._changes))  # the newest first
         return [
             *(self._advice_panel(tick, advice, assembly) for advice in tick.advices),
@@ -220,7 +220,7 @@ def _links(assembly: Assembly) -> Table:
 
 
 def trouble(counters: SourceCounters) -> list[str]:
-    """What goes wrong at a live source, a line each; its newest error last."""
+    """Return the problems of a live source, a line each; its newest error last."""
     counts = ((getattr(counters, name), words) for name, words in _TROUBLE.items())
     lines = [f"{count} {words}" for count, words in counts if count]
     return [*lines, counters.last_error] if counters.last_error else lines

@@ -102,7 +102,8 @@ def _top(report: Report, digest: str, title: str) -> Markup:
     parts.append(
         tag(
             "p",
-            "The node advises; it is no safety function. This report records what was measured at "
+            "The node advises; it is not a safety function. This report records what was "
+            "measured at "
             "this cell on that day. It does not replace the risk assessment.",
             class_="small",
         )
@@ -170,7 +171,7 @@ def _echo(result: Echo) -> list[Content]:
             _times(link.round_trip),
             _ms(link.both_ways_ms),
             f"{link.allowed_ms:.1f}",
-            link.measured_by or "nobody",
+            link.measured_by or "no one",
         )
         for link in result.links
     ]
@@ -262,8 +263,8 @@ def _walk(result: Walk) -> list[Content]:
         tag("figure", grid_plot(grid)),
         tag(
             "p",
-            "Blue: somebody was seen, darker for longer. White: nobody was seen there, because "
-            "nobody walked there or because the sensor does not see it. Red cross: somebody "
+            "Blue: a person was seen, darker for longer. White: no person was seen there, because "
+            "none walked there or because the sensor does not see it. Red cross: a person "
             "vanished. Grey: outside source.field_of_view. The floor that counts is within each "
             "robot's reach plus the protective separation distance.",
             class_="small",
@@ -325,7 +326,7 @@ def _identity(report: Report, digest: str) -> Markup:
                 tag("span", digest, class_="mono"),
                 ", is over report.json, from which this page was made. It shows damage and "
                 "careless editing. It has no secret in it: who changes the report on purpose can "
-                "compute it anew. Note it elsewhere, or sign the print.",
+                "compute it again. Note it elsewhere, or sign the print.",
                 class_="small",
             ),
         ]

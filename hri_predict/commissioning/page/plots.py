@@ -54,7 +54,7 @@ def stopping_plot(curve: Curve, stops: Sequence[Stop], distance: bool) -> Markup
 
 
 def echo_plot(link: LinkEcho) -> Markup:
-    """How often a round trip (or, if nobody measured it, the time in the node) took so long."""
+    """Draw the distribution of round trips (or, if not measured, of the time in the node)."""
     times = link.round_trip if link.round_trip and link.round_trip.bins else link.in_node
     bins = times.bins if times is not None else []
     what = "round trip" if link.round_trip and link.round_trip.bins else "time in the node"
@@ -117,7 +117,7 @@ def grid_plot(grid: GridResult) -> Markup:
 
 
 def _shade(count: int, most: int) -> float:
-    """Opacity: a cell in which somebody was once is visible beside one where many stood."""
+    """Opacity: a cell in which one person was once is visible next to one where many stood."""
     return 0.25 + 0.75 * math.log1p(count) / math.log1p(most)
 
 

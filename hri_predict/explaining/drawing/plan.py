@@ -1,4 +1,4 @@
-"""What a plan view needs of a moment: bodies, zones and the robot as capsules seen from above."""
+"""Content of a plan view of a moment: bodies, zones and the robot as capsules seen from above."""
 
 from dataclasses import dataclass
 from typing import Any

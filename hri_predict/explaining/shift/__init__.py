@@ -1,1 +1,1 @@
-"""What a shift was like: everything counted in one pass, and a page that shows it."""
+"""Summary of a shift: everything counted in one pass, and a page that shows it."""

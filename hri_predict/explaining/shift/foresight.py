@@ -80,7 +80,7 @@ class Foresight:
                 self._later(capture_ns - offset_ns, check)
 
     def zones(self, told: Told) -> None:
-        """Take zones: one a second is compared."""
+        """Add zones; one sample per second is compared."""
         offset_ns, now_ns = self._offset.ns, whole(told.data.get("now_ns"))
         if told.utc_ns - self._zones_ns < _EVERY_NS or offset_ns is None or now_ns is None:
             return

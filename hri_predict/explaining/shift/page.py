@@ -139,7 +139,7 @@ def _hour(hour: Mapping[str, Any]) -> tuple[Content, ...]:
 
 def _near(robot: Mapping[str, Any]) -> Markup:
     if not robot["near_by_pair"]:
-        return tag("p", "No near miss: nobody was within a fifth of the distance needed.")
+        return tag("p", "No near miss: no person was within a fifth of the distance needed.")
     rows = [
         (
             f"{in_words(pair['body_part'])} to {in_words(pair['robot_part'])}",
@@ -154,7 +154,7 @@ def _near(robot: Mapping[str, Any]) -> Markup:
             table(("body part and robot part", "times", "nearest"), rows),
             tag(
                 "p",
-                "A near miss: the robot moves, and somebody has less than a fifth of the distance "
+                "A near miss: the robot moves, and a person has less than a fifth of the distance "
                 "needed to spare. Less than the distance needed is a stop.",
                 class_="small",
             ),
@@ -255,7 +255,7 @@ def _percent(share: float | None) -> str:
 
 
 def _nearest(at: str | None) -> str:
-    return "nearest that anybody came" + ("" if at is None else f", at {at}")
+    return "shortest distance to a person" + ("" if at is None else f", at {at}")
 
 
 def _ms(seconds: float | None) -> str:

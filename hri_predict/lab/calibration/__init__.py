@@ -1,1 +1,1 @@
-"""How large zones must be: radii from recordings, and how often they hold."""
+"""Sizes of zones: radii from recordings, and their coverage."""

@@ -10,7 +10,7 @@ units. (The shape is fitted to the same errors as the factors: a few quantiles o
 windows.) A speed class that occurs in fewer than ``LEAST_RECORDINGS`` recordings, and a joint that
 fewer show, are not calibrated; physical limits are used there.
 
-*Limits*: a scale that grows with past errors grows beyond what can happen. Beside somebody who
+*Limits*: a scale that grows with past errors grows beyond what can happen. Next to a person who
 stops, radii of 4 m at 1 s stood against a largest error of 2.3 m in a whole calibration. So no
 estimated radius is larger than the quantile of the errors themselves, for each joint, speed class
 and step, at a level that misses ``SPARE`` times less than the stated one: at 99 % it is the 99.9 %
@@ -48,7 +48,7 @@ _SPREAD = 1.05
 _LEAST_FACTOR = 0.01
 """People who stand like statues have errors of 0; a scale must stay above 0."""
 _SOME = 20
-"""Values of a recording in a part of the sizes; fewer tell nothing about a tail."""
+"""Values of a recording in a part of the sizes; fewer say nothing about a tail."""
 
 
 def calibrate(
@@ -147,7 +147,7 @@ def _calibrated_joints(
 
 
 def shape_of(*, error: Floats, scale_m: Floats, fast: Ints, unit: Ints) -> ScaleShape:
-    """How the quantile of error over scale depends on the scale's size.
+    """Return the dependence of the quantile of error over scale on the scale's size.
 
     The values of a speed class and step are parted by their scale into ``KNOTS`` parts of equal
     weight, fewer if there are few recordings. In each part the quantile ``SHAPE_LEVEL`` is taken. A

@@ -1,4 +1,4 @@
-"""How often zones held people, and how large they were: measured on recordings.
+"""Coverage of people by zones, and the zones' sizes: measured on recordings.
 
 *As calibrated* compares errors with radii. *As run* builds the zones as the node does, tick after
 tick, with the cut to what bodies can do and (if asked) the live self-check, and checks whether each
@@ -190,7 +190,7 @@ def run_zones(
 
 
 def snapshot_of(entry: Scores, window: int, history_steps: int) -> PeopleSnapshot:
-    """What the node would know in one window: a single person, at the time of the capture."""
+    """Return the node's knowledge in one window: a single person, at the time of the capture."""
     now = int(entry.origin_ns[window])
     seen = entry.observed[window, -1]
     at = int(entry.truth.stamps_ns.searchsorted(now))

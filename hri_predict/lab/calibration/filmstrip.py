@@ -206,7 +206,8 @@ def _explain(figure: Figure, axes: Any, predictor: str, what: str) -> None:
     figure.supxlabel(
         "A zone holds the body during the whole step before its moment, counted from the capture; "
         "what is larger leaves the picture.\nAll to one scale, the room stands still. Windows: the "
-        "middle of each action's longest recording, whatever the errors.\nThe robot was put to the "
+        "middle of each action's longest recording, independent of the errors.\nThe robot was "
+        "put to the "
         "person's left (seen from the right: behind). What was not measured (often the crown) "
         "widens a zone.",
         fontsize=8,

@@ -12,8 +12,8 @@ with the recorded direction, and the length that people have from wrist to knuck
 to ball. No recording marks the crown: it is as far from the ears as people's, along the skull.
 
 ``hri-predict bench joint-maps --fit ../shared/data`` prints them. It reads the lists *fit* and
-*calibration* of ``configs/training/splits.yaml``, and of ``motion/`` all recordings of nobody who
-is in a test.
+*calibration* of ``configs/training/splits.yaml``, and of ``motion/`` all recordings of people who
+are in no test.
 """
 
 import csv

@@ -24,7 +24,7 @@ DEFAULT_LEVEL = 0.99
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ZoneJudgement:
-    """What was measured.
+    """Measurements.
 
     Attributes:
         predictor: its name.
@@ -192,7 +192,7 @@ def _sizes(judged: ZoneJudgement) -> list[Table]:
 
 
 def notes(judged: ZoneJudgement) -> list[str]:
-    """What a reader of the tables must know."""
+    """Notes for a reader of the tables."""
     used = len(judged.calibration.recordings)
     windows = np.array([r.windows for r in judged.calibration.recordings]).sum(0)
     per = ", ".join(f"{name} {n}" for name, n in zip(SPEED_CLASSES, windows, strict=True))

@@ -1,7 +1,7 @@
 """Leaving a set out: what zones hold of people, tasks and trackers that the calibration never saw.
 
 Each set is left out in turn: the calibration is made from the other sets' recordings, and measured
-on all recordings of the set. This is what a new site may expect, where nobody is known and the
+on all recordings of the set. This is what a new site may expect, where no person is known and the
 tracker places joints in its own way. It is the whole truth only for a predictor that was not fitted
 on the set either.
 """
@@ -35,7 +35,7 @@ class LeftOut:
 
     Attributes:
         name: of the set.
-        recordings, calibrated_on: how many were measured, and how many calibrated.
+        recordings, calibrated_on: number of recordings measured, and of those calibrated on.
         calibration: the one that was made without the set.
         coverage: (level, question) -> of the radii alone.
         run: zones as the node builds them, with its self-check, at the highest level.
@@ -69,7 +69,7 @@ def leave_out(
         scores: the recordings to calibrate on.
         judged: the recordings to measure, as recorded; may hold those of ``scores``.
         on_part: called with the name of each set.
-        workers: who fits the scales; default: this process.
+        workers: workers that fit the scales; default: this process.
 
     Raises:
         ConfigError: no set occurs, or too few recordings are left.

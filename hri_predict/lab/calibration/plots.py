@@ -258,7 +258,7 @@ def write_radii(
         path: the PNG.
         methods: name -> a predictor's calibration, and its scores of the recordings over whose
             windows is averaged; the first one is shown with the range of 90 % of them.
-        data: what the recordings are, for the title ("test recordings of walking").
+        data: description of the recordings, for the title ("test recordings of walking").
         limits: see ``HumanLimits``.
         level: of the calibrated radii.
 

@@ -27,7 +27,7 @@ Used = TypeVar("Used")
 LEAST_RATE_HZ = 20.0
 
 FASTEST_HZ = 35.0
-"""Captures are thinned to at most so many a second before noise is added."""
+"""Maximum number of captures per second; others are left out before noise is added."""
 EVERY = (1, 1, 2, 3, 4)
 """The tracker delivers every such capture of those."""
 WHITE_M, SLOW_M = (0.0, 0.02), (0.0, 0.02)
@@ -157,7 +157,7 @@ def of_each(
     on_recording: Callable[[str], None],
     on_left_out: Callable[[str], None],
 ) -> tuple[list[Used], list[str]]:
-    """What ``use`` makes of each recording, and a line for each that is left out.
+    """Return the result of ``use`` for each recording, and a line for each that is left out.
 
     Args:
         entries: files, or recordings in memory.
@@ -189,7 +189,7 @@ def of_one(
     joint_map: JointMap | None,
     nobody: str,
 ) -> tuple[list[Used], str]:
-    """What is used of one recording, and why it is left out, or ""; see ``of_each``.
+    """Return the used part of one recording, and why it is left out, or ""; see ``of_each``.
 
     Raises:
         RecordingError: it cannot be read, or cannot be true.

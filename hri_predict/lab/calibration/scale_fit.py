@@ -97,7 +97,7 @@ def cross_scales(
 
     Args:
         on_fit: called before each fit, which takes a minute or more, with what it is.
-        workers: who fits; default: this process.
+        workers: workers that fit; default: this process.
         scores, rate_hz, skeleton: see ``conformal.calibrate``.
     """
     rows = _Rows(scores, rate_hz, skeleton)

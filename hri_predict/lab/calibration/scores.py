@@ -44,7 +44,7 @@ class Scores:
     Attributes:
         name: the recording, see ``names_of``; all its presences are one independent unit.
         digest: SHA-256 of its file; ``None`` without a file.
-        action: what people do in it.
+        action: action of the people in it.
         origin_ns: (W,) forecast origins: capture times.
         history, observed: (W, T, J, 3) metres and (W, T, J), T at least ``HISTORY_STEPS``.
         forecast: (W, H, J, 3).
@@ -70,7 +70,7 @@ class Scores:
 
 
 def evidence_of(entry: Scores) -> Evidence:
-    """What the node would know at each window."""
+    """Return the node's knowledge at each window."""
     return Evidence(
         history=entry.history,
         observed=entry.observed,
@@ -132,7 +132,7 @@ def scores_by(
     """``score_recordings`` by others: a task is one file, which each worker reads itself.
 
     Args:
-        workers: who does it.
+        workers: workers that do it.
         settings: of the predictor; each worker builds its own.
         paths, on_recording, on_left_out, joint_map, tracked: see ``score_recordings``.
 
@@ -204,7 +204,7 @@ def _scored(
 
 def _nobody(predictor: Predictor) -> str:
     least_s = (SETTLED_STEPS + 2 * _LEAST_WINDOWS) / predictor.rate_hz
-    return f"nobody is seen for {least_s:g} s without a break"
+    return f"no person is seen for {least_s:g} s without a break"
 
 
 def _demand_some(found: Sequence[Scores], left_out: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""How large zones are: volumes of the body's segments, by method.
+"""Sizes of zones: volumes of the body's segments, by method.
 
 Every method is applied to the same windows: calibrated zones as run, balls that grow at the
 standard's speeds (1.6 and 2 m/s) from where the body was seen, and the limits of what bodies can

@@ -23,7 +23,7 @@ class Track:
 
     Attributes:
         name: the recording's file name without its ending.
-        action: what the person does, see ``Recording.action``.
+        action: action of the person, see ``Recording.action``.
         stamps_ns: (F,) capture times, strictly increasing.
         positions: (F, 28, 3) metres, z up, ``BODY`` joints; 0 where not observed.
         observed: (F, 28).

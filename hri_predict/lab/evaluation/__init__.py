@@ -1,1 +1,1 @@
-"""How good forecasts are: on recordings, and by the benchmarks of the papers."""
+"""Quality of forecasts: on recordings, and by the benchmarks of the papers."""

@@ -36,7 +36,7 @@ _BATCH = 128
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """What is evaluated, and how.
+    """Settings of an evaluation.
 
     Attributes:
         windows: all windows of each test recording, or the ones that papers draw.

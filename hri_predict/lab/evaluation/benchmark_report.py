@@ -1,4 +1,4 @@
-"""Tables of a benchmark: measured errors beside those that papers print for its protocol."""
+"""Tables of a benchmark: measured errors next to those that papers print for its protocol."""
 
 import csv
 import io
@@ -78,7 +78,7 @@ def _cell(value: float | None, protocol: Protocol) -> str:
 
 
 def notes(result: BenchmarkResult) -> list[str]:
-    """What a reader of the tables must know, one sentence each."""
+    """Return notes for a reader of the tables, one sentence each."""
     protocol = result.protocol
     found = [
         f"{protocol.n_in} frames observed, {protocol.n_out} predicted; windows: {protocol.windows}."

@@ -1,4 +1,4 @@
-"""What was measured under one benchmark protocol, and what papers print for it."""
+"""Measurements under one benchmark protocol, and the values printed in papers for it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ MEAN = "mean"
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkResult:
-    """What was measured under one protocol.
+    """Measurements under one protocol.
 
     Attributes:
         scores: by method and action; the methods that were asked for come first.
@@ -40,7 +40,7 @@ class BenchmarkResult:
 
     @property
     def printed(self) -> list[Published]:
-        """What papers print for this very protocol."""
+        """Values printed in papers for this very protocol."""
         if self.protocol.benchmark != "cmu":
             return []
         return comparable(self.protocol.windows, self.protocol.n_out, self.protocol.error)

@@ -48,7 +48,7 @@ def publish(
     Args:
         weights: the run's weights.
         real, benchmark: JSON files of ``hri-predict evaluate`` for the card.
-        folder: where to; ``None`` is where the node looks for shipped weights.
+        folder: folder to write to; ``None``: that of the shipped weights.
 
     Returns:
         The two files written: weights and card.
@@ -105,7 +105,7 @@ def card_of(
 
 
 def latency_ms(predictor: NeuralPredictor, people: int) -> float:
-    """Median CPU time in milliseconds of a forecast for so many people, all joints observed.
+    """Median CPU time in milliseconds of a forecast for this number of people, all joints observed.
 
     CPU time of one thread, because training may run at the same time.
     """

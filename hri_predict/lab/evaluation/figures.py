@@ -1,4 +1,5 @@
-"""What plots share: matplotlib (or one line that says how to get it), colours, writing PNG files.
+"""Common parts of plots: matplotlib (or one line that says how to get it), colours, writing PNG
+files.
 
 The colours are those of M. Okabe and K. Ito, "Color universal design" (2008), which the
 colour-blind can tell apart.

@@ -46,7 +46,7 @@ class Scene:
 
     Attributes:
         recording: name of the recording.
-        action: what the person does.
+        action: action of the person.
         time_s: time of the forecast origin, seconds after the recording's first capture.
         window: that one window, as a batch.
     """

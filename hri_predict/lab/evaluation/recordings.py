@@ -66,11 +66,11 @@ class Errors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordingResult:
-    """How one predictor did under one condition.
+    """Results of one predictor under one condition.
 
     Attributes:
         predictor: its name.
-        corruption: what was done to its input; ``None`` if nothing.
+        corruption: disturbance of its input; ``None`` if none.
         actions: errors by action, in the order of the recordings.
     """
 
@@ -169,7 +169,7 @@ def judge_by(
     """``judge_all`` by others: a task is one motion, which is sent, not read there.
 
     Args:
-        workers: who does it.
+        workers: workers that do it.
         predictors: settings by name; each worker builds its own.
         motions, corruption: see ``judge_all``.
         on_motion: called when a motion is done.
@@ -301,7 +301,7 @@ def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
 
 
 def baselines() -> dict[str, PredictorSettings]:
-    """Settings of the baselines that are evaluated beside every trained predictor."""
+    """Settings of the baselines that are evaluated next to every trained predictor."""
     common = {"horizon_s": FUTURE_STEPS / RATE_HZ, "rate_hz": RATE_HZ}
     return {
         "zero_velocity": ZeroVelocitySettings(name="zero_velocity", **common),

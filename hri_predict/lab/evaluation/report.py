@@ -51,7 +51,7 @@ def joint_table(results: Sequence[RecordingResult], horizon_ms: int) -> Table:
 
 
 def corruption_table(results: Sequence[RecordingResult]) -> Table:
-    """How much every predictor loses by each disturbance, relative to undisturbed input.
+    """Return the loss of every predictor by each disturbance, relative to undisturbed input.
 
     Each cell: mean error over actions and horizons, mm, and its relative growth.
     """

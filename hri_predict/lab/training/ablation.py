@@ -1,4 +1,4 @@
-"""What each augmentation brings: the same short training, one augmentation left out at a time.
+"""Benefit of each augmentation: the same short training, one augmentation left out at a time.
 
 ``hri-predict ablate configs/training/trajectorycnn_real.yaml --data DIR --out FOLDER`` trains a
 small TrajectoryCNN with all augmentations, with none, and without each, with the same seed and

@@ -88,11 +88,11 @@ def _start_from(network: Network, path: Path) -> None:
     )
     for name in missing:  # an adversary is not shipped; it starts with fresh weights
         if id(network.get_parameter(name)) not in critic and not grows:
-            raise ConfigError(f"initial_weights {path}: lacks '{name}'; train anew without it")
+            raise ConfigError(f"initial_weights {path}: lacks '{name}'; train again without it")
 
 
 def _described(shape: Shape) -> tuple[object, ...]:
-    """What makes two shapes equal; a skeleton without a name in the project is built anew."""
+    """Return what makes two shapes equal; a skeleton without a name here is built again."""
     skeleton = shape.skeleton
     return (
         skeleton.joints,

@@ -56,8 +56,8 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         ) from error
     except Exception as error:  # torch.load's failures have no common base
         raise ConfigError(
-            f"checkpoint {path}: cannot be read; remove it and start the run anew"
+            f"checkpoint {path}: cannot be read; remove it and start the run again"
         ) from error
     if not isinstance(state, dict):
-        raise ConfigError(f"checkpoint {path}: is not from a training run; start the run anew")
+        raise ConfigError(f"checkpoint {path}: is not from a training run; start the run again")
     return state

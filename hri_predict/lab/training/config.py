@@ -18,7 +18,7 @@ class ShapeSettings(Settings):
 
 
 class TrainSettings(Settings):
-    """How the network is trained (``train:``)."""
+    """Settings of the training (``train:``)."""
 
     epochs: int = Field(50, ge=1, le=10**9, description="epochs of the learning rate's schedule")
     stop_after: int | None = Field(None, ge=1, description="end after this many epochs")

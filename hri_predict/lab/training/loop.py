@@ -156,7 +156,8 @@ class _Run:
             self._resume()
         elif os.path.exists(self.config.out / "last.pt"):  # takes names that are too long
             raise ConfigError(
-                f"{self.config.out}: holds a run; --resume continues it, another --out starts anew"
+                f"{self.config.out}: holds a run; --resume continues it, another --out starts a "
+                "new one"
             )
         self.processes.every(torch.zeros(1))  # no process writes before all have checked
         progress, settings = self.progress, self.settings
@@ -305,7 +306,7 @@ class _Run:
         except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             raise ConfigError(
                 f"checkpoint {path}: has another network, version or number of processes; start "
-                f"the run anew with another --out"
+                "a new run with another --out"
             ) from error
 
     def _refuse_another(self, path: Path, was: TrainingConfig, fingerprint: str) -> None:

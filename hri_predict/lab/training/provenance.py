@@ -1,4 +1,4 @@
-"""Where a set of weights came from: code and data."""
+"""Origin of a set of weights: code and data."""
 
 import hashlib
 import subprocess

@@ -1,4 +1,4 @@
-"""How good a network is on validation windows: mean per joint position error, millimetres."""
+"""Quality of a network on validation windows: mean per joint position error, millimetres."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a user sees of a training run: a bar with the time left, or a line per epoch; the log."""
+"""Progress of a training run: a bar with the time left, or a line per epoch; the log."""
 
 import os
 import sys

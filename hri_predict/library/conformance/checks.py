@@ -12,11 +12,11 @@ Verdict = Literal["pass", "fail", "skipped"]
 T = TypeVar("T")
 
 SOON_S = 0.05
-"""What never blocks returns within this time, but for one call in a hundred: machines pause."""
+"""Maximum time of a non-blocking call, but for one call in a hundred: machines pause."""
 
 
 NOTHING_CAME = "no scene came"
-"""How a check begins its reason when a source gave nothing to check."""
+"""Prefix of a check's reason when a source gave nothing to check."""
 
 
 class Broken(Exception):
@@ -29,12 +29,12 @@ class Skipped(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What came of one check.
+    """Result of one check.
 
     Attributes:
-        check: what the contract asks, in a few words.
+        check: requirement of the contract, in a few words.
         verdict: of the check.
-        detail: what was found, how the contract is broken, or why it was not checked.
+        detail: the findings, the violation of the contract, or why it was not checked.
     """
 
     check: str

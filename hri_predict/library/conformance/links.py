@@ -1,4 +1,4 @@
-"""What the contract asks of a link; see ``hri_predict.contracts.link``.
+"""Requirements of the contract on a link; see ``hri_predict.contracts.link``.
 
 The link has a wire in memory instead of a device. A second one of its kind plays the controller.
 """
@@ -62,12 +62,12 @@ class LinkPart:
             link.service(self.clock.now_ns())
 
     def decoded(self, units: list[object]) -> list[Message]:
-        """What whoever listens makes of these units."""
+        """Return what a listener decodes from these units."""
         receiver = self.cls.receiver(self.settings)
         return [message for unit in units for message in receiver.feed(unit)]
 
     def units(self, message: Message) -> list[object]:
-        """What a fresh link writes of a message."""
+        """Return what a fresh link writes of a message."""
         return units_of(self.cls, self.settings, self.clock, message)
 
 
@@ -118,7 +118,7 @@ def opens_nothing_until_started(part: LinkPart) -> str:
     demand(isinstance(link.counters, LinkCounters), "counters: must be LinkCounters")
     untroubled = not link.connected and link.last_error is None and link.foreign_ns is None
     demand(untroubled, "it is connected, or has had trouble")
-    demand(link.on_sent is None, "on_sent must be None until somebody sets it")
+    demand(link.on_sent is None, "on_sent must be None until it is set")
     demand(link.take() == [], "it has received something")
     return "closed, all counters 0"
 
@@ -165,7 +165,7 @@ def sends_the_newest(part: LinkPart) -> str:
 
 
 def accounts_for_every_message(part: LinkPart) -> str:
-    """What is posted is sent, superseded, decimated, or failed: nothing vanishes uncounted."""
+    """Everything posted is sent, superseded, decimated, or failed: nothing vanishes uncounted."""
     link, wire = part.make()
     posted = 0
     for cycle in range(50):
@@ -229,7 +229,7 @@ def does_not_hear_itself(part: LinkPart) -> str:
 
 
 def tells_a_second_sender(part: LinkPart) -> str:
-    """What another sends with this node's ids is counted, with its time, and not handed on."""
+    """A frame of another sender with this node's ids is counted, timed, and not handed on."""
     link, wire = part.make()
     for cycle in (2, 3):  # the CRC of one may be right by chance
         wire.incoming.extend(part.units(status(cycle)))
@@ -247,7 +247,7 @@ def finds_messages_in_a_stream(part: LinkPart) -> str:
     for message in (state(1), Acknowledge(3, 9)):
         units = units_from(far, wire, part.clock, message)
         if not all(isinstance(unit, bytes) for unit in units):
-            raise Skipped("its units are no stream: each comes whole or not at all")
+            raise Skipped("its units are not a stream: each comes whole or not at all")
         pieces += [unit for unit in units if isinstance(unit, bytes)]
     stream = b"".join(pieces)
     expected = [RobotState, Acknowledge]
@@ -303,7 +303,7 @@ def survives_noise(part: LinkPart) -> str:
 
 
 def counts_what_it_refuses(part: LinkPart) -> str:
-    """Noise on the wire reaches nobody; the link's counters tell of it."""
+    """Noise on the wire is not passed on; the link's counters report it."""
     rng = np.random.default_rng(2)
     link, wire = part.make()
     like = part.units(status(0))[0]
@@ -345,10 +345,10 @@ def tells_the_recorder(part: LinkPart) -> str:
     told: list[tuple[str, bytes, int]] = []
     link.on_sent = lambda name, data, now_ns: told.append((name, data, now_ns))
     units = units_from(link, wire, part.clock, advice(0, 0.5))
-    demand(len(told) == len(units), f"{len(units)} units written, {len(told)} told")
+    demand(len(told) == len(units), f"{len(units)} units written, {len(told)} reported")
     expected = (part.settings.name, part.clock.now_ns())
-    demand(all((n, t) == expected for n, _, t in told), "another name or time is told")
-    demand(all(isinstance(data, bytes) and data for _, data, _ in told), "no bytes are told")
+    demand(all((n, t) == expected for n, _, t in told), "another name or time is reported")
+    demand(all(isinstance(data, bytes) and data for _, data, _ in told), "no bytes are reported")
     return f"units of an Advice: {len(told)}"
 
 
@@ -391,7 +391,7 @@ CHECKS: tuple[Callable[[LinkPart], str], ...] = (
 
 
 def _refused(counters: LinkCounters | ReceiveCounters) -> int:
-    """How many times something was refused, for whatever reason."""
+    """Return the number of refusals, for any reason."""
     return sum(getattr(counters, name, 0) for name in REFUSED.split())
 
 

@@ -40,7 +40,7 @@ def advice(robot: int, separation_m: float) -> Advice:
 
 
 def state(counter: int) -> RobotState:
-    """Where a robot of six joints is."""
+    """Return a RobotState of a robot with six joints."""
     return RobotState(
         robot=0,
         mode=RobotMode.AUTOMATIC,

@@ -1,7 +1,7 @@
-"""What the contract asks of a predictor; see ``hri_predict.contracts.predictor``.
+"""Requirements of the contract on a predictor; see ``hri_predict.contracts.predictor``.
 
-A predictor is given bodies with bones of 25 cm that sway, each at a place of its own. They look
-like nobody, and nobody's shape may be relied on; how good forecasts are, ``hri-predict evaluate``
+A predictor is given bodies with bones of 25 cm that sway, each at a place of its own. They resemble
+no person, and no person's shape may be relied on; how good forecasts are, ``hri-predict evaluate``
 says.
 """
 
@@ -59,7 +59,7 @@ class PredictorPart:
         return place + body + sway, rng.random((count, steps, joints)) < seen
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """What it predicts, in the right shape and finite."""
+        """Return its forecast, in the right shape and finite."""
         return checked(self.predictor.predict(history, observed), len(history), self.predictor)
 
 
@@ -148,7 +148,7 @@ def ignores_what_is_not_observed(part: PredictorPart) -> str:
 
 
 def gives_the_same_bytes_again(part: PredictorPart) -> str:
-    """The same batch gives the same bytes, whatever was predicted in between."""
+    """The same batch gives the same bytes, regardless of predictions in between."""
     history, observed = part.people(4, seen=0.8)
     first = part.predict(history, observed)
     part.predict(*part.people(2, seed=7))
@@ -156,7 +156,7 @@ def gives_the_same_bytes_again(part: PredictorPart) -> str:
     _demand_same(first, again, "the same batch gives another forecast the second time")
     other = part.cls(part.settings).predict(history, observed)
     _demand_same(first, other, "made a second time, it gives another forecast")
-    return "after another batch, and made anew"
+    return "after another batch, and in a new object"
 
 
 def does_not_depend_on_the_batch(part: PredictorPart) -> str:

@@ -1,7 +1,7 @@
-"""What the contract asks of a source; see ``hri_predict.contracts.source``.
+"""Requirements of the contract on a source; see ``hri_predict.contracts.source``.
 
 A source that foresees its scenes (a recording, a simulator) is asked for them one after the other;
-one that hears a sender is listened to for a while, and somebody must send meanwhile.
+one that hears a sender is listened to for a while, and a sender must send meanwhile.
 """
 
 import time
@@ -51,7 +51,7 @@ SAME_M = 1e-9  # two rotations of coordinates below 1000 m: 10 roundings of 2**-
 
 @dataclass
 class Heard:
-    """What came of listening to a source once."""
+    """Result of listening to a source once."""
 
     scenes: list[Scene] = field(default_factory=list)
     poll_s: list[float] = field(default_factory=list)
@@ -80,7 +80,7 @@ class SourcePart:
     """A source to check, and what it is made of.
 
     Attributes:
-        seconds: how long to listen, where it hears a sender.
+        seconds: time to listen, where it hears a sender.
     """
 
     cls: AnySourceClass
@@ -99,11 +99,11 @@ class SourcePart:
 
     @cached_property
     def heard(self) -> Heard:
-        """What it gave; listened to once, for all checks.
+        """Scenes of the source; listened to once, for all checks.
 
         Raises:
             Skipped: it gave nothing.
-            Broken: somebody sent, and it made no scene of that.
+            Broken: there was a sender, and it made no scene of that.
         """
         if not self.live:
             return _not_empty(self.foreseen(), "give a longer one")
@@ -115,7 +115,7 @@ class SourcePart:
         return _not_empty(found, "send to it meanwhile")
 
     def foreseen(self, settings: SourceSettings | None = None) -> Heard:
-        """What a source that foresees its scenes gives, as fast as possible."""
+        """Return the scenes of a source that foresees them, as fast as possible."""
         source, found = self.make(settings), Heard()
         with _opened(source, START_NS):
             while len(found.scenes) < MAX_SCENES and (due_ns := found.next_ns(source)) is not None:
@@ -227,12 +227,12 @@ def marks_what_it_did_not_see(part: SourcePart) -> str:
             demand(bool(missing[~person.observed].all()), "an unobserved joint is not NaN")
             seen, total = seen + int(person.observed.sum()), total + person.observed.size
     if total == 0:
-        raise Skipped("nobody came into view; give a source with people")
+        raise Skipped("no person came into view; give a source with people")
     return f"{seen} of {total} joints observed"
 
 
 def gives_metres(part: SourcePart) -> str:
-    """Everybody is of a human size, and in the cell."""
+    """All people are of a human size, and in the cell."""
     longest = 0.0
     for scene in part.heard.scenes:
         for person in scene.people:
@@ -243,7 +243,7 @@ def gives_metres(part: SourcePart) -> str:
             demand(far <= MAX_COORDINATE_M, f"a joint is {far:.3g} m from the origin; which units?")
             longest = max(longest, float(np.linalg.norm(body - body[0], axis=1).max()))
     if longest == 0.0:
-        raise Skipped("nobody came into view; give a source with people")
+        raise Skipped("no person came into view; give a source with people")
     demand(longest <= MAX_BODY_M, f"a body's joints are {longest:.3g} m apart; which units?")
     return f"joints of a body up to {longest:.2f} m from its first one"
 
@@ -261,7 +261,7 @@ def stands_in_the_room(part: SourcePart) -> str:
         for a, b in zip(first.people, second.people, strict=True)
     ]
     if not apart:
-        raise Skipped("nobody came into view; give a source with people")
+        raise Skipped("no person came into view; give a source with people")
     noisy = part.make().declares_noise  # which need not turn with the pose
     off_m = float(np.median(apart)) if noisy else max(apart)
     demand(off_m <= (NOISE_M if noisy else SAME_M), f"with another pose {off_m:.2g} m off")
@@ -282,7 +282,7 @@ def counts_up(part: SourcePart) -> str:
 
 
 def gives_the_same_again(part: SourcePart) -> str:
-    """Made anew, a source that foresees its scenes gives the same ones: replays are exact."""
+    """Made again, a source that foresees its scenes gives the same ones: replays are exact."""
     if part.live:
         raise Skipped("a sender says what it likes")
     scenes, again = part.heard.scenes, part.foreseen().scenes
@@ -331,7 +331,7 @@ def _opened(source: Source, start_ns: int) -> Iterator[None]:
 
 
 def _listened(source: Source, seconds: float) -> Heard:
-    """What a source hears within some time, as the node's own thread would ask."""
+    """Return what a source hears within some time, asked as the node's own thread would."""
     clock, found = MonotonicClock(), Heard()
     end_ns = clock.now_ns() + round(seconds * 1e9)
     with _opened(source, clock.now_ns()):

@@ -23,10 +23,10 @@ class Wire:
     Attributes:
         written: units that the link wrote.
         incoming: units that it will read.
-        opened: how often it was opened.
+        opened: number of times it was opened.
         is_open: whether it is now.
         lost: whether the device is gone: every call fails.
-        write_s: how long a write takes.
+        write_s: duration of a write.
     """
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class Wire:
         self.written.append(unit)
 
     def read(self, timeout_s: float) -> list[object]:
-        """What is there; a wire that is idle waits."""
+        """Return what is there; a wire that is idle waits."""
         self._check()
         if not self.incoming and timeout_s > 0:
             time.sleep(min(timeout_s, 0.01))

@@ -1,1 +1,1 @@
-"""Where alerts go: a command, a webhook, an MQTT broker, e-mail, syslog; each in its own thread."""
+"""Receivers of alerts: command, webhook, MQTT broker, e-mail, syslog; each in its own thread."""

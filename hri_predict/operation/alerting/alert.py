@@ -1,4 +1,4 @@
-"""What an alert says: a change of a robot's level, of a named zone, or a test."""
+"""Content of an alert: a change of a robot's level, of a named zone, or a test."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -34,7 +34,7 @@ class Alert:
 
     @property
     def subject(self) -> str:
-        """What changed; a newer alert of the same subject replaces an older one."""
+        """The changed part; a newer alert of the same subject replaces an older one."""
         return f"robot {self.robot}"
 
     def title(self) -> str:
@@ -62,7 +62,7 @@ class ZoneAlert:
 
     @property
     def subject(self) -> str:
-        """What changed; a newer alert of the same subject replaces an older one."""
+        """The changed part; a newer alert of the same subject replaces an older one."""
         return f"zone {self.zone}"
 
     def title(self) -> str:
@@ -80,7 +80,7 @@ class ZoneAlert:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """What ``hri-predict alerts CELL --test`` sends: it says nothing about any robot."""
+    """Alert that ``hri-predict alerts CELL --test`` sends: it says nothing about any robot."""
 
     at: str | None
     test: bool = True
@@ -89,7 +89,7 @@ class Trial:
     held_back = 0
 
     def title(self) -> str:
-        """What it is."""
+        """Return its title."""
         return "test"
 
     def line(self) -> str:
@@ -111,9 +111,9 @@ def payload(alert: AnyAlert, cell: str, more_changes: int) -> dict[str, Any]:
     """The alert as plain data for JSON.
 
     Args:
-        alert: what changed.
+        alert: the change.
         cell: name of the cell.
-        more_changes: how many changes this receiver was not told since its last alert.
+        more_changes: number of changes that this receiver missed since its last alert.
     """
     return {"cell": cell, **as_data(alert), "more_changes": more_changes}
 

@@ -23,7 +23,9 @@ class CommandHook(HookSettings):
 
     kind: Literal["command"] = Field(description="a program of the user's")
     command: list[str] = Field(min_length=1, description="program and arguments")
-    retry_s: float = Field(0.0, ge=0, le=3600, description="run it again so long if it fails")
+    retry_s: float = Field(
+        0.0, ge=0, le=3600, description="seconds for which it is run again if it fails"
+    )
     timeout_s: float = Field(5.0, ge=0.1, le=600, description="end the program after this time")
 
     def create_sender(self, place: Place) -> Sender:

@@ -1,4 +1,4 @@
-"""A hook at work: a thread of its own, so that a slow receiver delays nothing and nobody else."""
+"""A hook at work: a thread of its own, so that a slow receiver delays nothing else."""
 
 import logging
 import threading
@@ -140,7 +140,7 @@ class Hook:
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        """Keep the newest error, and tell it in the log, once in a while."""
+        """Keep the newest error, and report it in the log, once in a while."""
         self.last_error = without(self._sender.secrets, failure_text(error))
         self._untold_failures += 1
         now_s = self._now_s()
@@ -156,7 +156,7 @@ class Hook:
 
 
 def failure_text(error: Exception) -> str:
-    """What went wrong, in one line."""
+    """Return the failure, in one line."""
     return one_line(str(error) if isinstance(error, SendError) else said(error), 200)
 
 

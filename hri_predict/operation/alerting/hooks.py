@@ -44,8 +44,8 @@ class Hooks:
         """Make the hooks of new settings, and return what puts them in force.
 
         A hook with the same settings as before goes on, with all that waits in it. New ones start
-        before those that are left out end; these try once more what waits in them, and nobody waits
-        for that.
+        before those that are left out end; these try once more what waits in them, and nothing
+        waits for that.
 
         Raises:
             ConfigError: a hook cannot be used; nothing has changed.

@@ -28,7 +28,7 @@ KINDS = tuple(get_args(hook.model_fields["kind"].annotation)[0] for hook in get_
 
 
 def sender_of(settings: HookSettings, place: Place) -> Sender:
-    """What sends the alerts of a hook; opens no connection.
+    """Return the sender of a hook's alerts; open no connection.
 
     Raises:
         ConfigError: a secret, a certificate or a package is missing.

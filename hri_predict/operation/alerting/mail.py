@@ -75,7 +75,7 @@ class MailHook(HookSettings):
         6,
         ge=1,
         le=6000,
-        description="most mails in a minute; the next one tells how many changes were left out",
+        description="maximum mails per minute; the next one says how many changes were left out",
     )
     timeout_s: float = Field(10.0, ge=0.1, le=60, description="give up one attempt after this time")
 
@@ -104,11 +104,11 @@ class MailHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.security != "none" or is_loopback(self.host):
             return []
         return [
-            f"e-mail without TLS to {self.host}: anybody on the way can read and change alerts; "
+            f"e-mail without TLS to {self.host}: anyone on the way can read and change alerts; "
             "use security: starttls"
         ]
 
@@ -200,6 +200,6 @@ def _own_name() -> str:
 
 
 def _answer(code: int) -> str:
-    """What a server said, by its code: its text might repeat what it was told."""
+    """Return a server's answer, by its code: its text might repeat what was sent."""
     known = {535: "user name or password are wrong", 530: "it wants a user name and a password"}
     return f"SMTP status {code}" + (f": {known[code]}" if code in known else "")

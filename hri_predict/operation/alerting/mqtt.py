@@ -69,7 +69,7 @@ class MqttHook(HookSettings):
         min_length=1,
         max_length=200,
         pattern=r"^[^#+$\x00-\x1f\x7f][^#+\x00-\x1f\x7f]*$",
-        description="what all topics begin with; default: hri-predict/CELL",
+        description="prefix of all topics; default: hri-predict/CELL",
     )
     username: Text | None = Field(
         None, description="to log in as; the password comes from a file or a variable"
@@ -111,12 +111,12 @@ class MqttHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.tls or is_loopback(self.host):
             return []
         password = ", and the password" if self.username else ""
         return [
-            f"MQTT without TLS to {self.host}: anybody on the way can read and change alerts"
+            f"MQTT without TLS to {self.host}: anyone on the way can read and change alerts"
             f"{password}; use tls: true"
         ]
 
@@ -236,7 +236,7 @@ class MqttSender(Sender):
         if not done:
             self._drop()
             if self._budget.left < 0:
-                raise SendError("the broker sends what nobody asked for")
+                raise SendError("the broker sends packets that were not requested")
             raise SendError("the broker does not acknowledge")
 
     def _drop(self) -> None:

@@ -1,7 +1,7 @@
 """Which alert goes out next, and when: debounce, rate limit, retry, and the count of each.
 
-Per robot and zone at most one alert waits, the newest: so the memory is bounded, and whoever hears
-from us late hears what holds now. What was left out is told with the next alert.
+Per robot and zone at most one alert waits, the newest: so the memory is bounded, and a receiver
+that hears from us late hears what holds now. What was left out is reported with the next alert.
 """
 
 from collections import deque
@@ -20,8 +20,8 @@ class Entry:
     """An alert that waits, or is on its way.
 
     Attributes:
-        alert: what to send.
-        more_changes: changes that were left out, to be told with it.
+        alert: the alert to send.
+        more_changes: changes that were left out, to be reported with it.
         first_try_s: when it was first tried; ``None`` before.
     """
 
@@ -34,7 +34,7 @@ class Outbox:
     """The waiting alerts of one hook. All times are seconds of one clock that only rises.
 
     Attributes:
-        delivered: alerts that arrived, as far as the way tells.
+        delivered: alerts that arrived, as far as is known.
         left_out: changes that a newer one of the same robot or zone replaced, here or before they
             came here.
         dropped: alerts that were given up.
@@ -53,7 +53,7 @@ class Outbox:
         self.delivered = self.left_out = self.dropped = self.retried = self.failures = 0
 
     def put(self, alert: AnyAlert) -> bool:
-        """Take an alert, in the place of an older one of the same subject.
+        """Take an alert, instead of an older one of the same subject.
 
         Returns:
             Whether ``wait_s`` may be shorter than before.
@@ -98,7 +98,7 @@ class Outbox:
     ) -> None:
         """Count a failed attempt; keep the alert unless it is too old or not to be tried ``again``.
 
-        The next attempt, of whatever alert, waits: longer after each failure, and as long as the
+        The next attempt, of any alert, waits: longer after each failure, and as long as the
         receiver asks (``again_s``).
         """
         self.failures += 1

@@ -1,4 +1,4 @@
-"""What a kind of hook implements: sending one alert, within a time, or saying why not."""
+"""Interface of a kind of hook: sending one alert, within a time, or saying why not."""
 
 import contextlib
 import os
@@ -32,7 +32,7 @@ class SendError(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where hooks work.
+    """Environment of hooks.
 
     Attributes:
         base_dir: the configuration's folder.
@@ -49,8 +49,8 @@ class Sender:
     """Sends alerts of one hook; the hook's thread alone calls it, but for ``abort``.
 
     Attributes:
-        tend_s: call ``tend`` so often while there is nothing to send; ``None``: never.
-        secrets: what must not appear in any message.
+        tend_s: interval at which to call ``tend`` while there is nothing to send; ``None``: never.
+        secrets: texts that must not appear in any message.
     """
 
     tend_s: float | None = None
@@ -82,11 +82,11 @@ class Sender:
 def cut_after(seconds: float, sock: Callable[[], socket.socket | None]) -> Iterator[None]:
     """Shut a connection down after ``seconds``.
 
-    A socket's own time limit begins anew with every byte, so a server that sends one byte now and
+    A socket's own time limit begins again with every byte, so a server that sends one byte now and
     then would hold the hook for ever.
 
     Raises:
-        TimeoutError: in the place of whatever the cut led to.
+        TimeoutError: instead of the error that the cut led to.
     """
     was_cut = False
 
@@ -112,7 +112,7 @@ def cut_after(seconds: float, sock: Callable[[], socket.socket | None]) -> Itera
 
 
 class Answer:
-    """What a receiver answers, as a file, up to ``ANSWER_BYTES``: it may send without an end.
+    """A receiver's answer, as a file, up to ``ANSWER_BYTES``: it may send without an end.
 
     Reading takes the time of the interpreter that the loop runs in, and memory.
     """

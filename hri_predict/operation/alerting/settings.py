@@ -1,4 +1,4 @@
-"""What all alert hooks have in common; each kind derives its settings from these."""
+"""Settings common to all alert hooks; each kind derives its settings from these."""
 
 import ipaddress
 from pathlib import Path
@@ -40,7 +40,10 @@ class HookSettings(Settings):
         30, ge=1, le=6000, description="most alerts within any minute; the newest wait"
     )
     retry_s: float = Field(
-        60.0, ge=0, le=3600, description="try so long to deliver an alert, then drop and count it"
+        60.0,
+        ge=0,
+        le=3600,
+        description="maximum time to deliver an alert; then it is dropped and counted",
     )
     timeout_s: float = Field(5.0, ge=0.1, le=60, description="give up one attempt after this time")
 
@@ -64,7 +67,7 @@ class HookSettings(Settings):
 
     @property
     def notes(self) -> list[str]:
-        """What ``check`` warns of."""
+        """Warnings of ``check``."""
         return []
 
     @property
@@ -97,8 +100,8 @@ class HookSettings(Settings):
         for key in cls.secrets if isinstance(data, dict) else ():
             if key in data and key not in cls.model_fields:
                 raise ValueError(
-                    f"{key}: no secret stands in the configuration, which recordings contain; put "
-                    f"it into a file and name that under {key}_file, or use {key}_env"
+                    f"{key}: secrets are not allowed in the configuration because recordings "
+                    f"contain it; put it in a file and name that under {key}_file, or use {key}_env"
                 )
         return data
 
@@ -111,7 +114,10 @@ class HookSettings(Settings):
 
 
 SecretFile = Annotated[
-    str | None, Field(min_length=1, description="file with it, beside the configuration")
+    str | None,
+    Field(
+        min_length=1, description="file that contains it; relative to the configuration's folder"
+    ),
 ]
 SecretVariable = Annotated[
     str | None,

@@ -30,7 +30,7 @@ _FACILITIES = {"user": 1, "daemon": 3, **{f"local{i}": 16 + i for i in range(8)}
 _SEVERITIES = {"fault": 2, "unknown": 3, "stop": 4, "slow": 5, "warn": 5, "clear": 6}
 """Critical, error, warning, notice, informational (RFC 5424, table 2)."""
 MAX_OCTETS = 2048
-"""What a receiver should take (RFC 5424, section 6.1)."""
+"""Size that a receiver should accept (RFC 5424, section 6.1)."""
 
 Facility = Literal[
     "user", "daemon", "local0", "local1", "local2", "local3", "local4", "local5", "local6", "local7"
@@ -42,7 +42,7 @@ class SyslogHook(HookSettings):
 
     kind: Literal["syslog"] = Field(description="lines of RFC 5424")
     protocol: Literal["udp", "tcp", "tls", "unix"] = Field(
-        "udp", description="how lines go out; udp and unix acknowledge nothing"
+        "udp", description="transport of the lines; udp and unix do not acknowledge"
     )
     host: Host | None = Field(None, description="the collector's name or address; with unix: none")
     port: int | None = Field(None, ge=1, le=65535, description="default: 514, tcp 601, tls 6514")
@@ -55,7 +55,7 @@ class SyslogHook(HookSettings):
         60,
         ge=1,
         le=6000,
-        description="most lines in a minute; the next one tells how many changes were left out",
+        description="maximum lines per minute; the next one says how many changes were left out",
     )
 
     @model_validator(mode="after")
@@ -85,11 +85,11 @@ class SyslogHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.protocol in ("unix", "tls") or is_loopback(self.host or ""):
             return []
         return [
-            f"syslog without TLS to {self.host}: anybody on the way can read and change alerts; "
+            f"syslog without TLS to {self.host}: anyone on the way can read and change alerts; "
             "use protocol: tls where the receiver has it"
         ]
 

@@ -9,7 +9,7 @@ MAX_LINE = 1000
 def one_line(text: str, limit: int = MAX_LINE) -> str:
     """``text`` on one line: what does not print (line breaks among it) becomes a space.
 
-    Whoever names robots or zones could otherwise add headers to an e-mail, or lines to a log.
+    The names of robots or zones could otherwise add headers to an e-mail, or lines to a log.
     """
     line = "".join(c if c.isprintable() else " " for c in text)
     return line if len(line) <= limit else line[: limit - 3] + "..."

@@ -44,7 +44,7 @@ class WebhookHook(HookSettings):
     secrets: ClassVar[tuple[str, ...]] = ("token", "sign_key", "url")
 
     kind: Literal["webhook"] = Field(description="an HTTP POST of JSON")
-    url: Url | None = Field(None, description="where to post: http or https")
+    url: Url | None = Field(None, description="address to post to: http or https")
     url_file: SecretFile = None
     url_env: SecretVariable = None
     token_file: SecretFile = None
@@ -83,7 +83,7 @@ class WebhookHook(HookSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What is sent without TLS."""
+        """Notes on what is sent without TLS."""
         if self.url is None:
             return []
         parts = address_of(self.url)
@@ -91,7 +91,7 @@ class WebhookHook(HookSettings):
             return []
         secret = self.token_file or self.token_env
         return [
-            f"http without TLS to {parts.hostname}: anybody on the way can read and change alerts"
+            f"http without TLS to {parts.hostname}: anyone on the way can read and change alerts"
             + (", and the token" if secret else "")
             + "; use https"
         ]
@@ -107,7 +107,7 @@ def address_of(url: str) -> SplitResult:
         parts = urlsplit(url)
         port = parts.port
     except ValueError:
-        raise ValueError("url: is no address; write it as https://HOST/PATH") from None
+        raise ValueError("url: not a valid address; expected https://HOST/PATH") from None
     if not (url.isascii() and url.isprintable()) or " " in url:
         raise ValueError("url: only printable ASCII without spaces; write others as %20 and so on")
     if parts.scheme not in ("http", "https"):
@@ -116,8 +116,8 @@ def address_of(url: str) -> SplitResult:
         raise ValueError("url: names no host or port; write it as https://HOST/PATH")
     if "@" in parts.netloc:
         raise ValueError(
-            "url: no user or password stands in the configuration, which recordings contain; take "
-            "it out, and name a file with a token under token_file"
+            "url: user and password are not allowed in the configuration because recordings "
+            "contain it; take it out, and name a file with a token under token_file"
         )
     return parts
 
@@ -159,7 +159,7 @@ class WebhookSender(Sender):
         except (OSError, ValueError) as error:  # ValueError: TLS after the cut
             raise SendError(said(error)) from error
         except http.client.HTTPException as error:  # its text is what the server sent
-            raise SendError("what answers is no HTTP server") from error
+            raise SendError("the peer is not an HTTP server") from error
         finally:
             connection.close()
         if 200 <= status < 300:
@@ -216,7 +216,7 @@ def retry_after_s(text: str | None, unix_s: float) -> float | None:
 def signature(key: str, body: bytes, unix_s: int) -> str:
     """``t=SECONDS,v1=HEX``: HMAC-SHA256 of the seconds, a dot and the body.
 
-    With the time in it, the receiver can refuse what somebody recorded and sends again.
+    With the time in it, the receiver can refuse a message that was recorded and sent again.
     """
     tag = hmac.new(key.encode(), f"{unix_s}.".encode() + body, hashlib.sha256)
     return f"t={unix_s},v1={tag.hexdigest()}"

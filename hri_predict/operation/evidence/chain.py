@@ -1,9 +1,9 @@
 """The log of all events, in which every line holds the hash of the line before.
 
-Whoever changes, removes or inserts a line, or changes a file that a line names, breaks the chain
-from there on. Lines cut off at the end leave a chain that is whole but shorter: so note the newest
-hash elsewhere, as the node does when it ends. The chain has no key: it shows damage and careless
-editing, not a forger who writes all of it anew.
+A person who changes, removes or inserts a line, or changes a file that a line names, breaks the
+chain from there on. Lines cut off at the end leave a chain that is whole but shorter: so note the
+newest hash elsewhere, as the node does when it ends. The chain has no key: it shows damage and
+careless editing, not a forger who writes all of it again.
 
 A log that is full gets a number, and the chain goes on in a new one, whose first line names it. So
 a node starts as fast after years as on its first day.
@@ -24,10 +24,10 @@ from hri_predict.base.errors import RecordingError
 
 LOG = "evidence.jsonl"
 START = "0" * 64
-"""What the first line has instead of the hash of a line before."""
+"""Value in the first line instead of the hash of a line before."""
 MAX_LINE = 100_000
 FULL_BYTES = 10_000_000
-"""A log of so many bytes takes no more lines."""
+"""Maximum size of a log, bytes; it takes no more lines then."""
 _CHUNK = 1 << 20
 _NUMBERED = re.compile(r"evidence-([0-9]{6,9})\.jsonl")
 _STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"
@@ -246,7 +246,7 @@ def _wrong_file(folder: Path, entry: dict[str, Any], removed: set[str]) -> str:
     path = folder / name
     try:
         if path.is_symlink() or (path.exists() and not path.is_file()):
-            return f"its file {name} is no file"
+            return f"its file {name} is not a file"
         found = file_hash(path)
     except OSError as error:
         return f"its file {name} cannot be read: {error.strerror}"

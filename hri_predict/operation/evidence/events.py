@@ -11,7 +11,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NearMiss
 
 AGAIN_NS = 1_000_000_000
-"""A near miss counts again when the one before it is over for so long."""
+"""Minimum gap between two near misses that are counted separately."""
 _FAULTS = (Level.UNKNOWN, Level.FAULT)
 
 
@@ -23,7 +23,7 @@ class Event:
         kind: see ``Kind``.
         robot: index of the robot.
         now_ns: of the tick.
-        advice: what the robot was told.
+        advice: the robot's advice.
         near_miss: of a near miss.
     """
 

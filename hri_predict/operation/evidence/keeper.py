@@ -1,4 +1,4 @@
-"""Keeps the seconds around each event in a file of its own, beside the chained log.
+"""Keeps the seconds around each event in a file of its own, next to the chained log.
 
 The loop's thread holds the newest items in a ring, and hands them over when an event begins. A
 thread of its own encodes, writes and chains, and pauses between items: a burst must not take the
@@ -87,11 +87,11 @@ class Evidence(Items):
         Args:
             settings: see ``EvidenceSettings``.
             base_dir: base of a relative folder.
-            info: what a replay of a file needs to know.
+            info: facts that a replay of a file needs.
             robots: names of the robots; ``links``: of their capsules.
             threaded: write in a thread (real time) or at once (virtual clock).
             wall: the wall clock, UTC.
-            clocks: which UTC each message has; see ``Recorder``.
+            clocks: source of each message's UTC; see ``Recorder``.
 
         Raises:
             ConfigError: the folder cannot be used, or another node uses it.

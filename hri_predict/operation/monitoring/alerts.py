@@ -119,7 +119,7 @@ class Alerts:
 
     @property
     def failures(self) -> int:
-        """What could not be written, and failed attempts of hooks."""
+        """Counts of failed writes, and of failed attempts of hooks."""
         return self._write_failures + self._hooks.failures
 
     def report(self) -> list[dict[str, Any]]:
@@ -148,7 +148,7 @@ class Alerts:
         self._hooks.start()
 
     def observe(self, advices: tuple[Advice, ...], reasons: Sequence[Reason] = ()) -> None:
-        """Take the advices of one tick; queue an alert for each changed level. Never blocks.
+        """Take the advice of one tick; queue an alert for each changed level. Never blocks.
 
         ``reasons`` are those of Status; one with ``is_news`` is news at any level.
         """

@@ -1,4 +1,4 @@
-"""What a page shows of a cell: one level, as the worst of what is known, and why."""
+"""State of a cell on a page: one level, the worst of what is known, and why."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from hri_predict.operation.monitoring.fleet import SILENT, UNKNOWN, CellRow, Rob
 from hri_predict.protocol.messages import LEVELS
 
 GONE = "GONE"
-"""No messages: the level is not known, and nobody says so."""
+"""No messages: the level is not known, and no message says so."""
 WORST_FIRST = [level.name for level in reversed(LEVELS)]
 WORST_FIRST.insert(WORST_FIRST.index("UNKNOWN"), GONE)
 _LIVE = ("running", "degraded")
@@ -26,7 +26,7 @@ class Finding:
 
 
 def findings(row: CellRow) -> list[Finding]:
-    """What is known of a cell and each of its robots; at least one.
+    """Return the known state of a cell and each of its robots; at least one.
 
     Of a cell whose report is not trusted, only that: its robots' levels are not known.
     """

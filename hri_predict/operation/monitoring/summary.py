@@ -42,7 +42,7 @@ class LevelCounter(Listener):
         self.clock: ClockEstimate | None = None
 
     def on_tick(self, tick: Tick) -> None:
-        """Count one tick's advices."""
+        """Count the advice of one tick."""
         if tick.snapshot is not None:
             self.people_counters = tick.snapshot.counters
             self.clock = tick.snapshot.clock or self.clock

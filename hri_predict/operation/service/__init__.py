@@ -1,1 +1,1 @@
-"""The node as a service: what it tells systemd, monitoring, and the log."""
+"""The node as a service: its reports to systemd, monitoring, and the log."""

@@ -30,7 +30,7 @@ class Figures(Listener):
         node, source, links, pace: the parts that count.
         robots: names.
         version: of hri-predict.
-        healthy_s: the loop is well if it ticked within so many seconds.
+        healthy_s: maximum age of the last tick of a healthy loop, seconds.
         others: asked once a second, in the loop's thread, for counters of further parts.
         monotonic_s: the machine's time.
     """
@@ -136,7 +136,7 @@ class Figures(Listener):
         )
         yield _gauge(
             "hri_robot_separation_meters",
-            "From the robot to the nearest body; absent: nobody, or not known.",
+            "From the robot to the nearest body; absent: no person, or not known.",
             [(self._robot(a), a.separation_m) for a in advices if a.separation_m is not None],
         )
         captured = tick.status.capture_ns
@@ -167,7 +167,7 @@ class Figures(Listener):
         yield Family(
             name="hri_tick_duration_seconds",
             kind="histogram",
-            help="How long ticks take.",
+            help="Duration of ticks.",
             samples=[*buckets, *ends],
         )
         yield _counters("hri_ticks_total", "Ticks.", [({}, pace.ticks)])

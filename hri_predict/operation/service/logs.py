@@ -61,7 +61,7 @@ class JsonLine(logging.Formatter):
 
 
 class RateLimit:
-    """So many lines of one message a minute; the others are counted.
+    """Limits the lines of one message per minute; the others are counted.
 
     Attributes:
         left_out: lines since the start.
@@ -140,7 +140,7 @@ class Log(logging.StreamHandler[TextIO]):
         self.failures += 1
 
     def close(self) -> None:
-        """Tell what was left out and not told yet."""
+        """Report what was left out and not reported yet."""
         self._tell_left_out(self.limit.over(everything=True))
         super().close()
 

@@ -1,4 +1,4 @@
-"""What a service tells systemd: datagrams to a socket that systemd names, as in sd_notify(3).
+"""Reports of a service to systemd: datagrams to a socket that systemd names, as in sd_notify(3).
 
 No message waits for its reader: the loop itself sends some.
 """
@@ -12,14 +12,14 @@ from typing import Self
 
 
 class Notifier:
-    """Tells whoever started the node how it is.
+    """Reports the node's state to the service manager.
 
     Args:
         address: a path, or ``@`` and a name in Linux's abstract namespace.
-        watchdog_s: after so long without ``alive`` the node is taken for hung; ``None``: never.
+        watchdog_s: time without ``alive`` after which the node is taken for hung; ``None``: never.
 
     Attributes:
-        lost: messages that nobody took.
+        lost: messages that were not taken.
     """
 
     def __init__(self, address: str, watchdog_s: float | None = None) -> None:
@@ -31,7 +31,8 @@ class Notifier:
 
     @classmethod
     def from_environ(cls, environ: MutableMapping[str, str] = os.environ) -> Self | None:
-        """What systemd told this process; ``None`` if it did not start it as ``Type=notify``.
+        """Return the notifier that systemd configured for this process; ``None`` if it did not
+        start it as ``Type=notify``.
 
         The variables are taken away, so that no command that the node runs speaks for the node.
         """
@@ -64,7 +65,7 @@ class Notifier:
         self._send("STOPPING=1", _status("stopping"))
 
     def close(self) -> None:
-        """Nothing more is told; safe to call twice."""
+        """Send no more reports; safe to call twice."""
         self._socket.close()
 
     def _send(self, *lines: str) -> None:

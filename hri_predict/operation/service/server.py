@@ -25,7 +25,7 @@ REQUEST_BYTES = 8192
 REQUEST_S = 2.0
 """From the connection to the last byte of the answer."""
 KEEP_S = 0.5
-"""Whoever asks for metrics again within this time gets the same text: to make it takes the time of
+"""Time within which further requests for metrics get the same text: to make it takes the time of
 the interpreter that the loop runs in, so a flood of requests must not make it often."""
 END_S = 2.0
 
@@ -34,8 +34,8 @@ class MetricsServer:
     """The server; it listens from the start on.
 
     Args:
-        settings: where.
-        figures: what it tells.
+        settings: address to serve at.
+        figures: the figures to serve.
         request_s: see ``REQUEST_S``.
 
     Attributes:
@@ -61,7 +61,7 @@ class MetricsServer:
         self._up.wait(END_S)
 
     def close(self) -> None:
-        """Answer nobody any more; safe to call twice."""
+        """Stop answering; safe to call twice."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join(END_S)
@@ -108,7 +108,7 @@ class MetricsServer:
     def _answer(self, request: bytes) -> bytes:
         words = request.split(b"\r\n", 1)[0].split(b" ")
         if len(words) != 3 or not words[2].startswith(b"HTTP/1."):
-            return _response("400 Bad Request", "this is no request\n")
+            return _response("400 Bad Request", "this is not a request\n")
         method, path = words[0], words[1].split(b"?", 1)[0]
         if method not in (b"GET", b"HEAD"):
             return _response("405 Method Not Allowed", "only GET\n", "Allow: GET, HEAD\r\n")
@@ -146,7 +146,7 @@ def _listening(settings: MetricsSettings) -> socket.socket:
             server.close()
             raise
     except (OSError, UnicodeError) as error:
-        why = error.strerror if isinstance(error, OSError) else "is no address"
+        why = error.strerror if isinstance(error, OSError) else "is not an address"
         raise ConfigError(
             f"metrics: {settings.host} port {settings.port}: {why}; choose another port or host"
         ) from error

@@ -9,7 +9,7 @@ from hri_predict.operation.service.logs import LINES_A_MINUTE
 
 
 class LogSettings(Settings):
-    """How the node writes its log (standard error)."""
+    """Settings of the node's log (standard error)."""
 
     format: Literal["text", "json"] = Field(
         "text", description="text: lines for people; json: one object a line, with UTC"
@@ -21,12 +21,13 @@ class LogSettings(Settings):
         LINES_A_MINUTE,
         ge=1,
         le=60_000,
-        description="lines of one message per minute; what is left out is counted and told",
+        description="lines of one message per minute; further ones are counted, and the count is "
+        "logged",
     )
 
 
 class MetricsSettings(Settings):
-    """Where the node answers /metrics (Prometheus) and /healthz, over HTTP."""
+    """Address at which the node serves /metrics (Prometheus) and /healthz, over HTTP."""
 
     port: int = Field(ge=1, le=65535, description="TCP port")
     host: str = Field(
@@ -39,5 +40,6 @@ class MetricsSettings(Settings):
         5.0,
         ge=2,
         le=1000,
-        description="/healthz says 503 when the last tick is older than so many periods of rate_hz",
+        description="/healthz says 503 when the last tick is older than this many periods of "
+        "rate_hz",
     )

@@ -1,6 +1,6 @@
-"""Standard error that nobody waits for.
+"""Non-blocking standard error: a slow reader never delays the node.
 
-Whoever reads it may stop: Ctrl-S on a terminal, a pager, a journal that hangs. A write then waits
+Its reader may stop: Ctrl-S on a terminal, a pager, a journal that hangs. A write then waits
 for ever, and the loop's thread writes to the log, too. So a thread of its own writes what others
 hand over; what does not fit is dropped and counted.
 """
@@ -13,7 +13,7 @@ from collections import deque
 from typing import TextIO
 
 MOST_BYTES = 1 << 20
-"""So much may wait."""
+"""Maximum number of bytes that wait."""
 FAREWELL_S = 1.0
 """Time to write what waits when the run ends."""
 RETRY_S = 0.2
@@ -99,9 +99,9 @@ class Unhurried(io.TextIOBase):
                 if rest:
                     self._lose(rest)
                 elif self._untold:
-                    told = f"warning: lines were lost, nobody took them: {self._untold}\n".encode()
-                    self._waiting.appendleft(told)
-                    self._bytes += len(told)
+                    notice = f"warning: lines were lost, unread: {self._untold}\n"
+                    self._waiting.appendleft(notice.encode())
+                    self._bytes += len(notice)
                     self._untold = 0
 
     def _written(self, data: bytes) -> bytes:

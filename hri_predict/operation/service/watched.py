@@ -1,4 +1,4 @@
-"""Tells systemd how the node is, from the loop's own thread.
+"""Reports the node's state to systemd, from the loop's own thread.
 
 The ping of the watchdog must say that the loop publishes. So the loop itself sends it, after the
 tick's messages were published and after every other listener; no helper thread may. A loop that
@@ -17,10 +17,10 @@ STATUS_S = 1.0
 
 
 class Watched(Listener):
-    """The node's life, told to ``notifier``; add it as the last listener.
+    """The node's life, reported to ``notifier``; add it as the last listener.
 
     Args:
-        notifier: where to.
+        notifier: receiver of the reports.
         robots: names.
         monotonic_s: the machine's time, not the node's: that is what the watchdog counts.
     """

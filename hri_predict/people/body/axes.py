@@ -20,7 +20,7 @@ COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"]
 ALIKE = 0.02
 """Axes that make people stand no straighter than this are not better than more common ones."""
 STANDING = 0.5
-"""Least cosine between gravity and the sum of everybody's down in people who stand or sit."""
+"""Minimum cosine between gravity and the sum of all bodies' down, for people who stand or sit."""
 _PAIRS = [(JOINTS.index(f"l_{part}"), JOINTS.index(f"r_{part}")) for part in ("hip", "shoulder")]
 
 

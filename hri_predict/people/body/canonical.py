@@ -21,12 +21,12 @@ ROOM_LIMIT_M = 1000.0
 
 
 class Mapped(NamedTuple):
-    """What became of a body.
+    """A body after mapping.
 
     Attributes:
         body: ``None`` if no joint is usable.
         trouble: the counter of what is wrong with it; ``None``: nothing.
-        unusable: number of observed joints that are no coordinates.
+        unusable: number of observed joints that are not coordinates.
         unseen: number of observed joints at the source's origin, or out of reach of the others.
         hip_centred: its waist is at the source's origin, and the rest of the body around it.
     """

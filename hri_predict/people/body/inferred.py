@@ -27,16 +27,17 @@ _LEAST_BONE_M = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """Where one joint is, by others. Written for the left side; ``mirrored`` is the right one's.
+    """Position of one joint, inferred from others. Written for the left side; ``mirrored`` is the
+    right one's.
 
     Attributes:
         joint: the inferred one.
-        origin: where the frame begins.
+        origin: origin of the frame.
         axis: from and to which joint the first direction points; its length is the bone.
         side: from and to which joint the third direction points, outwards or to the left; ``None``:
             the place is on the axis.
         place: shares of the bone along the axis, forward, and to the side.
-        within: share of the bone; the true joint is so near to the place.
+        within: maximum distance of the true joint from the place, as a share of the bone.
     """
 
     joint: str

@@ -9,7 +9,7 @@ motion carried on, the last second again. What gives it away is what no body doe
 - *looped*: captures come again, with a jump in between.
 - *about the hips*: see ``relative``.
 
-A body that stood still before, and a trunk without legs, tell nothing. What was recognised holds
+A body that stood still before, and a trunk without legs, prove nothing. What was recognised holds
 until limbs move again.
 """
 
@@ -34,8 +34,9 @@ FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
 """For how long limbs must have moved since the newest sign; after a loop, since its jump."""
 FINEST_S = 1 / 30
-"""Stops and jumps are judged over so long at least: in less, a body that slows down gently moves no
-farther than one that stands may, and noise alone looks like a jump."""
+"""Minimum time over which stops and jumps are judged: in less, a body that slows down gently moves
+no farther than one that stands may, and noise alone looks like a jump.
+"""
 STILL_JOINTS, COAST_JOINTS = 8, 8
 MOST_NOISE_M = 0.02
 """Standard deviation per axis above which nothing is said."""
@@ -55,10 +56,10 @@ of the joints may do more."""
 COASTED_M = 0.1
 """Least way in ``COAST_S`` of a body that glides."""
 EVEN = 3.5
-"""A body that glides is nowhere so many times faster than on average; one that jumps is."""
+"""Ratio of peak to average speed: a body that glides stays below it, one that jumps does not."""
 LINEAR_S, LINEAR_M = 1.0, 0.6
-"""For how long, and over what way, joints that each keep their velocity are followed: nearly a step
-of somebody who walks. A slow shift of weight over planted feet is shorter."""
+"""Time and distance over which joints that each keep their velocity are followed: nearly a step of
+a walker. A slow shift of weight over planted feet is shorter."""
 JUMP_M_S2 = 40.0
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
@@ -66,7 +67,7 @@ _LEGS = [JOINTS.index(f"{side}_{name}") for side in "lr" for name in ("knee", "a
 
 
 class Sign(Enum):
-    """What gives a body away; the value is the name of its counter."""
+    """Sign that a body is not real; the value is the name of its counter."""
 
     FROZEN = "frozen_bodies"
     COASTING = "coasting_bodies"

@@ -1,14 +1,15 @@
 """Which way a body's own "down" points, and whether its left is on its left: pure geometry.
 
 Gravity shows in every body, and no joint angle alone shows it: people bend, sit, kneel and reach
-up. So all long bones vote together. Each bone, taken from its upper to its lower end as in somebody
+up. So all long bones vote together. Each bone, taken from its upper to its lower end as in a person
 who stands with hanging arms, is one vector, and their sum is the body's down. A person who bends
 over still has legs, a person who sits still has trunk and shanks, and all who walk or stand agree
 to a few degrees. In the recordings of the guide "Wrong axes", the sum of a whole body never stayed
 more than 70 degrees from true down.
 
 Arms hang, reach and rise, and legs lie: so a direction needs the trunk (shoulders against hips, if
-neck or waist are not seen) or the head against neck or shoulders. Whatever is seen has a height.
+neck or waist are not seen) or the head against neck or shoulders. Everything that is seen has a
+height.
 
 A turned body can't show that its left and right are swapped, but a joint can: knees bend forward,
 toes point forward and elbows lie behind the line of a hanging arm, seen from a body whose left is
@@ -38,8 +39,9 @@ _INSTEAD = (("neck", "l_shoulder", "r_shoulder"), ("waist", "l_hip", "r_hip"))
 """A point of the trunk, and those whose middle stands for it where it is not seen."""
 _ANKLES = np.array([_AT["l_ankle"], _AT["r_ankle"]])
 HEAD_M, RAISED_M = 2.1, 2.7
-"""How high above the place where they stand tall people have head, shoulders and trunk, and what
-they lift: hands, elbows, knees and feet."""
+"""Heights of tall people above the place where they stand: of head, shoulders and trunk, and of
+the joints that they lift: hands, elbows, knees and feet.
+"""
 _LIFTED = ("elbow", "wrist", "hand", "knee", "ankle", "foot")
 _HIGHEST = np.array([RAISED_M if name.endswith(_LIFTED) else HEAD_M for name in JOINTS])
 HANGING = 0.5
@@ -67,18 +69,18 @@ class Posture:
     """One body at one capture.
 
     Attributes:
-        down: (3,) metres, the sum of the bones; in somebody upright it points along -z.
+        down: (3,) metres, the sum of the bones; in an upright person it points along -z.
         bones: their number; 0: too little is seen for a direction.
         bones_m: metres, the sum of their lengths; ``down`` is as long if all agree.
-        has_leg: whether a whole leg is in the sum; without one, somebody who leans over a table
-            looks much like somebody who lies.
+        has_leg: whether a whole leg is in the sum; without one, a person who leans over a table
+            looks much like one who lies.
         handed_m: metres by which knees, toes and elbows lie where they do in a body whose left is
             on its left; negative: on the other side; ``None``: nothing shows it.
         feet_m: z of the mean of the ankles seen, room frame; ``None`` without any.
         middle: (3,) mean of the observed joints, room frame.
         heights: (5th, 90th) percentile of the observed joints' z.
         lowest_m: z of the lowest joint but one, because one joint may be wrong.
-        above_m: least z at which a person can stand who has all joints but one so high.
+        above_m: minimum z at which a person can stand with all joints but one at this height.
     """
 
     down: Floats

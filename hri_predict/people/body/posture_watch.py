@@ -5,11 +5,12 @@ time. One capture proves nothing, since people lie, jump and tumble. So each per
 postures smoothed over half a second, and a verdict needs a span of them, to be given and to be
 taken back.
 
-Who lies flat is believed only near the floor, nearly at rest, and if somebody has stood upright
-before. Until then a body that lies is as likely one whose axes are wrong, and is refused at once.
+A person who lies flat is believed only near the floor, nearly at rest, and if a person has stood
+upright before. Until then a body that lies is as likely one whose axes are wrong, and is refused at
+once.
 
-Whatever is seen has a height: no joint is deeper than the floor, or higher than a tall person's on
-the highest platform. This holds for arms alone too, which say nothing else.
+Everything that is seen has a height: no joint is deeper than the floor, or higher than a tall
+person's on the highest platform. This holds for arms alone too, which say nothing else.
 """
 
 import math
@@ -36,9 +37,9 @@ MIRRORED_M = 0.025
 """A body whose knees, toes and elbows are this far on the wrong side has left and right swapped;
 the least of any recording was 0.05 m on the right side, with a leg in view."""
 LYING_M = 0.9
-"""Who lies has nine tenths of the joints no higher than this above the floor: a bench's height."""
+"""Height above the floor below which a lying person has nine tenths of the joints: a bench's."""
 GLIDING_M_S = 0.8
-"""A lying person is not faster; somebody who walks is."""
+"""Maximum speed of a lying person; one who walks is faster."""
 VIEW_MARGIN_M = 0.5
 """A body seen this far outside the field of view cannot be where it seems."""
 
@@ -52,7 +53,7 @@ INHERIT_M = 0.5
 
 
 class Verdict(Enum):
-    """What is wrong with a body; the value is the name of its counter."""
+    """Fault of a body's posture; the value is the name of its counter."""
 
     TILTED = "lying_bodies"
     UPSIDE_DOWN = "upside_down_bodies"
@@ -99,7 +100,7 @@ class PostureWatch:
     """The verdicts on the people of one source. One thread only.
 
     Attributes:
-        upright_seen: somebody has stood upright, and nobody has contradicted it since: gravity is
+        upright_seen: a person has stood upright, and no other has contradicted it since: gravity is
             where ``room_from_source`` and the joint map put it.
         unjudged: captures of bodies too little of which is seen for a direction; only heights
             are judged.
@@ -180,7 +181,7 @@ class PostureWatch:
         return HOLD_S if self.upright_seen or not (turned or impossible) else 0.0
 
     def _wrong(self, record: _Record, posture: Posture) -> Verdict | None:
-        """What is wrong with the smoothed posture."""
+        """Return the fault of the smoothed posture."""
         cosine, whole = _cosine(record), posture.has_leg
         length_m = float(np.linalg.norm(record.down))
         agree = length_m > (COHERENT if whole else COHERENT_UPPER) * record.bones_m
@@ -200,18 +201,18 @@ class PostureWatch:
         return None
 
     def _may_lie(self, record: _Record, posture: Posture) -> bool:
-        """Whether somebody may lie here, on the floor or little above it."""
+        """Whether a person may lie here, on the floor or little above it."""
         low, high = posture.heights
         near_floor = self._below <= low and high <= self._floor + LYING_M
         return self.upright_seen and near_floor and _speed(record) < GLIDING_M_S
 
     def _off_floor(self, record: _Record) -> bool:
-        """Whether the feet are below the floor, or higher than anybody stands in this room."""
+        """Whether the feet are below the floor, or higher than any person stands in this room."""
         on_floor = record.feet_m is None or self._below <= record.feet_m <= self._above
         return not on_floor or self._out_of_reach(record)
 
     def _out_of_reach(self, record: _Record) -> bool:
-        """Whether joints are where nobody's are, whatever that person does."""
+        """Whether joints are where no person can have them, in any posture."""
         return record.lowest_m < self._below or record.above_m > self._above
 
 

@@ -19,7 +19,7 @@ EXACT_M = 2e-4
 SWING_M = 0.08
 """Least standard deviation over the floor of a foot that walks: a step has 0.2 m."""
 OPPOSED = -0.5
-"""Greatest correlation between the two feet of somebody who walks."""
+"""Maximum correlation between the two feet of a person who walks."""
 _HIPS = [JOINTS.index(name) for name in ("l_hip", "r_hip")]
 _WAIST = JOINTS.index("waist")
 _LEGS = [

@@ -1,4 +1,4 @@
-"""How tall a person is, by the lengths of the limbs, in any posture; and which unit would fit.
+"""A person's height, by the lengths of the limbs, in any posture; and which unit would fit.
 
 Fractions of the stature after Drillis and Contini (1966), as in D. Winter, "Biomechanics and Motor
 Control of Human Movement", fig. 4.1. Trackers put joints a few centimetres apart, which is a tenth

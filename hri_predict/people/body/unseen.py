@@ -14,7 +14,7 @@ SLACK_M = 0.15
 whose joints are not the survey's landmarks. The largest excess of any recording was 0.04 m."""
 MISNAMED = 0.3
 """If more than this share of a whole body contradicts itself, its joints have other names than the
-map says: that tells nothing about where the body is."""
+map says: that says nothing about where the body is."""
 WHOLE_BODY_JOINTS = 8
 """Fewer joints are not a whole body."""
 _MOST_APART = CANONICAL.reach + SLACK_M

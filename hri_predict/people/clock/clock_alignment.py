@@ -18,7 +18,8 @@ must be distinguished:
   back (the source paused or restarted, or many scenes are missing), it may as well be a delay, and
   counts as one up to ``SAME_CLOCK_NS``.
 - *Spike*: wrong stamps for a short time. Beyond the limit they are jumps; the line from before is
-  remembered for ``TRIAL_NS``, and whatever fits it again is believed again. Below it, stamps that
+  remembered for ``TRIAL_NS``, and stamps that fit it again are believed again. Below it, stamps
+  that
   are too new pull the captures towards the past, but not the line: after two buckets they are
   forgotten. A single one, by more than ``SPIKE_NS``, is not believed at all: it takes
   ``SPIKE_CONFIRMATIONS`` scenes within ``SPIKE_WITHIN_NS``.
@@ -47,7 +48,7 @@ MIN_JUMP_NS = 100_000_000
 """ntpd slews what is less than 128 ms, and steps what is more (STEPT, RFC 5905, section 11.1)."""
 JUMPED_SCENES = 10
 TRIAL_NS = 10 * NS_PER_S
-"""So long the line from before a jump is remembered."""
+"""Time for which the line from before a jump is remembered."""
 SAME_CLOCK_NS = 10 * NS_PER_S
 """A source that restarts so little late, or less, still has the clock that it had."""
 
@@ -63,7 +64,7 @@ class ClockEstimate:
         spikes: stamps that were too new.
         rise_ns: by how much the offset rose since the first scene; that much of the receipts' delay
             is taken for drift. Negative where the source's clock runs fast.
-        wandered_ns: how much of it is beyond the steady drift.
+        wandered_ns: part of it beyond the steady drift.
         late_ns: by how much even the fastest scenes of the last seconds were late.
     """
 
@@ -248,7 +249,7 @@ class ClockAlignment:
         return min(abs(deviation) for deviation in deviations) > self._jump_limit_ns
 
     def _carried_ns(self, step: _Step) -> int:
-        """How much later than the last scene a scene was captured whose stamp is not believed.
+        """Return the time from the last scene to a scene whose stamp is not believed.
 
         The sequence says it, unless the source paused or restarted. Then the receipt says more. A
         capture that is too new is corrected by the next scene of less latency.

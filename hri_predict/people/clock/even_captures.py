@@ -45,7 +45,7 @@ class EvenCaptures:
         self._newest_ns: int | None = None
 
     def forget(self) -> None:
-        """The source or its clock began anew."""
+        """Start again, since the source or its clock did."""
         self._sequences.clear()
         self._captures.clear()
         self._newest_ns = None
@@ -72,7 +72,7 @@ class EvenCaptures:
         return capture_ns
 
     def _late(self) -> tuple[int, int]:
-        """How late the newest capture is stamped, 0 if nothing is moved; and the line's step."""
+        """Return the lateness of the newest stamp, 0 if nothing is moved; and the line's step."""
         if len(self._captures) < FEWEST:
             return 0, 0
         scenes = np.array(self._sequences, dtype=np.int64) - self._sequences[0]

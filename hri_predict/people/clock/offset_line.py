@@ -26,7 +26,7 @@ S = 1_000_000_000
 MAX_DRIFT = 200e-6
 """Twice what two crystals of 50 ppm differ by: room for age and cold."""
 LOCK_NS = 20_000_000
-"""What lies higher above the line is late."""
+"""Height above the line beyond which a stamp is late."""
 LEARNING_NS = 30 * 60 * S
 MAX_WANDER = LOCK_NS / LEARNING_NS
 """11 ppm: what the drift learnt may be wrong by, and what a temperature may change."""
@@ -36,8 +36,9 @@ WANDER_NS = 100_000_000
 BUCKETS = 12
 """Minima that are remembered: one minute of a steady source."""
 AGREEING = 4
-"""So many of them must lie as low before the line falls. A fault of stamps that is shorter than the
-time of two buckets spoils three at most."""
+"""Minimum number of buckets that must agree before the line is lowered. A fault of stamps that is
+shorter than the time of two buckets spoils three at most.
+"""
 MIN_SAMPLES = 3
 
 
@@ -77,7 +78,7 @@ class OffsetLine:
     Attributes:
         rise_ns: by how much the offset rose since the first scene, jumps not counted: the drift
             that was believed. Negative where the source's clock runs fast.
-        wandered_ns: how much of ``wander_ns`` is used up.
+        wandered_ns: part of ``wander_ns`` that is used up.
     """
 
     def __init__(self, offset_ns: int, now_ns: int, wander_ns: int = WANDER_NS) -> None:
@@ -136,7 +137,7 @@ class OffsetLine:
         return step_ns
 
     def _young(self) -> float:
-        """How the line runs by itself before the drift is learnt: it may fall, but not rise."""
+        """Let the line run by itself before the drift is learnt: it may fall, but not rise."""
         return max(-MAX_DRIFT, min(0.0, self._slope.value() or 0.0))
 
     def _unsure_ns(self) -> int:
@@ -170,7 +171,7 @@ class OffsetLine:
         return round(MAX_WANDER * elapsed_ns) if alone else 0
 
     def _correct(self, step_ns: int, drift_ns: int) -> None:
-        """Move the line by ``step_ns``; a fall beyond ``drift_ns`` was no drift, but delay."""
+        """Move the line by ``step_ns``; a fall beyond ``drift_ns`` was not drift, but delay."""
         self._offset_ns += step_ns
         self._lowest = [lowest - step_ns for lowest in self._lowest]
         self.rise_ns += max(step_ns, drift_ns)

@@ -23,7 +23,7 @@ from hri_predict.people.track import Track
 LATELY_S = 0.2
 """Over this time before the newest capture motion is measured: a part of a step."""
 PACE_M_S = 0.4
-"""Who goes out more slowly may be about to stop."""
+"""Minimum speed of a person who leaves; a slower one may be about to stop."""
 OUT_M = 0.1
 """Half of a body's depth, without its arms: who is nearer to the side still stands in it."""
 THROUGH_M = 0.3
@@ -31,7 +31,7 @@ THROUGH_M = 0.3
 HALF_M = 0.25
 """Half of a body's width, with its arms: an exit is left by its middle, where a whole body fits."""
 UNSEEN_S = 0.3
-"""Between two captures farther apart than this nobody saw a crossing."""
+"""Maximum interval between two captures that show a crossing."""
 BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
 """So near behind a side a person counts as outside; behind a line that was named, farther."""
 BACK_M = 0.05
@@ -44,8 +44,8 @@ class Doors:
     """The exits and entrances of a room.
 
     Args:
-        exits: where people may leave.
-        entrances: where people may appear; ``None``: in the exits.
+        exits: regions where people may leave.
+        entrances: regions where people may appear; ``None``: in the exits.
     """
 
     def __init__(self, exits: Sequence[Region], entrances: Sequence[Region] | None) -> None:
@@ -127,7 +127,7 @@ class Doors:
         return found
 
     def _out(self, visit: Visit, begin: Floats, end: Floats) -> Crossed | None:
-        """Where the way from ``begin`` to ``end`` leads out of an exit, right through it."""
+        """Return where the way from ``begin`` to ``end`` leads out of an exit, right through it."""
         if not visit.from_room:
             return None
         for side in self._sides[visit.door]:

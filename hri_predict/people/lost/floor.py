@@ -1,7 +1,7 @@
-"""Where on the floor a body stands, and how it moves there: by its hips, or by both feet.
+"""The place of a body on the floor, and its motion there: by its hips, or by both feet.
 
-The mean of all seen joints is no place on the floor: it moves by half a metre when a pallet hides
-the legs. So places and ways come from the same few joints, and only if these were seen.
+The mean of all seen joints is not a place on the floor: it moves by half a metre when a pallet
+hides the legs. So places and ways come from the same few joints, and only if these were seen.
 """
 
 from collections.abc import Iterable
@@ -29,7 +29,7 @@ _FEET = np.array([JOINTS.index(name) for name in ("l_ankle", "l_foot", "r_ankle"
 
 
 class Way(NamedTuple):
-    """How a body moved over the floor: (2,) metres, and the seconds in between."""
+    """Motion of a body over the floor: (2,) metres, and the seconds in between."""
 
     moved: Floats
     seconds: float
@@ -55,7 +55,7 @@ def floor_place(track: Track) -> Floats | None:
 
 
 def floor_way(track: Track, span_s: float) -> Way | None:
-    """How the body moved over the floor in the last ``span_s`` before it was last seen.
+    """Return the body's motion over the floor in the last ``span_s`` before it was last seen.
 
     The same joints at both ends; ``None``: they were not seen, or for less than half of that time.
     """

@@ -1,21 +1,21 @@
-"""What a source sees free, and where a lost person may still be.
+"""Space that a source sees free, and places where a lost person may still be.
 
-Only a sensor that can tell free space from occupied space gives such evidence (a depth camera or a
-lidar whose tracker reports everybody who stands in the open): ``source.sees_free_space``. The floor
-is a grid. A cell is *open* in a scene if nobody could stand there unseen: it and half a body's
-width around it are inside the field of view (or behind a wall), outside every static shadow, and
-not behind (or at) another body. A lost person may be in every cell that they can walk to from where
-they were last seen, except in cells that they could reach only by staying in the open for
-``free_captures`` captures.
+Only a sensor that can distinguish free space from occupied space gives such evidence (a depth
+camera or a lidar whose tracker reports every person who stands in the open):
+``source.sees_free_space``. The floor is a grid. A cell is *open* in a scene if no person could
+stand there unseen: it and half a body's width around it are inside the field of view (or behind a
+wall), outside every static shadow, and not behind (or at) another body. A lost person may be in
+every cell that they can walk to from where they were last seen, except in cells that they could
+reach only by staying in the open for ``free_captures`` captures.
 
 So a person who steps behind a pallet may be there, or within reach of it, and nowhere else, until
 the sensor sees behind it.
 
-Nobody vanishes in the open. If the very place where a person was last seen counts as open, and
-nobody was seen there again, the claim that it is seen is wrong: something unknown stands between
-it and the camera (a vehicle, say), and nobody knows how much that hides, or where it goes. For this
-person, no place counts as seen free then, until a body is seen down to its feet at that place, or
-just behind it on the same line of sight. So the tracker's drop-outs end where the body is found.
+No person vanishes in the open. If the very place where a person was last seen counts as open, and
+no person was seen there again, the claim that it is seen is wrong: something unknown stands between
+it and the camera (a vehicle, say), and it is unknown how much that hides, or where it goes. For
+this person, no place counts as seen free then, until a body is seen down to its feet at that place,
+or just behind it on the same line of sight. So the tracker's drop-outs end where the body is found.
 """
 
 import itertools
@@ -32,20 +32,20 @@ from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.settings import PeopleSettings
 
 FREE_SPACE_M = 60.0
-"""Where free space is seen, the node keeps a grid: larger ones would delay the advice."""
+"""Maximum size of the grid of seen free space: a larger one would delay the advice."""
 CELL_M = 0.25
 BODY_M = 0.3
 """Half a body's width. A person this near to a hidden place may be half hidden, and be missed."""
 HIDES_M = 0.3
 """A person who lies on the floor fits into this height."""
 TALL_M = 2.0
-"""A shadow that begins above this height hides nobody who stands on the floor."""
+"""Maximum height at which a shadow that hides a standing person begins."""
 STEP_M = 0.5
 """A body's mean may lie this far from where it was: other joints, a step."""
 ON_LINE_M, BEFORE_M, BEHIND_M = 0.2, 0.2, 0.5
 """A body so near to the line of sight to a place, so little before or behind that place, shows that
 the line is free. From a camera 2.4 m high and 4 m away, such a line is half a metre above the place
-at most: what is lower hides nobody."""
+at most: what is lower hides no person."""
 MOST_PLACES = 16
 """At most the number of a body's segments: a zone has a capsule for each."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
@@ -56,9 +56,9 @@ class FreeSpace:
     """The grid and what is open in it.
 
     Args:
-        view: what the sensor sees.
-        room: where people can be, up to walls and fences; ``None``: everywhere.
-        shadows: what it never sees within its view.
+        view: space that the sensor sees.
+        room: region where people can be, up to walls and fences; ``None``: everywhere.
+        shadows: space that it never sees within its view.
         viewpoints: (V, 3) where the cameras are; empty: unknown, so nothing is open in a scene with
             people in it, because they may hide others.
         captures: number of captures in which a person in the open is seen at least once.
@@ -107,14 +107,15 @@ class FreeSpace:
         return self._open & ~hidden
 
     def start(self, place: Floats, capture_ns: int, speed_m_s: float) -> "Whereabouts | None":
-        """Where a person last seen at ``place`` (3,) may be; ``None``: ``place`` is off the grid,
-        or outside the room."""
+        """Return the cells in which a person last seen at ``place`` (3,) may be; ``None``:
+        ``place`` is off the grid, or outside the room.
+        """
         if not self.within(place, STEP_M).any():  # nobody can be there: do not rely on it
             return None
         return Whereabouts(self, place[:2], capture_ns, speed_m_s)
 
     def within(self, place: Floats, metres: float) -> Bools:
-        """Cells of the room whose middle is so near to ``place``."""
+        """Cells of the room whose middle is within this distance of ``place``."""
         apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
         near: Bools = self.in_room & (apart <= metres)
         return near
@@ -169,12 +170,12 @@ class FreeSpace:
 
 
 class Whereabouts:
-    """Where one lost person may be.
+    """Possible places of one lost person.
 
     Attributes:
         capture_ns: the newest scene that was taken into account.
-        speed_m_s: how fast the person may walk.
-        disputed: the place where the person was last seen counted as open, and nobody was there.
+        speed_m_s: maximum walking speed of the person.
+        disputed: the place where the person was last seen counted as open, and no person was there.
     """
 
     def __init__(self, space: FreeSpace, place: Floats, capture_ns: int, speed_m_s: float) -> None:

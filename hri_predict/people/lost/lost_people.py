@@ -40,10 +40,10 @@ class Lost:
         positions: (J, 3) where each joint was last seen; NaN if never.
         joint_age_s: (J,) seconds from then to ``capture_ns``; inf if never.
         capture_ns: when the person was last seen.
-        speed_m_s: how fast the body may move on.
+        speed_m_s: maximum speed at which the body moves on.
         limbs_m_s: (J,) how much faster than the body each joint was.
         track: a body that appears may take it over; ``None`` after a restart.
-        whereabouts: where the person may be; ``None``: the source does not see free space.
+        whereabouts: possible places of the person; ``None``: the source does not see free space.
     """
 
     id: int
@@ -63,7 +63,7 @@ class Lost:
         return centroid
 
     def apart(self, body: Body) -> float:
-        """How far (m) ``body`` is from where this person was last seen; see ``Track.apart``."""
+        """Return the distance (m) of ``body`` from the last place; see ``Track.apart``."""
         if self.track is not None:
             return self.track.apart(body)
         return float(np.linalg.norm((body.centroid - self.centroid)[:2]))
@@ -74,11 +74,11 @@ class LostPeople:
 
     Args:
         settings: see ``PeopleSettings``.
-        space: what the source sees free; ``None``: it does not see free space.
+        space: space that the source sees free; ``None``: it does not see free space.
 
     Attributes:
         people: the lost people.
-        forgotten: more people were lost than are kept, or it is unknown who was lost: somebody may
+        forgotten: more people were lost than are kept, or it is unknown who was lost: a person may
             be anywhere, until an acknowledgement.
         distrusted: it is unknown who was lost, because the state file cannot be trusted.
     """
@@ -113,7 +113,7 @@ class LostPeople:
         )
 
     def speed_of(self, track: Track) -> float:
-        """How fast a body that is no longer seen may move, m/s.
+        """Return the maximum speed of a body that is no longer seen, m/s.
 
         It is the last measured speed plus a margin, and at least the standard's. If none was
         measured, it is the fastest that a body can be.
@@ -124,12 +124,12 @@ class LostPeople:
         return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
 
     def onward_speed_of(self, track: Track) -> float:
-        """How fast a lost body may go on: as ``speed_of``, or as it was speeding up."""
+        """Return the maximum speed of a lost body: as ``speed_of``, or as it was speeding up."""
         most = self._settings.max_body_speed_m_s
         return max(self.speed_of(track), min(speed_reached(track), most))
 
     def found_speed_of(self, track: Track) -> float:
-        """How fast a body that is found elsewhere may have been, m/s.
+        """Return the maximum speed of a body that is found elsewhere, m/s.
 
         As ``speed_of``, but the standard's if none was measured: a person who was seen for a moment
         is not found at the other end of the room.
@@ -190,10 +190,11 @@ class LostPeople:
         )
 
     def to_acknowledge(self, now_ns: int) -> int:
-        """Number of the set of people whom an acknowledgement may end now; 0 if there is none.
+        """Return the number of the set of people that an acknowledgement may end now; 0 if there is
+        none.
 
         People who were seen too recently are not in it: the operator may not mean them. A set that
-        gains anybody gets the next number, because the operator may not have heard of them.
+        gains a person gets the next number, because the operator may not have heard of them.
         """
         settled_ns = now_ns - self._settled_ns
         asked: set[Lost | None] = {p for p in self.people if p.capture_ns < settled_ns}
@@ -204,7 +205,7 @@ class LostPeople:
         return self._sets if asked else 0
 
     def acknowledge(self) -> int:
-        """Forget those whom ``to_acknowledge`` counted last; return how many.
+        """Forget those that ``to_acknowledge`` counted last; return their number.
 
         An operator says that they are gone.
         """

@@ -1,4 +1,4 @@
-"""How fast a body may go on that is no longer seen: as it was seen last, and as it sped up then."""
+"""Maximum speed of a body that is no longer seen: as it was seen last, and as it sped up then."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ WITHIN_S = 0.6
 SPEEDING_M_S2 = 2.2
 """A walker's trunk hardly speeds up by more, within a step or when starting."""
 AT_REST_M_S = 0.2
-"""Who was slower than this has just begun to move, at some time within the newest interval: then
+"""Speed below which a person has just begun to move, at some time within the newest interval: then
 the body may speed up twice as quickly as the mean over this interval says."""
 GOES_ON_S = 1.0
 """For this long a runner may speed up as measured: 6.4 m/s2, the most that was measured of

@@ -46,7 +46,7 @@ class RemembersLost:
             self._has_recalled = True
 
     def distrust(self, why: str) -> None:
-        """It is unknown who was lost: somebody may be anywhere, until an acknowledgement."""
+        """It is unknown who was lost: a person may be anywhere, until an acknowledgement."""
         with self._lock:
             if not self._has_recalled:
                 self._lost.forgotten = self._lost.distrusted = True

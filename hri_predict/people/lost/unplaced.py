@@ -1,8 +1,8 @@
-"""People who are in scenes, but whom nobody tracks: it is not known where they are, or were.
+"""People who are in scenes without being tracked: it is not known where they are, or were.
 
 A person may show no joint, be one too many, share the id of another, or appear only in scenes that
 do not advance. While such a person is in scenes, the input has a fault. When the person is in them
-no more, and was never tracked, nobody saw where they went: somebody may be anywhere in the room,
+no more, and was never tracked, it is unknown where they went: a person may be anywhere in the room,
 until an acknowledgement. A phantom of a few captures, without any place, leaves nothing behind.
 """
 
@@ -14,7 +14,7 @@ from hri_predict.people.track import Track
 from hri_predict.protocol.reasons import Reason
 
 MOST = 500
-"""More ids than this at once are no people; somebody may be anywhere."""
+"""Maximum number of ids at once; with more, they are not people, and a person may be anywhere."""
 
 
 @unique
@@ -24,7 +24,7 @@ class Why(Enum):
     Attributes:
         reason: the fault.
         ends_if_tracked: whether it ends when the id is tracked: then that is this person.
-        certain: whether one capture shows that somebody is there.
+        certain: whether one capture shows that a person is there.
     """
 
     NO_JOINT = (Reason.PERSON_NOT_LOCATED, True, False)
@@ -47,18 +47,18 @@ class _Presence:
 
 @dataclass(slots=True)
 class _Run:
-    """Captures, one after another, with anybody for one reason: ids may change meanwhile."""
+    """Successive captures with a person for one reason: ids may change meanwhile."""
 
     newest_ns: int
     captures: int = 1
 
 
 class Unplaced:
-    """Who is present without being tracked.
+    """People who are present without being tracked.
 
     Args:
         gap_ns: absence for longer than this is an absence.
-        captures: so many captures show that somebody is there, where one does not.
+        captures: number of captures that show a person's presence, where one does not.
         keeps_ids: an id is the same person at any time.
     """
 
@@ -90,7 +90,7 @@ class Unplaced:
             self._gone.append(capture_ns)
 
     def update(self, tracks: Mapping[int, Track], capture_ns: int) -> list[int]:
-        """End the presence of whoever is tracked or absent now.
+        """End the presence of people who are tracked or absent now.
 
         A track that is older than the presence is that of another person, whose id changed.
 
@@ -112,7 +112,7 @@ class Unplaced:
         return {why.reason for why, _ in self._present}
 
     def __bool__(self) -> bool:
-        """Whether anybody is."""
+        """Whether there is any."""
         return bool(self._present)
 
     def _is_over(self, presence: _Presence, capture_ns: int) -> bool:

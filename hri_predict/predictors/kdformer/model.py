@@ -14,7 +14,7 @@ Where this differs from the paper, and why:
   which evaluations measure: a rotation error near the root moves a whole limb, and Eq. 28 does not
   account for that.
 - ``space: rotations`` (the benchmark): the window holds exponential maps of the 38 joints of CMU;
-  the forces come from its skeleton, which is the same for everybody.
+  the forces come from its skeleton, which is the same for all people.
 - Quaternions q and -q are the same rotation: Eq. 28 compares with the nearer of the two.
 - Each step's residual has a learnt gain, which starts in proportion to the step's horizon: the
   next steps are near the last pose from the start.
@@ -52,12 +52,12 @@ class KDFormerOptions(NetworkOptions):
     """Sizes and switches; the defaults are the paper's, except for what the node needs.
 
     Attributes:
-        space: what windows hold: positions, or exponential maps (CMU's sign, y up).
+        space: content of windows: positions, or exponential maps (CMU's sign, y up).
         width: d, the width of a joint's embedding; a step's embedding has tokens times d.
         layers: L, the number of layers of each transformer.
         feed_forward: width of the feed-forward layers divided by the embedding's; 2 gives the 8.5
             million parameters of the paper's Table 6.
-        quaternion_weight: weight of the quaternion loss beside the position error, metres
+        quaternion_weight: weight of the quaternion loss, added to the position error, metres
             (positions only).
         inputs, decoding, position_embedding, quaternion_loss: Table 3.
         body_parts: Table 4.

@@ -1,4 +1,4 @@
-"""The skeleton of the CMU benchmark: 38 joints with one set of bones for everybody, 25 predicted.
+"""The skeleton of the CMU benchmark: 38 joints with one set of bones for all people, 25 predicted.
 
 The exponential maps have 38 joints. Six are constant in the benchmark's pose, in which the root
 neither turns nor moves, and seven coincide with another joint. The other 25 are predicted; the

@@ -1,4 +1,4 @@
-"""What computes a network: torch itself, or ONNX Runtime with an exported copy of the network.
+"""Engine of a network: torch itself, or ONNX Runtime with an exported copy of the network.
 
 A copy is a second program, so it is not trusted. It computes only if it agrees with torch on
 windows like those of a cell, each time that a predictor is built. Otherwise torch computes, and
@@ -29,7 +29,7 @@ from hri_predict.predictors.neural.settings import EngineName
 log = logging.getLogger(__name__)
 
 AGREES_M = 1e-4
-"""How far a copy's forecasts may be from torch's: rounding gives a hundredth of it."""
+"""Maximum difference between a copy's forecasts and torch's: rounding gives a hundredth of it."""
 
 _OPSET = 17
 _EXPORT = 4  # raise it when the way of exporting changes
@@ -83,7 +83,7 @@ def engine_for(network: Network, wanted: EngineName, threads: int) -> Engine:
 
 
 def _onnxruntime(network: Network, threads: int) -> Engine:
-    """A copy that agrees. One from the cache that does not is made anew once.
+    """Return a copy that agrees. One from the cache that does not is made again once.
 
     Raises:
         EngineError: there is none.

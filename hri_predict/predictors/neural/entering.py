@@ -40,7 +40,7 @@ _PELVIS, _L_HIP, _R_HIP, _L_SHOULDER, _R_SHOULDER = (
 
 
 class Tables(NamedTuple):
-    """What does not change: how the K joints of a skeleton are the 28 of ``BODY``, and its pose.
+    """Constants: how the K joints of a skeleton are the 28 of ``BODY``, and its pose.
 
     Attributes:
         given: (28,) which joint of the skeleton each of the body's is, or -1.

@@ -108,7 +108,8 @@ class Network(nn.Module):
         raise NotImplementedError
 
     def lean(self) -> Callable[[Window], Tensor]:
-        """What engines compute: ``forward`` of a window that ``enter`` has filled, but leaner.
+        """Return the engines' result: ``forward`` of a window that ``enter`` has filled, but
+        leaner.
 
         Equal to it but for rounding. It may keep what it has computed of the weights, so they must
         not change any more.

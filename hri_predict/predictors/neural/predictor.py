@@ -44,7 +44,7 @@ class NeuralPredictor:
 
     Attributes:
         network: the network, in inference mode.
-        engine: what computes it.
+        engine: engine that computes it.
         card: description of the weights, from their file.
     """
 

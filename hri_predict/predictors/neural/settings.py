@@ -20,7 +20,7 @@ class NeuralSettings(PredictorSettings):
     threads: int = Field(1, ge=1, le=64, description="CPU threads that the network may use")
     engine: EngineName = Field(
         "auto",
-        description="what computes the network: torch; onnxruntime (an exported copy, up to twice"
+        description="engine of the network: torch; onnxruntime (an exported copy, up to twice"
         " as fast for one person); or auto, the copy where it agrees with torch",
     )
 

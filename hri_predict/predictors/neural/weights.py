@@ -141,7 +141,7 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
 
     Args:
         path: the file.
-        horizon_steps: how far to predict, if different from the file's horizon; only for networks
+        horizon_steps: steps to predict, if different from the file's horizon; only for networks
             whose parameters do not depend on it.
 
     Raises:
@@ -296,7 +296,7 @@ def _check_kinds(planned: Network, kinds: dict[str, str], path: Path) -> None:
 def _check_finite(tensors: dict[str, Tensor], path: Path) -> None:
     for name, tensor in tensors.items():
         if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
-            raise _broken(path, f"'{name}' has values that are no numbers, or too large")
+            raise _broken(path, f"'{name}' has values that are not numbers, or too large")
 
 
 def _broken(path: Path, why: str) -> PredictorError:

@@ -1,1 +1,1 @@
-"""The predictor in a process of its own: shared memory, the worker, and who starts it anew."""
+"""The predictor in a process of its own: shared memory, the worker, and its restarts."""

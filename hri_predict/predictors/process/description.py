@@ -1,4 +1,4 @@
-"""What a predictor in another process is: all that the node asks of one, except a forecast."""
+"""Description of a predictor in another process: all its attributes, without its forecasts."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ class Description:
     """The attributes of a predictor; see ``contracts.predictor.Predictor``.
 
     Attributes:
-        digest: of the files that its forecasts depend on: a worker that is started anew must have
+        digest: of the files that its forecasts depend on: a worker that is restarted must have
             read the same ones.
     """
 

@@ -19,7 +19,7 @@ MAX_STEP_S = 0.5  # of one look: where the node itself was stopped, the time is 
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """What a process has done since it began.
+    """Work of a process since it began.
 
     Attributes:
         cpu_s: time on processors, all threads.
@@ -33,7 +33,7 @@ class Work:
 
 
 def work_of(pid: int) -> Work | None:
-    """What the process ``pid`` has done; ``None``: this system does not tell.
+    """Return the work of the process ``pid``; ``None``: this system does not report it.
 
     Source: proc_pid_stat(5) and proc_pid_io(5).
     """

@@ -32,11 +32,11 @@ _BEGIN = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    """What a worker is told.
+    """Message to a worker at its start.
 
     Attributes:
         settings: of the predictor, with resolved paths.
-        people: the most that there can be.
+        people: maximum number of people.
         cpus: cores that it may use; none: all.
         lock_memory: keep its memory from being swapped out.
     """
@@ -61,7 +61,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience:
-    """How long a process may start.
+    """Time limits of a process's start.
 
     Attributes:
         limit_s: in all.
@@ -149,7 +149,7 @@ class Worker:
         return described
 
     def _first_message(self, patience: "Patience") -> bytes:
-        """What the worker says first, however long that takes while it gets on.
+        """Return the worker's first message, however long it takes while there is progress.
 
         Raises:
             PredictorError: ``patience`` ended.
@@ -215,7 +215,7 @@ class Worker:
         return 0.0 if self._owed_since is None else time.perf_counter() - self._owed_since
 
     def end(self) -> None:
-        """Let the process end by itself: it does when nobody is at the socket."""
+        """Let the process end by itself: it does when the socket's other end is closed."""
         with contextlib.suppress(OSError):
             self._link.shutdown(socket.SHUT_RDWR)
 
@@ -228,7 +228,7 @@ class Worker:
         self.process.kill()
 
     def _message(self, wait_s: float) -> bytes | None:
-        """The next message that is no line of the log; ``None``: none came in time.
+        """Return the next message that is not a line of the log; ``None``: none came in time.
 
         Raises:
             OSError: the process has ended.

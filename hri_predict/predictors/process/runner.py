@@ -56,11 +56,11 @@ class RemotePredictor:
 class ProcessRunner:
     """Does what ``PredictionRunner`` does, with a predictor that another process runs.
 
-    A worker that dies, or hangs, is started anew, after a pause that grows while that goes on.
+    A worker that dies, or hangs, is restarted, after a pause that grows while that goes on.
     Meanwhile each tick gets the reason at once. ``failures`` and ``late`` count since the start,
     ``restarts`` workers after the first.
 
-    Whoever makes one must ``stop`` it.
+    Code that makes one must ``stop`` it.
     """
 
     def __init__(self, job: Job, deadline_s: float) -> None:

@@ -63,7 +63,7 @@ class SharedWindows:
         """Write the window ``number``: (P, T, J, 3) and (P, T, J).
 
         Raises:
-            PredictorError: there is no room for so many people, or it is of another shape.
+            PredictorError: there is no room for this number of people, or it is of another shape.
         """
         people = len(history)
         if people > self.sizes.people or history.shape[1:] != self._history.shape[1:]:
@@ -128,7 +128,7 @@ class SharedWindows:
 
 
 def bytes_of(sizes: Sizes) -> int:
-    """How large the memory is."""
+    """Return the size of the memory."""
     each = sizes.people * sizes.joints
     numbers = 3 * 8 * each * sizes.history + 4 * 8 * each * sizes.horizon
     return _room(numbers + each * sizes.history + _TEXT + 12 * _ALIGNED)

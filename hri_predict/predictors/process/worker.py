@@ -2,7 +2,7 @@
 
 ``Worker`` in ``remote.py`` starts it, with two descriptors and the node's process id. Over the
 socket come one job and the word to begin; from then on a byte says that a window is in the memory,
-or that an answer is. Settings come as JSON and are validated anew; nothing that comes in is code.
+or that an answer is. Settings come as JSON and are validated again; nothing that comes in is code.
 """
 
 import contextlib

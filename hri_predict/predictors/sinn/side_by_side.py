@@ -80,7 +80,7 @@ class SideBySide:
         return torch.cat(parts, 1)[:, :horizon_steps]
 
     def _read(self, positions: Tensor, both: Tensor) -> tuple[list[tuple[Tensor, Tensor]], Tensor]:
-        """What each frame but the first adds to the gates, and the last's momentum."""
+        """Return what each frame but the first adds to the gates, and the last's momentum."""
         zeta = momentum((positions[:, 1:] - positions[:, :-1]) * self.rate_hz)
         pose = self._pose(positions[:, 1:])
         alike = torch.cat([zeta[..., :1, 0], both[..., None], pose], -1)

@@ -1,4 +1,4 @@
-"""Where a forecast starts from: a pose and a velocity filtered from the last frames, and a gate.
+"""Starting point of a forecast: a pose and a velocity filtered from the last frames, and a gate.
 
 This is not in the paper, whose first momentum is the difference of the last two frames: noise of 2
 cm on each is an error of 0.7 m/s at 25 frames a second, carried on through the whole forecast.
@@ -88,7 +88,7 @@ class Start(nn.Module):
 
 
 def gated(last: Tensor, positions: Tensor, logits: Tensor) -> Tensor:
-    """Last pose + gate x change (B, H, J, 3): whoever moves to and fro stays where they are.
+    """Last pose + gate x change (B, H, J, 3): a person who moves to and fro stays in place.
 
     The gate is drawn between two logits (B, J, 2): of the first step, and of step 25 and later.
     """

@@ -49,7 +49,7 @@ class Announcer:
     """Announces one service from ``start`` until ``stop``; it tries again after a failure.
 
     Args:
-        settings: where to announce.
+        settings: interfaces to announce on.
         properties: the service's properties; see ``node_properties``.
 
     Attributes:

@@ -72,7 +72,7 @@ def resolve(
     Args:
         service_type: such as ``_hri-source._tcp.local.``.
         name: the service's own name, without its type.
-        timeout_s: how long to wait for an answer.
+        timeout_s: maximum time to wait for an answer.
         interfaces: addresses of the interfaces to search on.
 
     Raises:

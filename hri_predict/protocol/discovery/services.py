@@ -54,8 +54,8 @@ class ServiceSettings(Abbreviated):
     """``service:`` of a source: the announced name of the service to connect to."""
 
     name: ServiceName = Field(description="as it announces itself")
-    interfaces: Interfaces = Field(LOOPBACK, description="where to search for it")
-    timeout_s: float = Field(2.0, ge=0.1, le=30, description="how long each search takes")
+    interfaces: Interfaces = Field(LOOPBACK, description="address of the interface to search on")
+    timeout_s: float = Field(2.0, ge=0.1, le=30, description="duration of each search")
 
     safety: ClassVar[Safety] = harmless("timeout_s")
 

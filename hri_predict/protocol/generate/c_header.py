@@ -1,4 +1,5 @@
-"""What the C code in ``drivers/c`` takes from the definition: constants, and seeds for its fuzzer.
+"""The part of the definition that the C code in ``drivers/c`` uses: constants, and seeds for its
+fuzzer.
 
 ``hri-predict protocol c-header`` renews the text between ``/* generated: begin`` and
 ``/* generated: end */`` in ``hri_predict.h``, and writes ``fuzz/corpus.txt``. All other files there

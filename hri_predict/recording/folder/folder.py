@@ -32,7 +32,7 @@ class Folder:
     See ``hri_predict.recording.mcap.places.Place``.
 
     Args:
-        folder: where; it is created.
+        folder: its path; it is created.
         cell: its name; one node at a time records a cell into a folder.
         settings: see ``RecordSettings``.
         free: room on the disk, bytes.

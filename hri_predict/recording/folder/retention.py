@@ -34,7 +34,7 @@ def name_of(cell: str, began: datetime, number: int = 1) -> str:
 def own_files(folder: Path, cell: str) -> list[Kept]:
     """The cell's recordings, oldest first: by name, and plain files that this node has begun.
 
-    A file that was renamed is nobody's, and stays.
+    A file that was renamed does not count, and stays.
 
     Raises:
         OSError: the folder cannot be read.
@@ -58,7 +58,7 @@ def own_files(folder: Path, cell: str) -> list[Kept]:
 def too_old(files: Sequence[Kept], now: datetime, days: float | None, most: int) -> list[Kept]:
     """Those of ``files``, oldest first, that began more than ``days`` ago, ``most`` at most.
 
-    A wall clock that is wrong by years must not cost everything before somebody notices: what is
+    A wall clock that is wrong by years must not cost everything before it is noticed: what is
     old is so for the newest file, too.
     """
     if days is None or not files:

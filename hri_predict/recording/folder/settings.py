@@ -18,8 +18,8 @@ class RecordSettings(Abbreviated):
         pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$",
         description="the cell's name; default: the configuration file's",
     )
-    max_minutes: float = Field(60.0, ge=0.05, le=1440, description="of one file")
-    max_mb: float = Field(500.0, ge=1, le=100_000, description="of one file")
+    max_minutes: float = Field(60.0, ge=0.05, le=1440, description="maximum duration of one file")
+    max_mb: float = Field(500.0, ge=1, le=100_000, description="maximum size of one file")
     keep_days: float | None = Field(
         None,
         ge=0.01,
@@ -30,13 +30,13 @@ class RecordSettings(Abbreviated):
         20.0, ge=0.001, le=1e6, description="all files of the cell; the oldest are removed first"
     )
     min_free_gb: float = Field(
-        1.0, ge=0, le=1e6, description="leave so much of the disk to others, or record nothing"
+        1.0, ge=0, le=1e6, description="stop recording when less than this many GB are free"
     )
     zones_hz: float = Field(5.0, ge=0, le=100, description="zones per second; 0: none")
     poses_hz: float = Field(5.0, ge=0, le=100, description="forecasts per second; 0: none")
     view_hz: float = Field(5.0, ge=0, le=100, description="pictures for 3D views; 0: none")
     sent: bool | None = Field(
-        None, description="what links wrote, byte by byte; default: only in a single file"
+        None, description="record the bytes that links wrote; default: only in a single file"
     )
 
     @model_validator(mode="after")
@@ -56,7 +56,7 @@ class RecordSettings(Abbreviated):
 
     @property
     def rates(self) -> Rates:
-        """How much of what is bulky is recorded."""
+        """Recording rates of bulky data."""
         sent = self.folder is None if self.sent is None else self.sent
         return Rates(
             zones_hz=self.zones_hz, poses_hz=self.poses_hz, view_hz=self.view_hz, sent=sent

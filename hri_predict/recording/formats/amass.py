@@ -2,7 +2,7 @@
 
 AMASS (https://amass.is.tue.mpg.de; Mahmood et al., ICCV 2019) keeps parameters of the SMPL body
 model. Only that model turns them into joints; it is licensed, and we may not ship it. This module
-reads joints that somebody computed and saved beside the parameters or instead of them.
+reads joints that were computed and saved in addition to the parameters or instead of them.
 
 | key | shape | what |
 |---|---|---|

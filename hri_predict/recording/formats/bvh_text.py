@@ -51,7 +51,7 @@ class Bvh:
         nodes: joints and End Sites; each after its parent.
         frame_time_s: seconds from frame to frame.
         values: (F, channels), degrees and the file's own unit.
-        notes: what the user should know.
+        notes: notes for the user.
     """
 
     nodes: list[BvhNode]

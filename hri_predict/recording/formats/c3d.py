@@ -48,7 +48,7 @@ _AXES |= {"-Z": ("x", "-y", "-z"), "-Y": ("z", "-x", "-y"), "-X": ("y", "-z", "-
 
 @dataclass(frozen=True, kw_only=True)
 class _Layout:
-    """Where the frames are, and how many numbers each has."""
+    """Offsets of the frames, and the number of values in each."""
 
     start: int
     frames: int
@@ -79,7 +79,7 @@ def read_c3d(
 
     Raises:
         RecordingError: the file is not C3D, is truncated or damaged, or has no points.
-        ConfigError: impossible units or axes; labels that name nobody, or too many people.
+        ConfigError: impossible units or axes; labels that name no person, or too many people.
     """
     data = read_bounded(path)
     if len(data) < 2 * BLOCK or data[1] != MAGIC:

@@ -1,4 +1,4 @@
-"""What the columns of a table of joints are, by their names."""
+"""Meaning of the columns of a table of joints, by their names."""
 
 import csv
 import io

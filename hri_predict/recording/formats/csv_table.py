@@ -4,7 +4,7 @@
 
     time_s,sees_room,person,waist_x,waist_y,waist_z,neck_x,...
     0.000000000,1,1,0.01,0.22,1.01,0.02,...
-    0.033333333,1,,,,,,...             nobody is in the room
+    0.033333333,1,,,,,,...             no person is in the room
     0.066666667,0,,,,,,...             the source is blind
 
 Metres, z up. The reader accepts other delimiters and decimal commas; other names for the time, also
@@ -73,7 +73,7 @@ def read_csv(
         axes: the table's axes that are forward, left and up; default [x, y, z].
 
     Raises:
-        RecordingError: it is no such table; one line names the row and column.
+        RecordingError: it is not such a table; one line names the row and column.
         ConfigError: impossible units or axes.
     """
     text = read_text(path, "CSV")
@@ -244,7 +244,7 @@ class _Table:
                 values[3 * k : 3 * k + 3] = [math.nan] * 3
 
     def _name(self, row: Sequence[str]) -> str | None:
-        """The person of a row as text; ``None`` where it says nobody."""
+        """The person of a row as text; ``None`` where there is none."""
         if self._columns.person is None:
             return str(self._person)
         text = row[self._columns.person].strip()

@@ -28,7 +28,7 @@ class FrameTimes:
     Attributes:
         rate_hz: frames per second, where none is missing.
         stamps_ns: nanoseconds since the first frame.
-        note: what the user should know; "" if nothing.
+        note: note for the user; "" if none.
     """
 
     rate_hz: float

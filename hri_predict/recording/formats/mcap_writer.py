@@ -43,7 +43,7 @@ def write_mcap(path: Path, recording: Recording) -> Written:
             recorder.on_received(link, received)
     if recorder.error is not None or recorder.dropped:
         raise RecordingError(
-            f"recording {path}: cannot be written: {recorder.error or 'a scene is no JSON'}"
+            f"recording {path}: cannot be written: {recorder.error or 'a scene is not JSON'}"
         )
     if recording.kind == "mcap":
         written.notes.append("what the node computed and sent is left out: a replay computes it")

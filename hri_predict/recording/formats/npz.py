@@ -48,7 +48,7 @@ def read_npz(path: Path, person: int) -> Recording:
     """Read a recording in one of the three layouts.
 
     A frame whose ``world_ok`` is false (its root rotation is an artefact) becomes a scene in which
-    all joints of the person are unobserved: somebody is there, but the place is unknown. A joint
+    all joints of the person are unobserved: a person is there, but the place is unknown. A joint
     that is not ``valid``, or jumps, is unobserved in that frame.
 
     Raises:
@@ -246,7 +246,7 @@ def rate_of(path: Path, arrays: Mapping[str, Any], usual: str) -> float:
 
     Args:
         path: the file.
-        arrays: what it holds.
+        arrays: its content.
         usual: the name that this kind of archive has, for the error.
 
     Raises:

@@ -41,7 +41,7 @@ def read_trc(
 
     Raises:
         RecordingError: the file is not TRC, is truncated or empty, or a cell is not a number.
-        ConfigError: impossible units or axes; labels that name nobody, or too many people.
+        ConfigError: impossible units or axes; labels that name no person, or too many people.
     """
     text = read_text(path, "TRC")
     lines = text.split("\n")

@@ -33,11 +33,11 @@ class Reading:
 
     @property
     def offset_ns(self) -> int:
-        """What to add to a time of the node for UTC."""
+        """Offset to add to a time of the node for UTC."""
         return self.utc_ns - self.node_ns
 
     def moved_ns(self, before: "Reading") -> int:
-        """How far the wall clock moved against the node's since ``before``."""
+        """Return the change of the wall clock against the node's since ``before``."""
         return self.offset_ns - before.offset_ns
 
     def to_dict(self, before: "Reading | None") -> dict[str, Any]:
@@ -55,7 +55,7 @@ class Reading:
 
 
 class Clocks(Protocol):
-    """Where readings come from."""
+    """Source of clock readings."""
 
     name: str
     """``system``, or ``virtual`` if UTC is only a name for the node's time."""
@@ -69,7 +69,7 @@ class VirtualClocks:
 
     Args:
         start_ns: when the recording begins.
-        offset_ns: UTC is so much later, where that is known, as of a part of a recording.
+        offset_ns: Offset of UTC, where it is known, as of a part of a recording.
     """
 
     def __init__(self, start_ns: int = 0, offset_ns: int | None = None) -> None:
@@ -83,7 +83,7 @@ class VirtualClocks:
 
 
 class SystemClocks:
-    """The machine's clocks beside the node's.
+    """The machine's clocks besides the node's.
 
     Args:
         clock: the node's.

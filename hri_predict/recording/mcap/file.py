@@ -1,7 +1,7 @@
-"""One MCAP file that is being written, and that can be read whatever happens to its writer.
+"""One MCAP file that is being written, and that can be read even if its writer dies.
 
 The library writes into memory. What it finished goes to the disk at once, at least each second, so
-that whoever is killed loses no more. What the disk does not take stays in memory, so that the file
+that a killed writer loses no more. What the disk does not take stays in memory, so that the file
 goes on without a gap in its bytes when there is room again.
 """
 
@@ -23,7 +23,7 @@ CHUNK_BYTES = 1024 * 1024
 
 
 class _Stream:
-    """What the library writes to: memory, from which ``push`` writes to the disk."""
+    """Output of the library: memory, from which ``push`` writes to the disk."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -58,14 +58,14 @@ class McapFile:
     """A recording's file.
 
     Attributes:
-        path: where it is.
+        path: its path.
         began: the clocks at its begin.
         unsafe: messages that are not on the disk yet.
 
     Args:
         path: as above.
         descriptor: open for writing; closed by ``close``.
-        info: what a replay needs.
+        info: facts that a replay needs.
         began: as above.
         clocks: name of the clocks, see ``Clocks``.
         sync: bring each write to the disk itself, past the machine's memory: also who pulls the
@@ -150,7 +150,7 @@ class McapFile:
         self._stream.push()
 
     def flush(self) -> None:
-        """Bring everything so far to the disk.
+        """Bring everything to the disk.
 
         Raises:
             OSError: the disk did not take it; it is kept, and the next flush tries again.

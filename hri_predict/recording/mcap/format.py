@@ -79,10 +79,10 @@ def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
 
 
 def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
-    """Back from ``scene_to_dict``: the scene and its receipt (ns, clock of the recording node).
+    """Invert ``scene_to_dict``: return the scene and its receipt (ns, clock of the recording node).
 
     Raises:
-        ValueError, KeyError, TypeError, OverflowError: ``data`` is no such scene.
+        ValueError, KeyError, TypeError, OverflowError: ``data`` is not such a scene.
     """
     people = []
     for person in data["people"]:
@@ -158,7 +158,7 @@ def _since_version_2(data: dict[str, Any]) -> dict[str, Any]:
 
 def _numbers(data: Any) -> dict[str, float]:
     if not isinstance(data, dict):
-        raise TypeError("a base's motion is no mapping")
+        raise TypeError("a base's motion is not a mapping")
     return dict(zip(data, _floats(data.values()), strict=True))
 
 

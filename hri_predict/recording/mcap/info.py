@@ -1,4 +1,4 @@
-"""What a recording says of itself: the metadata that a replay needs."""
+"""Description of a recording by itself: the metadata that a replay needs."""
 
 import json
 import math
@@ -22,7 +22,7 @@ METADATA = "hri_predict"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInfo:
-    """What a replay needs besides the messages; stored in the file's metadata.
+    """Data that a replay needs besides the messages; stored in the file's metadata.
 
     Attributes:
         joint_map: the source's joint map; complete, so a replay needs no other file.
@@ -37,7 +37,7 @@ class RecordingInfo:
         predictor: name of the predictor; ``forecast_rate_hz`` has its steps per second.
         in_room: whether the scenes are in the room's frame; false in what ``convert`` makes of a
             motion file, which is in that file's own.
-        coverage: what its zones rest on, in words; "" in recordings of older versions.
+        coverage: basis of its zones, in words; "" in recordings of older versions.
         last_latch_id: the number before the first that an Acknowledge may name in it, so that a
             replay gives the same; ``None`` in recordings of older versions.
     """

@@ -1,7 +1,7 @@
-"""What the node takes in and gives out, as items that a recording may hold.
+"""Inputs and outputs of the node, as items that a recording may hold.
 
-Whoever keeps them decides what to do with each: write it at once, or hold it for a while. Arrays
-are decimated and copied when an item is made, so that the node may use its own again.
+The code that keeps them decides what to do with each: write it at once, or hold it for a while.
+Arrays are decimated and copied when an item is made, so that the node may use its own again.
 """
 
 from collections.abc import Callable, Mapping
@@ -52,7 +52,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rates:
-    """How much of what is bulky is kept; scenes, states and advice always are.
+    """Rates at which bulky data are kept; scenes, states and advice always are.
 
     Attributes:
         zones_hz, poses_hz: zones and forecasts per second; 0: none.
@@ -91,7 +91,7 @@ class Items(Listener):
     """A listener that turns all input and output into items. A subclass takes them.
 
     Args:
-        info: what the recording says of itself.
+        info: description of the recording.
         rates: see ``Rates``.
         counters: asked once a second; ``None``: they are not kept.
     """

@@ -1,4 +1,4 @@
-"""Reads what a recording tells, message by message, with UTC: for whoever explains a run later.
+"""Reads a recording, message by message, with UTC: for explaining a run later.
 
     about = recording_info("cell-20260309T140000Z.mcap")
     for message in read_messages(path, ["/status", "/advice"], start_utc_ns=..., end_utc_ns=...):
@@ -24,7 +24,7 @@ from hri_predict.recording.mcap.reader import CUT, records
 from hri_predict.recording.mcap.schemas import with_unknown
 
 SLOWEST_S = 2.0
-"""How far back ``moment`` looks: everything comes at least each second."""
+"""Time span that ``moment`` searches: everything comes at least each second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Told:
 
 @dataclass(slots=True)
 class Moment:
-    """What the node knew at a moment: the newest message before it of each topic and source.
+    """Knowledge of the node at a moment: the newest message before it of each topic and source.
 
     Attributes:
         status, scene, forecast, zones, node: as the topics say; ``None``: there was none.
@@ -69,10 +69,11 @@ class Moment:
 
 
 def recording_info(path: str | Path) -> RecordingInfo:
-    """What a recording says of itself: configuration, robots with their capsules, has it UTC.
+    """Return a recording's description of itself: configuration, robots with their capsules, has it
+    UTC.
 
     Raises:
-        RecordingError: it is no recording of this node, or no file.
+        RecordingError: it is not a recording of this node, or not a file.
         OSError: it cannot be read.
     """
     path = Path(path)
@@ -136,7 +137,8 @@ def read_messages(
 
 
 def moment(path: str | Path, utc_ns: int) -> Moment:
-    """What the node knew at ``utc_ns``; empty where nothing was recorded in the seconds before.
+    """Return the node's knowledge at ``utc_ns``; empty where nothing was recorded in the seconds
+    before.
 
     Raises:
         RecordingError, OSError: as ``read_messages``.

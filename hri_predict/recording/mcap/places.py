@@ -1,4 +1,4 @@
-"""Where a recording's files are, and when the next one begins: one file of a given name."""
+"""Paths of a recording's files, and the start of the next one: one file of a given name."""
 
 import os
 import stat

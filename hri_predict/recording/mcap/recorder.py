@@ -29,9 +29,9 @@ log = logging.getLogger(__name__)
 QUEUE_ITEMS = 4096
 CLOSE_TIMEOUT_S = 10.0
 FLUSH_NS = 700_000_000
-"""Whoever is killed loses no more than this, and what was in the queue."""
+"""Maximum loss of a killed writer, besides the content of the queue."""
 LOOK_NS = 1_000_000_000
-"""How often the clocks are compared, and the room on the disk looked at."""
+"""Interval at which the clocks are compared and the free disk space is checked."""
 RETRY_NS = 2_000_000_000
 REMIND_NS = 60_000_000_000
 """While nothing can be recorded, the log says so each minute."""
@@ -62,11 +62,11 @@ class Recorder(Items):
 
         Args:
             where: the file to write, which must not exist, or a ``Place``.
-            info: what a replay needs to know.
+            info: facts that a replay needs.
             threaded: write in a thread (real time) or at once (virtual clock).
-            rates: how much of what is bulky is recorded.
+            rates: rates of bulky data.
             counters: see ``Items``.
-            clocks: which UTC each moment has; default: UTC is the node's clock.
+            clocks: source of each moment's UTC; default: UTC is the node's clock.
             queue_items: messages that may wait for the thread.
 
         Raises:

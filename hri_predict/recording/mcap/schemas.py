@@ -12,7 +12,7 @@ say ``utc``. In recordings of format 1 both times are the node's clock.
 | /status | each tick | the message's fields, all reasons, the named zones |
 | /advice/ROBOT | each tick | the message's fields as plain numbers, and what it rests on |
 | /node | each second | counters of the node and its links |
-| /clock | each second | UTC beside the node's clock; it shows when either was set or stood still |
+| /clock | each second | UTC and the node's clock; it shows when either was set or stood still |
 | /forecast | ``poses_hz`` | predicted joints of every n-th step, rounded to 1 mm |
 | /zones | ``zones_hz`` | capsules of every n-th horizon, rounded to 1 mm |
 | /view/... | ``view_hz`` | scene, people, frames for a 3D view, in Foxglove's own messages |

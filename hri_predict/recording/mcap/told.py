@@ -1,4 +1,4 @@
-"""What the node said in a tick, with what is needed to understand it later without the node."""
+"""Output of the node in a tick, with the data needed to understand it later without the node."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -69,7 +69,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def counters_of(node: Node, links: Sequence[Link]) -> Mapping[str, Any]:
-    """What was counted since the start; of links only what is not 0. Ask in the loop's thread."""
+    """Return the counters since the start; of links only those above 0. Loop's thread only."""
     own = {
         "scenes_in": node.scenes_in,
         "frames_in": node.frames_in,

@@ -1,4 +1,4 @@
-"""What a 3D view of a recording shows: people, zones, robots and their levels.
+"""Content of a 3D view of a recording: people, zones, robots and their levels.
 
 It is decimated, and it is for the eye: the exact numbers are in /scene, /zones and /advice.
 """
@@ -24,7 +24,7 @@ from hri_predict.risk.wording import apart_text
 ROOM = "room"
 """The frame that everything else stands in: z up, as configured."""
 SHOWN_S = 0.5
-"""The zones are drawn as they are so far ahead: about when a robot that is told now has stopped."""
+"""Time ahead for which the zones are drawn: about when a robot that is advised now has stopped."""
 BODY_M, PAIR_M = 0.09, 0.02
 ZONE_OPACITY = 0.04
 """Of each capsule's parts: a zone has forty, one behind the other, and a person within."""

@@ -212,7 +212,7 @@ def label(at: Sequence[float], text: str, rgba: Rgba) -> dict[str, Any]:
 
 
 def transform(child: str, pose: Pose, utc_ns: int, parent: str) -> dict[str, Any]:
-    """Where a frame stands in its parent."""
+    """Return the pose of a frame in its parent."""
     return {
         "timestamp": time_of(utc_ns),
         "parent_frame_id": parent,

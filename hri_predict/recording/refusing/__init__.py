@@ -1,1 +1,1 @@
-"""What a recording holds that nobody saw, and places that nobody can be at."""
+"""Data of a recording that were never seen, and places where no person can be."""

@@ -1,4 +1,4 @@
-"""Refuses recordings whose coordinates are relative to the hips: nobody's place is in them."""
+"""Refuses recordings whose coordinates are relative to the hips: they hold no person's place."""
 
 import numpy as np
 

@@ -18,7 +18,7 @@ Counts = NDArray[np.int64]
 
 
 def without_unseen(recording: Recording) -> Recording:
-    """Return the recording without joints that nobody saw, and a note with their number.
+    """Return the recording without joints that were never seen, and a note with their number.
 
     These are joints at exactly the file's origin, and joints farther from the rest of the body than
     bones can be; see ``people.body.unseen``.

@@ -5,7 +5,7 @@ robot until it stands), and the link may come nearer to the fixture than the par
 13854:2017, Table 1, or the part's capsule, if that is thicker).
 
 Where another robot will be is not predicted here: it may move anywhere at its highest speed, so it
-counts as a fixture that is so much thicker. Where nobody knows how it stands, it may be anywhere.
+counts as a fixture that is thicker by that motion. Where its pose is unknown, it may be anywhere.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ THICKNESS_M = {
 
 
 def thickness_m(segments: Sequence[str], radii_m: Floats) -> Floats:
-    """(S,) a link that stays so far from a fixture cannot clamp the segment."""
+    """Return (S,) distances from a fixture beyond which a link cannot clamp the segment."""
     names = [s.removeprefix("l_").removeprefix("r_") for s in segments]
     crushed = np.array([THICKNESS_M.get(name, max(THICKNESS_M.values())) for name in names])
     return np.maximum(crushed, 2 * radii_m)

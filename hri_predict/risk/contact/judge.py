@@ -1,4 +1,4 @@
-"""How fast a robot may be beside people whom it may touch: mode ``hybrid``.
+"""Maximum speed of a robot beside people that it may touch: mode ``hybrid``.
 
 A speed is permitted if, until the robot stands, it can reach no part of a body that does not bear a
 touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
@@ -7,7 +7,7 @@ speed unless ``own_speed`` leaves it out. A part that may be clamped must bear t
 limits as well (``clamping``). Head, face and neck bear nothing, and so does everything of a person
 who is lost or whose speed is unknown. A speed is permitted only together with every slower one.
 
-The cost is bounded: beside more than ``MAX_BESIDE`` people within reach no contact is permitted.
+The cost is bounded: with more than ``MAX_BESIDE`` people within reach no contact is permitted.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ _FREE_M = 1e3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reachable:
-    """What may happen to the N people within reach, at each of V speeds; S segments, C links.
+    """Possible contacts of the N people within reach, at each of V speeds; S segments, C links.
 
     Attributes:
         who: (N,) their indices.
@@ -71,8 +71,8 @@ class ContactJudge:
 
     Args:
         robot: the robot.
-        limits: how fast it may touch each of the S segments of the zones.
-        clamping: what it may clamp somebody against.
+        limits: maximum speeds of contact with each of the S segments of the zones.
+        clamping: objects against which it may clamp a person.
     """
 
     def __init__(
@@ -99,13 +99,13 @@ class ContactJudge:
         people: Finding,
         others: Sequence[Capsules | None] = (),
     ) -> Finding | None:
-        """What contact permits.
+        """Return the limits that contact permits.
 
         Args:
             motion: of the robot.
-            bodies: everybody.
+            bodies: all people.
             people: the finding of the zones; the result has its distances.
-            others: where each other robot may be until this one stands; ``None``: anywhere.
+            others: places where each other robot may be until this one stands; ``None``: anywhere.
 
         Returns:
             Its slack says whether the present speed is permitted, its limits which are.

@@ -43,7 +43,8 @@ def contact_judges(
         return {}
     if "head" not in (s.name for s in segments):
         raise ConfigError(
-            "risk.mode hybrid: the zones leave out the head, so the robot may touch nobody; take "
+            "risk.mode hybrid: the zones leave out the head, so the robot may not touch any "
+            "person; take "
             "torso out of people.absent_parts, choose a predictor whose skeleton has a head, or "
             "use mode predictive"
         )
@@ -64,7 +65,7 @@ def contact_judges(
         )
     if not judges:
         raise ConfigError(
-            "risk.mode hybrid: no robot may touch anybody; give one 'contact: allowed', or use "
+            "risk.mode hybrid: no robot may touch a person; give one 'contact: allowed', or use "
             "mode predictive"
         )
     return judges
@@ -73,7 +74,7 @@ def contact_judges(
 def segment_limits(
     settings: RiskSettings, model: RobotModel, names: Sequence[str], base_dir: Path | None
 ) -> SegmentLimits:
-    """How fast a robot with ``contact: allowed`` may touch the segments of these names."""
+    """Return the maximum speeds of a robot with ``contact: allowed`` for these segments."""
     assert model.contact is not None  # the robot would not have been loaded
     table = load_table(settings.contact.table, base_dir)
     return SegmentLimits.of(table, names, model.effective_kg, model.contact.area_cm2)
@@ -83,15 +84,15 @@ def fixtures_of(settings: RiskSettings, robot: RobotSettings) -> list[Fixture]:
     """The configured fixtures, or the table that the robot stands on."""
     if robot.room_from_robot is None:
         raise ConfigError(
-            f"risk.mode hybrid: the base of robot {robot.name} moves, so nobody knows what it may "
-            f"clamp people against; leave out its 'contact: allowed'"
+            f"risk.mode hybrid: the base of robot {robot.name} moves, so what it may clamp "
+            "people against is unknown; leave out its 'contact: allowed'"
         )
     matrix = robot.room_from_robot.matrix()
     if settings.contact.fixtures is not None:
         return list(settings.contact.fixtures)
     if matrix[2, 2] < _UPRIGHT:
         raise ConfigError(
-            f"risk.contact.fixtures: robot {robot.name} does not stand upright, so nobody knows "
-            f"what it may clamp people against; list its fixtures ([] if there are none)"
+            f"risk.contact.fixtures: robot {robot.name} does not stand upright, so what it may "
+            "clamp people against is unknown; list its fixtures ([] if there are none)"
         )
     return [floor(float(matrix[2, 3]), f"table of {robot.name}")]

@@ -1,4 +1,5 @@
-"""How fast a robot may touch each body segment (ISO/TS 15066:2016, Annex A; ISO 10218-2:2025).
+"""Maximum speed at which a robot may touch each body segment (ISO/TS 15066:2016, Annex A; ISO
+10218-2:2025).
 
 Robot and body region are two masses with a spring between them. At a relative speed v the contact
 stores the energy mu v^2 / 2 = F^2 / (2 k), so a force F is reached at v = F / sqrt(mu k), with
@@ -47,14 +48,13 @@ REGIONS: dict[str, tuple[Region, ...]] = {
 segment of any other name may not be touched."""
 
 FOLLOWS = 1.1
-"""A robot that exceeds its limit by less than a tenth still counts as obedient, so limits are lower
-by so much."""
+"""Factor on limits: a robot that exceeds its limit by less than a tenth counts as obedient."""
 
 _CM2_PER_M2 = 1e4
 
 
 class RegionLimits(Settings):
-    """What one body region bears, and how it yields."""
+    """Load limits and stiffness of one body region."""
 
     force_n: float = Field(ge=1, le=1000, description="F, quasi-static")
     pressure_n_cm2: float = Field(ge=1, le=1000, description="p, quasi-static")
@@ -96,7 +96,7 @@ class ContactTable(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentLimits:
-    """How fast one robot may touch the S segments of a body, m/s; 0: not at all.
+    """Maximum speeds at which one robot may touch the S segments of a body, m/s; 0: not at all.
 
     Attributes:
         transient_m_s: (S,) between robot and a body part that is free to move away, relative.
@@ -141,5 +141,5 @@ def load_table(path: str | None, base_dir: Path | None) -> ContactTable:
     if path is not None:
         file = (base_dir or Path()) / path
         if file.suffix not in YAML_ENDINGS:
-            raise ConfigError(f"risk.contact.table: {path} is no .yaml file")
+            raise ConfigError(f"risk.contact.table: {path} is not a .yaml file")
     return validated(ContactTable, read_yaml(file, "contact table"), f"contact table {file}")

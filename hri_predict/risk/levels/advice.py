@@ -88,7 +88,7 @@ class Levels:
             bodies: the bodies behind the findings.
             findings: see ``Separation``.
             remarks: for each robot, where it departs from its advice. A robot that was too fast is
-                no longer slowed: it runs or it stands, and it may touch nobody.
+                no longer slowed: it runs or it stands, and it may touch no one.
         """
         return tuple(
             self._advise(
@@ -151,7 +151,7 @@ class Levels:
 
     @property
     def mode_counters(self) -> Counter[str]:
-        """How often each operating mode began and was refused, over all robots."""
+        """Number of times that each operating mode began and was refused, over all robots."""
         return sum((modes.counters for modes in self._modes), Counter())
 
     def _advise(
@@ -235,7 +235,7 @@ class Levels:
         bodies: BodyZones,
         named: Sequence[NamedZoneState],
     ) -> tuple[Demand, Finding | None]:
-        """What this tick demands of a robot, and the finding about people that is the basis."""
+        """Return this tick's demand on a robot, and the finding about people behind it."""
         constants = self._robots[robot]
         demand, people = asked_of(constants, found, bodies)
         if found.unknown:
@@ -252,7 +252,7 @@ class Levels:
         return people.breach_s
 
     def _latched(self, robot: int, advised: Advised) -> str:
-        """What is to be acknowledged, and the causes of a latch, in words; empty without any."""
+        """Return what to acknowledge, and the causes of a latch, in words; "" without any."""
         number = f" {advised.latch_id}" if advised.latch_id else ""
         if not advised.causes:
             unseen = f"; people may be there unseen: look, then acknowledge latch id{number}"
@@ -264,7 +264,7 @@ class Levels:
 def asked_of(
     robot: RobotConstants, found: RobotFindings, bodies: BodyZones
 ) -> tuple[Demand, Finding | None]:
-    """What people and unseen places demand of a robot, and the finding about people that decides.
+    """Return the demand of people and unseen places on a robot, and the deciding finding.
 
     Mode ``predictive`` takes the milder of two demands: that of the zones over time, and that of
     the standard's separation for people who move as it assumes. Either demand keeps the robot away

@@ -14,7 +14,7 @@ by_rank = attrgetter("rank")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demand:
-    """What one tick demands of one robot.
+    """Demand of one tick on one robot.
 
     Attributes:
         level: the level demanded now.
@@ -33,7 +33,7 @@ class Demand:
 
     @classmethod
     def nothing(cls, max_speed_m_s: float) -> "Demand":
-        """Nobody is near."""
+        """No person is near."""
         return cls(
             level=Level.CLEAR,
             release=Level.CLEAR,

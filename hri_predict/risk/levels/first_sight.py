@@ -16,7 +16,7 @@ class FirstSight:
     """The advice from before a person of unknown speed appeared.
 
     Args:
-        captures: a speed that is unknown for longer is no first sight.
+        captures: grace period in captures, during which an unknown speed is accepted.
     """
 
     def __init__(self, captures: int) -> None:

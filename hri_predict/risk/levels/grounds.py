@@ -1,4 +1,4 @@
-"""What a robot's advice rests on, taken from the findings: for recordings, never for the advice."""
+"""Grounds of a robot's advice, taken from the findings: for recordings, never for the advice."""
 
 from collections.abc import Sequence
 

@@ -31,7 +31,7 @@ class LatchIds:
 
 
 def random_latch_id() -> int:
-    """Where a run begins to number."""
+    """First number of a run."""
     return secrets.randbelow(MAX_LATCH_ID)
 
 

@@ -6,7 +6,7 @@ captures, and the speed limit rises at a limited rate. A latch also needs an ack
 acknowledgement alone starts nothing. The causes of a latch are configured (``risk.latch``), and
 every cause that has set it since the last acknowledgement is named.
 
-A number says what an acknowledgement would end now: the latch, lost people, or both. Whatever comes
+A number says what an acknowledgement would end now: the latch, lost people, or both. Anything added
 to it later gets a new number, because the operator who presses has not seen that.
 
 A stop also removes its own cause: a person who is too close for a moving robot is not too close for
@@ -30,7 +30,7 @@ _MAX_STEP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Advised:
-    """What is advised: level, reason, speed limit, what is to be acknowledged, causes of the latch.
+    """Advice: level, reason, speed limit, what is to be acknowledged, causes of the latch.
 
     ``latch_id`` is 0 while an acknowledgement would end nothing.
     """

@@ -1,7 +1,7 @@
 """Operating modes: teach, recovery and muting, where they are allowed, asked for and safe.
 
 A mode replaces what people and zones demand of a robot; it never replaces *unknown* or a fault.
-``Modes`` decides each tick anew. It remembers which mode is in force, for the log, and whether
+``Modes`` decides in each tick. It remembers which mode is in force, for the log, and whether
 muting may begin: only a request that was seen released before counts, and only while the robot has
 not been muted for too long (``MutedTime``).
 """
@@ -22,8 +22,8 @@ log = logging.getLogger(__name__)
 
 REFUSED_EVERY_NS = 1_000_000_000
 SETTLED_NS = 200_000_000
-"""A reason that does not last so long is not logged: two controllers never ask at the same time."""
-"""Refusals are logged so often at most: a controller must not fill the log."""
+"""A reason that lasts for less is not logged: two controllers never ask at the same time."""
+"""Minimum interval between logged refusals: a controller must not fill the log."""
 _KEYS = {
     OperatingMode.TEACH: "teach",
     OperatingMode.RECOVERY: "recovery",
@@ -44,14 +44,14 @@ _NOT_RELEASED = "the request was there before; release it first"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """What the decision rests on.
+    """Inputs of the decision.
 
     Attributes:
         asked: by the robot's controllers.
         demand: what people, zones and unseen places demand, or *unknown*.
         is_known: whether the situation is known: neither the scene nor the robot is in doubt.
         beside_unseen: whether space that the sensor does not see stops the robot.
-        not_backing_out: why it would not recede from everybody on its way back; "" if it would.
+        not_backing_out: why it would not recede from each person on its way back; "" if it would.
     """
 
     asked: Asked

@@ -1,5 +1,6 @@
-"""How long a robot may still be muted: a budget that is used while it is, and recovers while nobody
-asks for it.
+"""Remaining time for which a robot may be muted: a budget that muting uses up.
+
+It recovers while muting is not requested.
 
 A limit for each request alone would limit nothing: a request that is released for a moment would
 begin it again. So all the muted time counts. The budget recovers at ``max_s`` in ``rest_s``, and

@@ -1,4 +1,4 @@
-"""What a user's named zone asks of a robot."""
+"""Demand of a user's named zone on a robot."""
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason

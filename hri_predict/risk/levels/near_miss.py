@@ -1,4 +1,4 @@
-"""Near misses: a robot that moves while somebody is hardly farther away than its motion needs."""
+"""Near misses: a robot that moves while a person is hardly farther away than its motion needs."""
 
 from hri_predict.risk.levels.grounds import mildest
 from hri_predict.risk.separation.stage import Findings
@@ -6,7 +6,7 @@ from hri_predict.risk.types import NearMiss
 from hri_predict.zones.body_zones import BodyZones
 
 SHARE = 0.2
-"""Within so much of the limit, a separation is a near miss."""
+"""Margin above the limit within which a separation is a near miss."""
 MOVING_M_S = 0.01
 
 
@@ -14,7 +14,7 @@ def near_misses(findings: Findings, bodies: BodyZones) -> tuple[NearMiss, ...]:
     """The near misses of one tick: at most one for each robot.
 
     Of several ways to judge the same people the mildest counts, as for the advice. A separation
-    below the limit is no near miss: it is a stop.
+    below the limit is not a near miss: it is a stop.
     """
     found: list[NearMiss] = []
     for robot, each in enumerate(findings.robots):

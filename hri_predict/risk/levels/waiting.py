@@ -18,7 +18,7 @@ def why_and_until(
 
 
 def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
-    """What a robot waits for that may move again or soon will, and what ends that, in words."""
+    """Return why a robot that may move again, or soon will, still waits, and what ends that."""
     if advised.reason is not Reason.RELEASE_PENDING:
         return None
     if advised.level is not Level.SLOW:
@@ -43,5 +43,5 @@ def _unproven(
     return (
         f"RobotState has not changed for {motion.still_s:g} s in which the robot may move: it may "
         "be elsewhere",
-        f"a joint's position changes, or everybody is {far}",
+        f"a joint's position changes, or all people are {far}",
     )

@@ -1,8 +1,8 @@
-"""Whether a robot that backs out along its plan recedes from everybody with every part of itself.
+"""Whether a robot that backs out along its plan recedes from all people with every part of itself.
 
-Recovery needs the direction before the robot moves. Measured velocities tell it only above
+Recovery needs the direction before the robot moves. Measured velocities show it only above
 ``DIRECTED_M_S``, the speed that recovery permits at most, and a robot that stands has none. Letting
-it creep until its direction shows would let it creep at somebody. So only the way that it came on
+it creep until its direction shows would let it creep at a person. So only the way that it came on
 counts: back along its plan, from the place where its joints are.
 """
 
@@ -15,7 +15,7 @@ from hri_predict.zones.body_zones import BodyZones
 FORWARDS_M_S = 0.03
 """A robot that goes forwards by more does not back out. Less may be noise; see ``DIRECTED_M_S``."""
 NEARER_M = 0.001
-"""Less is no coming nearer: as far as the wire's steps of 0.25 mrad move a tip at 2 m, twice."""
+"""Maximum approach that is ignored: two steps of the wire (0.25 mrad) at a tip 2 m away."""
 STEPS = 16
 """Places on the way back at which distances are compared."""
 
@@ -23,13 +23,13 @@ STEPS = 16
 def why_not_backing_out(
     robot: RobotConstants, now: RobotNow, motion: RobotMotion, bodies: BodyZones
 ) -> str:
-    """Why the robot would not recede from everybody until it stands again; "" if it would.
+    """Return why the robot would not recede from all people until it stands again; "" if it would.
 
     Args:
         robot: with ``modes.recovery`` and a plan, or it is refused.
         now: the robot.
-        motion: how it moves.
-        bodies: everybody, as captured.
+        motion: its motion.
+        bodies: all people, as captured.
     """
     recovery = robot.robot.modes.recovery
     if recovery is None or robot.plan is None or now.place_s is None:

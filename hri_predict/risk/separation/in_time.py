@@ -40,7 +40,7 @@ _NEVER_M = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AnyWay:
-    """What a robot may do in any direction, and which speeds to try in its present direction.
+    """Speed permitted in any direction, and the speeds to try in the robot's present direction.
 
     Attributes:
         limits: highest speed by margin. spare_m: distance left beyond the clearance if it stands
@@ -67,7 +67,7 @@ class TimeByTime:
     highest of ``SPEED_LEVELS`` speeds for which it and all slower ones are clear. (A faster robot
     may pass a person before a slower one would meet them, so all slower speeds must be clear.) Each
     distance is the smallest over all links and people: a robot may be faster only if no link comes
-    too close to anybody.
+    too close to a person.
 
     Attributes:
         times_s: (K+1,) as in ``Zones``; a course's steps are 1..K of it.
@@ -99,7 +99,8 @@ class TimeByTime:
         return self.finding(course.separation_m, course.standing, any_way, ahead)
 
     def any_way(self, standing: NearestInTime, is_foreseen: bool) -> AnyWay:
-        """What the distances to the robot where it is now permit in any direction.
+        """Return the speed permitted in any direction by the distances to the robot's present
+        place.
 
         Args:
             standing: (K,) for the steps after now.

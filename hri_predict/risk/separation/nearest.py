@@ -38,7 +38,7 @@ class Courses:
 
 
 class BodiesInTime:
-    """Everybody's capsules, step by step, ready for comparison with a robot's.
+    """The capsules of all people, step by step, ready for comparison with a robot's.
 
     Args:
         people: (P, K, S) capsules, P >= 1.

@@ -85,10 +85,10 @@ def judge_receding(
     margins_m: Sequence[float],
     human_m_s: float = 0.0,
 ) -> Finding:
-    """Let a robot that recedes from everybody be as fast as the people alone permit.
+    """Let a robot that recedes from all people be as fast as the people alone permit.
 
     If every link's distance to every person grows until the robot stands, the robot moves towards
-    nobody: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``TimeByTime``, a speed is
+    no person: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``TimeByTime``, a speed is
     permitted only together with every slower one, and warnings regard any direction.
 
     Args:
@@ -163,7 +163,7 @@ def by_standard(
     standing: NearestInTime | None = None,
     by_motion: bool = True,
 ) -> Finding:
-    """By the protective separation distance: everybody together, and each fast person alone.
+    """By the protective separation distance: all people together, and each fast person alone.
 
     Of a fast person only the segments that are fast count alone, at their own speed. A person whose
     speed is unknown counts as fast with all segments.
@@ -171,9 +171,9 @@ def by_standard(
     Args:
         robot, motion: the robot and how it moves.
         bodies: the people.
-        who: indices of those who count, one at least; ``None``: everybody.
-        standing: the distances of zones over time to the robot where it is now, if everybody
-            counts; ``None``: they are not known.
+        who: indices of those who count, one at least; ``None``: all people.
+        standing: the distances of zones over time to the robot where it is now, if all people
+            count; ``None``: they are not known.
         by_motion: whether to look for a receding robot. Zones over time take its motion into
             account already.
     """
@@ -273,7 +273,7 @@ def _receding(
     *,
     human_m_s: float,
 ) -> Finding:
-    """The same, where the robot recedes from everybody while it goes on and stops."""
+    """The same, where the robot recedes from all people while it goes on and stops."""
     is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
     if is_free or not motion.is_foreseen or not motion.is_one_path:
         return found

@@ -1,4 +1,4 @@
-"""What the zones over time mean for each robot; the distances of all robots are found together."""
+"""Effect of the zones over time on each robot; the distances of all robots are found together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from hri_predict.robots.motion import RobotMotion
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """What the zones over time mean for one robot.
+    """Effect of the zones over time on one robot.
 
     Attributes:
         standing: (K+1,) distances to the robot where it is now; entry 0 as captured.

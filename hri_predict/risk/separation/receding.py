@@ -1,4 +1,4 @@
-"""How far along its path a robot recedes from everybody with every part of itself.
+"""Distance along its path over which every part of a robot recedes from all people.
 
 In ISO/TS 15066, v_r is the robot's speed *towards* the person. A robot whose tool recedes while its
 elbow swings out does not recede. So each link's distance to each person is followed separately, and

@@ -255,7 +255,7 @@ search = kernel(_search_by_loops, _search_by_arrays)
 
 
 def _groups(group: Ints) -> tuple[Ints, Ints]:
-    """Where each group (ascending, not empty) starts, and the groups' numbers."""
+    """Return the start of each group (ascending, not empty), and the groups' numbers."""
     starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
     return starts, group[starts]
 

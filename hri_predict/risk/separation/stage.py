@@ -37,24 +37,24 @@ from hri_predict.zones.body_zones import BodyZones
 
 @dataclass(frozen=True, slots=True)
 class RobotFindings:
-    """What one tick's bodies mean for one robot.
+    """Findings on one robot from one tick's bodies.
 
     Attributes:
         unknown: why the situation is unknown; the other fields are then ``None``.
-        people: about the people, as the mode judges them; ``None`` if nobody is here.
+        people: about the people, as the mode judges them; ``None`` if there are no people.
         standard: in mode ``predictive``, if the zones do not permit the highest speed: the same
             people, by the standard's separation where its assumptions hold, and by their zones
             where not (``BodyZones.as_assumed``). The milder of the two counts.
         contact: in mode ``hybrid``, in the same case: what contact permits a robot that may touch
             people.
         wherever: of a robot that is not proven to be where it says: about the people, for all
-            places that it can reach; ``None`` if it is proven, or nobody is here.
+            places that it can reach; ``None`` if it is proven, or no person is here.
         unseen: about the space that the sensor does not see; ``None`` if it sees everything.
         speed_m_s: of the robot's fastest point.
         tool: number of the tool counted with; ``None``: none is named, or the worst of all.
-        asked: what the robot's controllers ask for.
-        not_backing_out: why it would not recede from everybody if it backed out; "" if it would, or
-            if nobody asks.
+        asked: requests of the robot's controllers.
+        not_backing_out: why it would not recede from all people if it backed out; "" if it would,
+            or if it was not requested.
         motion: the robot as it was judged; ``None`` if the situation is unknown.
     """
 
@@ -73,7 +73,7 @@ class RobotFindings:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What the separation stage found in one tick: by robot, and by named zone of the user's."""
+    """Findings of the separation stage in one tick: by robot, and by named zone of the user's."""
 
     robots: tuple[RobotFindings, ...]
     named: tuple[NamedZoneState, ...]
@@ -90,7 +90,7 @@ class Separation:
         settings: see ``RiskSettings``.
         robots: R of them.
         named: the user's zones.
-        view: what the sensor sees; ``None``: everything.
+        view: space that the sensor sees; ``None``: everything.
         times_s: (K+1,) the zones' times, see ``Zones``.
         horizon_s: the forecast's last step after the capture.
         contact: judges of contact by the index of the robot that may touch people.
@@ -117,7 +117,7 @@ class Separation:
         self._farthest_m = [_farthest(r, times_s) for r in robots]
 
     def warm_up(self) -> None:
-        """Compile what is compiled, before time matters."""
+        """Compile the numba kernels before the first tick."""
         warm_up(self._robots, self._times_s)
 
     def revise(self, robot: int) -> None:
@@ -132,7 +132,7 @@ class Separation:
         """Compare all bodies with all robots.
 
         Args:
-            bodies: everybody. If ``bodies.untrusted``, people may be anywhere: every robot's
+            bodies: all people. If ``bodies.untrusted``, people may be anywhere: every robot's
                 situation is unknown, and every named zone counts as occupied.
             robots: R, where each robot is now.
         """
@@ -200,7 +200,7 @@ class Separation:
     def _motion(
         self, robot: int, now: RobotNow, bodies: BodyZones
     ) -> RobotMotion | tuple[Reason, ...]:
-        """How the robot moves, or why that is unknown."""
+        """Return the robot's motion, or why it is unknown."""
         if now.reasons:
             return now.reasons
         if not _is_known(now):
@@ -257,7 +257,7 @@ class Separation:
     def _others(
         self, robot: int, motions: Mapping[int, RobotMotion], until_s: float
     ) -> list[Capsules | None]:
-        """Where each other robot may be until then; ``None``: nobody knows, or it is too fast."""
+        """Return where each other robot may be until then; ``None``: unknown, or it is too fast."""
         result: list[Capsules | None] = []
         for i in range(len(self._robots)):
             if i == robot:
@@ -286,7 +286,7 @@ class Separation:
         """By the standard for those who move as it assumes, by their zones for all others.
 
         Each person is judged by one argument that holds for that person, and the robot meets the
-        demands of all. ``None``: nobody moves as assumed.
+        demands of all. ``None``: no person moves as assumed.
         """
         assumed = np.flatnonzero(bodies.as_assumed)
         if not assumed.size:

@@ -1,4 +1,4 @@
-"""What the sensor does not see: somebody may stand just outside its field of view and come in."""
+"""Unseen space: a person may stand just outside the sensor's field of view and come in."""
 
 import numpy as np
 
@@ -25,9 +25,9 @@ def beside_view(
 
     Args:
         robot, motion: the robot and how it moves.
-        view: what the sensor sees.
+        view: space that the sensor sees.
         age_s: of that capture.
-        judging: how distances over time are judged; ``None``: only the distance now counts.
+        judging: judgement of distances over time; ``None``: only the distance now counts.
         margin_m: distance to keep beyond C + Z_d + Z_r.
     """
     distance_m = float(view.distance_outside(motion.capsules).min()) - margin_m
@@ -47,6 +47,6 @@ def beside_view(
 
 
 def _nobody(distance_m: Floats) -> NearestInTime:
-    """Distances to nobody in particular."""
+    """Return distances to no particular person."""
     unknown = np.full(len(distance_m), -1)
     return NearestInTime(distance_m, unknown, unknown, unknown)

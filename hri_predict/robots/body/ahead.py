@@ -1,4 +1,4 @@
-"""Where a robot is on its path as it moves on and stops: as loops and as arrays.
+"""Positions of a robot on its path as it moves on and stops: as loops and as arrays.
 
 Each version computes the same; the order of operations differs, so they agree to rounding. L
 speeds, K times, N joints.
@@ -33,7 +33,7 @@ def _phases_by_arrays(
 
     Args:
         path: of the robot.
-        tables: how it stops.
+        tables: its stopping tables.
         start: its phase at time 0, and seconds from there until it brakes.
         asked: (L,) speeds of its fastest point; (K,) times, from 0, not falling.
     """
@@ -115,7 +115,7 @@ def _straight_by_arrays(
 
     Args:
         joints: (N,) positions and velocities now.
-        tables: how it stops.
+        tables: its stopping tables.
         moves: (L,) factors of the velocities, (L,) seconds from braking to rest at each, and the
             speed of the fastest point at factor 1.
         times: (K,) times; seconds from 0 until it brakes.

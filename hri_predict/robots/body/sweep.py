@@ -1,4 +1,4 @@
-"""How far a capsule's ends may be from where they are computed, along a stretch of a path.
+"""Maximum error of the computed ends of a capsule, along a stretch of a path.
 
 Let x be an end of a capsule's axis and h half the stretch. From the chord between the stretch's
 ends x departs by at most max|x''| h^2 / 2, and the chord from its own middle by half its length; so
@@ -30,7 +30,7 @@ from hri_predict.base.geometry import norm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """What C capsules hang on, joint by joint of N.
+    """Joints that carry C capsules, joint by joint of N.
 
     Attributes:
         arms: (C, N) lengths of the rigid pieces behind each joint, to the capsule's farther end.

@@ -1,4 +1,5 @@
-"""Where a robot's capsules are, how fast they move, and what they sweep: as loops and as arrays.
+"""Positions and speeds of a robot's capsules, and the space that they sweep: as loops and as
+arrays.
 
 Each version computes the same; the sums' order differs, so they agree to rounding. N joints, C
 capsules, M configurations or paths, K places on a path.

@@ -3,7 +3,7 @@
 No clock is shared, so two places are compared at one moment, each carried on by its velocities.
 True ones then differ by the delays that are not known, times the speed, by the change of the speed
 meanwhile, and by noise. What they differ by is added to the robot's uncertainty; a greater
-difference than that is a contradiction, and nobody knows which of them is right.
+difference than that is a contradiction, and it is unknown which of them is right.
 """
 
 from dataclasses import dataclass
@@ -21,11 +21,11 @@ JITTER_S = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """Where a robot is at a moment, as one controller or a plan says.
+    """Place of a robot at a moment, by one controller or a plan.
 
     Attributes:
         q, qd: (N,) rad, m and per second, carried on to that moment.
-        ahead_s: for how long it was carried on, at most.
+        ahead_s: maximum time for which it was carried on.
         delay_s: by how much its age may differ from what was assumed.
     """
 
@@ -36,7 +36,7 @@ class Place:
 
 
 def apart_m(model: RobotModel, a: Place, b: Place) -> float:
-    """How far any point of the robot is from one place to the other, metres: an upper bound to
+    """Return the maximum distance of any robot point between two places, metres: an upper bound to
     first order."""
     off = a.q - b.q
     if model.mobile is not None:  # a full turn of its heading is none
@@ -47,7 +47,7 @@ def apart_m(model: RobotModel, a: Place, b: Place) -> float:
 def permitted_m(
     model: RobotModel, a: Place, b: Place, *, speed_m_s: float, acceleration_m_s2: float
 ) -> float:
-    """How far they may be apart if both are true, metres.
+    """Return the maximum distance between two places if both are true, metres.
 
     Args:
         model: the robot.

@@ -29,13 +29,13 @@ COUNTERS = 1 << 16
 RESTART = 1000
 """A counter that advances by more has restarted."""
 PAUSE_S = 0.2
-"""After a longer silence the comparison starts anew."""
+"""After a longer silence the comparison starts again."""
 LAG_S = 0.03
-"""How long a controller may filter its velocities."""
+"""Maximum time over which a controller filters its velocities."""
 MOVES = 0.01
 """A slower coordinate may stand: noise of a velocity, rad/s or m/s (``plausibility``)."""
 DITHER = 0.0005
-"""A smaller change of a place is no motion: two steps of the wire, rad, m."""
+"""Minimum change of a place that counts as motion: two steps of the wire, rad, m."""
 BASE_DITHER = 0.001
 """The same of a moving base's place and heading, whose steps on the wire are larger."""
 TRAVEL = 0.002

@@ -71,7 +71,7 @@ class Line:
         return [reason for reason in found if reason is not None]
 
     def place(self, now_ns: int, motion: StateMotion) -> Place:
-        """Where its newest state puts the robot at ``now_ns``: carried on, but not past limits."""
+        """Return the place at ``now_ns`` by the newest state: carried on, but not past limits."""
         state, model = self.state, self._model
         assert state is not None  # the caller has seen it
         age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)

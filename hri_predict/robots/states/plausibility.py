@@ -25,7 +25,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.states.frozen import COUNTERS, LAG_S, PAUSE_S, RESTART, FrozenCheck
 
 WINDOW_S = 0.3
-"""How far back states are compared."""
+"""Time span over which states are compared."""
 LEAST_STATES = 4
 """Fewer states in the window prove nothing."""
 LEAST_SPAN_S = 0.05
@@ -33,7 +33,7 @@ LEAST_SPAN_S = 0.05
 APART_S = 0.008
 """States that arrive closer together count as one, so a fast sender costs no more time."""
 MEMORY_S = 2.0
-"""How long arrivals are kept to measure the jitter."""
+"""Time for which arrivals are kept to measure the jitter."""
 LEARNT_S = 0.4
 """Arrivals over a shorter time do not show the jitter yet, so nothing is compared before."""
 JITTER_S = 0.01
@@ -45,7 +45,7 @@ NOISE = 0.004
 OFFSET_PER_S = 0.01
 """Noise and rounding (0.001) of a velocity that adds up, rad/s or m/s."""
 JUMP_NOISE = 0.01
-"""A smaller step of a position is no jump, rad or m."""
+"""Minimum step of a position that counts as a jump, rad or m."""
 JUMP_JITTER_S = 0.1
 """Two states that were sampled this long apart may arrive together."""
 SPEED_SHARE = 0.1
@@ -55,7 +55,7 @@ ONE_STEP = 0.7
 HELD_S = 3.0
 """A finding is held this long after it was last made: a robot that stops disproves nothing."""
 RESTARTS, RESTARTS_S = 3, 2.0
-"""A counter that restarts so often in this time does not count: nothing can be compared."""
+"""Restarts within this time after which a counter is ignored: nothing can be compared."""
 
 
 _COUNTER = {
@@ -87,7 +87,7 @@ class StateCheck:
             but too little for a finding; ``None`` if there is none. The true velocity may be this
             much higher.
         counters: numbers of the findings ``velocity_wrong``, ``jumped`` and ``miscounted``.
-        frozen: looks for an old place that is repeated; its owner sets it. ``None``: nobody does.
+        frozen: looks for an old place that is repeated; its owner sets it. ``None``: none does.
     """
 
     def __init__(self, velocity_max: Floats, noise: Floats | float = 0.0) -> None:
@@ -131,7 +131,7 @@ class StateCheck:
             self.frozen.take(counter, q, qd, received_ns=received_ns, period_s=self.period_s)
 
     def reason(self, now_ns: int) -> Reason | None:
-        """What is wrong at ``now_ns``; ``None`` if nothing was found lately."""
+        """Return the fault at ``now_ns``; ``None`` if none was found lately."""
         return self._found if now_ns < self._held_until_ns else None
 
     @property
@@ -143,7 +143,7 @@ class StateCheck:
 
     @property
     def jitter_s(self) -> float:
-        """How much the delays of the arrivals differ."""
+        """Spread of the arrivals' delays."""
         return self._spread_s() if self._arrivals else 0.0
 
     def _follow(self, before: _State, state: _State) -> None:
@@ -235,7 +235,7 @@ class StateCheck:
         return Reason.ROBOT_VELOCITY_WRONG
 
     def _spread_s(self) -> float:
-        """How much the delays of the arrivals differ, if the states were sampled evenly."""
+        """Return the spread of the arrivals' delays, if the states were sampled evenly."""
         values = np.array(self._arrivals, dtype=np.int64)
         at, count = (values - values[0]).T
         off = at - count * (at[-1] / max(int(count[-1]), 1))

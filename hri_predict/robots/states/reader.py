@@ -8,7 +8,7 @@ from hri_predict.robots.model import RobotModel
 from hri_predict.robots.settings import POSITION_TOLERANCE
 
 VELOCITY_TOLERANCE = 0.1
-"""How far beyond a limit a reported velocity may lie, as a fraction of the limit: a servo
+"""Maximum excess of a reported velocity over a limit, as a fraction of the limit: a servo
 overshoots for a moment."""
 Joints = tuple[tuple[float, ...], tuple[float, ...]]
 """Positions and velocities, the base's first."""

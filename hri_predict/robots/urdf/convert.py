@@ -129,8 +129,8 @@ def decelerated(deceleration: float, delay_s: float, payload_kg: float) -> dict[
     table = {
         "source": (
             f"MODEL, NOT MEASURED: full speed for {delay_s:g} s (brake build-up), "
-            f"then uniform deceleration of {deceleration:g} m/s2, as given by whoever converted "
-            f"the URDF. Measure your own robot, with its own load, before relying on any of it."
+            f"then uniform deceleration of {deceleration:g} m/s2, as given when the URDF was "
+            "converted. Measure your own robot, with its own load, before relying on any of it."
         ),
         "speed_m_s": SPEEDS_M_S,
         "rows": [

@@ -1,4 +1,4 @@
-"""What Pinocchio reads from a URDF's chain: joints, and collision geometry as spheres.
+"""Data that Pinocchio reads from a URDF's chain: joints, and collision geometry as spheres.
 
 Pinocchio (J. Carpentier et al., "The Pinocchio C++ library", SII 2019) merges rigidly fixed links
 and places all geometry; its mesh loader is Assimp.
@@ -113,7 +113,7 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
     bare = [link for link in carriers.values() if link not in covered]
     if bare:
         raise RobotError(
-            f"link '{bare[0]}' has no shape, so nobody would be kept clear of it; "
+            f"link '{bare[0]}' has no shape, so people would not be kept clear of it; "
             f"add a <collision>, a small sphere where there is next to nothing"
         )
     return bodies
@@ -136,7 +136,9 @@ def _axis(joint: ElementTree.Element, name: str) -> list[float]:
     text = "1 0 0" if element is None else element.get("xyz", "1 0 0")  # URDF's default
     axis = np.array([_number(word, f"joint '{name}': axis") for word in text.split()])
     if axis.shape != (3,) or not 1e-6 < np.abs(axis).max() < 1e6:
-        raise RobotError(f"joint '{name}': axis '{text}' is no direction; give three numbers")
+        raise RobotError(
+            f"joint '{name}': axis '{text}' is not a direction; give three numbers, not all zero"
+        )
     return [round(float(v), 15) for v in axis / np.linalg.norm(axis)]
 
 

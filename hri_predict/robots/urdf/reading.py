@@ -1,4 +1,4 @@
-"""What a URDF may contain: everything else is refused or reported, because it would not be read.
+"""Allowed content of a URDF: everything else is refused or reported, because it would not be read.
 
 A URDF library skips what it does not know. So a part that xacro was to insert, a misspelt element
 or an attribute of another dialect would be missing from the robot without a word.

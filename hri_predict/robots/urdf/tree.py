@@ -1,6 +1,6 @@
 """The part of a URDF that a robot file is made from, read as untrusted input.
 
-A URDF is somebody else's file: its XML is refused if it declares entities (which can grow without
+A URDF comes from a third party: its XML is refused if it declares entities (which can grow without
 bound or name other files), nothing is fetched from a network, and every mesh must be a file here.
 What is left is a URDF of links, joints and collision geometry alone, with absolute mesh paths, for
 a URDF library to read. Specification: wiki.ros.org/urdf/XML (joint, link).
@@ -40,7 +40,7 @@ SIZES = {  # number of numbers of each
 
 @dataclass(frozen=True, slots=True)
 class UrdfChain:
-    """What hangs on the base link: one chain of moving joints, and links rigidly fixed to it.
+    """Parts that hang on the base link: one chain of moving joints, and links rigidly fixed to it.
 
     Attributes:
         name: name of the robot.

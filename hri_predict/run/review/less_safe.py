@@ -8,7 +8,7 @@ from hri_predict.run.assemble import build_budget, build_robots, build_source
 from hri_predict.run.config import Config
 
 NEGLIGIBLE_S = 0.01 + 1e-9
-"""By so much ``motion.delay_s`` may be below the delay of its link: 1 cm at 1 m/s."""
+"""Maximum amount by which ``motion.delay_s`` may be below the delay of its link: 1 cm at 1 m/s."""
 
 
 def less_safe_settings(config: Config) -> list[Finding]:

@@ -159,9 +159,9 @@ function drawDetails(cell) {
 function drawTrouble() {
   const told = page.told;
   const says = isLate()
-    ? told ? "NO CONTACT: this page lost hri-predict fleet " + seconds(sinceHeardMs() / 1000) + " ago. Nothing here is of now."
+    ? told ? "NO CONTACT: this page lost hri-predict fleet " + seconds(sinceHeardMs() / 1000) + " ago. Nothing here is current."
       : "Waiting for hri-predict fleet."
-    : !told.known ? "NO CONTACT: " + told.why + ". Nothing here is of now."
+    : !told.known ? "NO CONTACT: " + told.why + ". Nothing here is current."
       : told.trouble ? "Not connected: " + told.trouble
         : told.left_out ? told.left_out + " messages are ignored: unknown keys or too many cells."
           : told.cells.length ? "" : "No message from any cell yet.";

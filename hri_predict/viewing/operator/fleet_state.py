@@ -1,4 +1,4 @@
-"""What the page of many cells is told."""
+"""Data for the page of many cells."""
 
 from typing import Any
 

@@ -11,7 +11,7 @@ QUIET = ("CLEAR",)
 
 
 class History:
-    """The newest changes of level, each once, with whether somebody has read it.
+    """The newest changes of level, each once, with whether it was read.
 
     Reading an alert changes nothing for the robot. A latched stop is acknowledged at the cell.
 

@@ -23,17 +23,17 @@ from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import read
 
 SOONEST_S = 0.05
-"""Browsers are told at most so often while alerts come, or are marked as read,"""
+"""Minimum interval of updates to browsers while alerts come, or are marked as read,"""
 QUIET_S = 0.5
-"""and at least so often: a page that hears nothing for longer turns grey."""
+"""and maximum interval: a page that hears nothing for longer turns grey."""
 FAREWELL_S = 1.0
 MAX_BROWSERS = 32
 MAX_CONNECTIONS = 96
-"""Browsers that listen, and whoever asks beside them; each has a thread and a file."""
+"""Browsers that listen, and other requests besides them; each has a thread and a file."""
 REQUEST_S = 5.0
-"""A request must be whole by then: a time limit of a socket begins anew with every byte."""
+"""A request must be whole by then: a time limit of a socket begins again with every byte."""
 SENDS_BYTES = 65_536
-"""What may wait for a browser that does not read, before it is let go."""
+"""Amount that may wait for a browser that does not read, before it is disconnected."""
 MAX_BODY = 1024
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _SHARED = ("common.js", "common.css")
@@ -88,7 +88,7 @@ class Server(ThreadingHTTPServer):
             self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that went away is no error."""
+        """A browser that went away is not an error."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -147,7 +147,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _is_ours(self) -> bool:
         """Refuse other sites' pages: by the name they ask for, and by the origin they state.
 
-        A name that somebody else's server resolves to this address must not read the page.
+        A name that another server resolves to this address must not read the page.
         """
         with contextlib.suppress(ValueError):  # neither name nor address
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
@@ -181,7 +181,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.browsers.release()
 
     def _tell(self, alerts: int) -> int:
-        """Tell all but alerts that this browser has; return the version of those it has now."""
+        """Send all but alerts that this browser has; return the version of those it has now."""
         said = self.server.state.told(alerts)
         self.wfile.write(f"data: {json.dumps(said)}\n\n".encode())
         self.wfile.flush()
@@ -214,12 +214,12 @@ class _Handler(BaseHTTPRequestHandler):
 class Published:
     """Addresses under which proxies serve a page, such as ``https://plant.example/cells/7``.
 
-    What a proxy says about itself (``X-Forwarded-Host``, ``Forwarded``) is not believed: anybody
-    can send it. Only what was configured counts.
+    What a proxy says about itself (``X-Forwarded-Host``, ``Forwarded``) is not believed: anyone can
+    send it. Only what was configured counts.
 
     Attributes:
         hosts: their names.
-        origins: what browsers send as ``Origin`` from there.
+        origins: values that browsers send as ``Origin`` from there.
     """
 
     def __init__(self, urls: Sequence[str]) -> None:
@@ -258,7 +258,7 @@ def serve(state: State, name: str) -> None:
     """Serve a page until the pipe ends: what ``python -m`` runs.
 
     Args:
-        state: what it tells, of the pictures that come.
+        state: its content, from the pictures that come.
         name: of its files.
     """
     parser = argparse.ArgumentParser()

@@ -1,4 +1,4 @@
-"""What an operator's page is told, of the newest picture and the history."""
+"""Data for an operator's page, from the newest picture and the history."""
 
 import threading
 import time
@@ -8,7 +8,7 @@ from hri_predict.viewing.operator.history import History
 from hri_predict.viewing.picture import Picture
 
 SILENT_S = 1.0
-"""No picture for so long: nothing is known of now."""
+"""Maximum age of a picture; after that the current state is unknown."""
 
 
 class State:
@@ -18,7 +18,7 @@ class State:
         history: of the alerts.
         ended: whether the pictures have ended.
         who: sends the pictures, as people call it.
-        told_s: browsers are told at most so often, unless there is an alert.
+        told_s: minimum interval of updates to browsers, unless there is an alert.
     """
 
     who = "the node"
@@ -41,7 +41,7 @@ class State:
         self.tell()
 
     def end(self) -> None:
-        """Tell everybody that no more pictures come."""
+        """Notify all browsers that no more pictures come."""
         self.ended = True
         self.tell()
 
@@ -58,18 +58,18 @@ class State:
             self._changed.notify_all()
 
     def wait(self, seen: int, timeout_s: float) -> int:
-        """Wait until there is something newer than ``seen``, at most so long; return the newest."""
+        """Wait for something newer than ``seen``, at most this long; return the newest."""
         with self._changed:
             self._changed.wait_for(lambda: self._version > seen, timeout_s)
             return self._version
 
     def wait_for_alerts(self, seen: int, timeout_s: float) -> None:
-        """Wait until the history is another than ``seen``, at most so long."""
+        """Wait until the history is another than ``seen``, at most for this time."""
         with self._changed:
             self._changed.wait_for(lambda: self.history.version != seen or self.ended, timeout_s)
 
     def told(self, alerts: int = -1) -> dict[str, Any]:
-        """What the page shows now: of a node that is silent no level, only since when.
+        """Return the page's current content: of a node that is silent no level, only since when.
 
         Args:
             alerts: the version of the history that is known there; without a newer one it is left
@@ -94,7 +94,7 @@ class State:
         return said | (self._now(facts, silent_s) if known else {})
 
     def _always(self, facts: dict[str, Any], silent_s: float) -> dict[str, Any]:
-        """What is told even while nothing is known of now: names, and how old the picture is."""
+        """Return the data sent even while the state is unknown: names, and the picture's age."""
         return {
             "silent_s": silent_s if facts else None,
             "cell": facts["room"]["cell"] if facts else "",
@@ -102,7 +102,7 @@ class State:
         }
 
     def _now(self, facts: dict[str, Any], since_s: float) -> dict[str, Any]:
-        """What is told while the picture, made ``since_s`` ago, is of now."""
+        """Return the state shown while the picture, made ``since_s`` ago, is current."""
         tracked = facts["tracked"]
         return {
             "levels": [_robot(robot) for robot in facts["robots"]],

@@ -21,12 +21,13 @@ from hri_predict.viewing.scene3d.stage import Stage
 KEPT_S = 60.0
 DRAWN_HZ = 15.0
 SILENT_S = 1.0
-"""No picture for so long: what is shown is not now, and grey."""
+"""Maximum age of the picture; after that the view is grey."""
 NOW_S = 0.7
-"""Less than so far back is now, and the newest picture: a pixel of the slider is a third of a
-second, and who clicks at its end may miss it by one."""
+"""Slider positions closer to the end than this count as live: one pixel is a third of a second,
+so a click at the end may land one short.
+"""
 FAREWELL_S = 1.0
-"""After the end, browsers are given so long to take the last, grey picture."""
+"""Time after the end for browsers to take the last, grey picture."""
 
 
 class Kept:
@@ -50,7 +51,7 @@ class Kept:
             return self._kept[-1] if self._kept else None
 
     def copy(self) -> "Kept":
-        """The same pictures, which nobody forgets."""
+        """Return the same pictures, which are never dropped."""
         other = Kept()
         with self._lock:
             other._kept = self._kept.copy()
@@ -81,12 +82,12 @@ class Kept:
 
 
 def _part(ago_s: float) -> int:
-    """Which part of the last minute was so long ago; negative: an earlier one."""
+    """Return the part of the last minute that was this long ago; negative: an earlier one."""
     return min(math.floor((1.0 - ago_s / KEPT_S) * STRIP_PARTS), STRIP_PARTS - 1)
 
 
 class LiveView:
-    """What the browser shows of the pictures that were kept."""
+    """View in the browser of the pictures that were kept."""
 
     def __init__(self, host: str, port: int, kept: Kept) -> None:
         self._kept = kept

@@ -1,4 +1,4 @@
-"""The text beside the 3D scene, as HTML that escapes everything."""
+"""The text next to the 3D scene, as HTML that escapes everything."""
 
 from collections.abc import Sequence
 from html import escape
@@ -22,7 +22,7 @@ _LEGEND = (
     (FORECAST, "faint", "where the person is predicted to be, up to zones ahead"),
     (COLOURS["SLOW"], "faint", "zone: where the person may be at zones ahead; in the worst level"),
     (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),
-    (LOST, "faint", "lost person; shadow or floor where somebody could stand unseen"),
+    (LOST, "faint", "lost person; shadow or floor where a person could stand unseen"),
     (VIEW, "line", "field of view"),
     (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry predicted, red occupied"),
     (GRID, "line", "floor: a line each half metre, brighter each metre"),
@@ -34,21 +34,21 @@ _TRACK = "6px 67px 0 120px"
 ROOM_FOR_BAR = "<style>.mantine-ScrollArea-viewport{padding-right:12px}</style>"
 """viser's scroll bar lies on top of what it scrolls; so it lies beside it."""
 BEAT_S, STILL_S = 0.5, 4.0
-"""What is of now comes again so often, and a view that gets nothing is covered after so long."""
+"""Interval at which live values are resent; a view without updates is greyed out after STILL_S."""
 _UNFOLDED = (
     "<style>[data-dock-region-handle],[data-dock-minimize],[aria-label^='Collapse panel']"
     "{visibility:hidden!important}</style>"
 )
 """A live panel cannot be folded away: it would take the cover along."""
 STRIP_PARTS = 240
-"""A timeline has so many parts at most; each shows the worst level within."""
+"""Maximum number of parts of a timeline; each shows the worst level within."""
 
 
 def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 0) -> str:
     """The levels of a picture: ``stale`` says why it is not now, in grey; ``when`` it was recorded.
 
     Its height is always the same for the same robots, so that nothing below it moves under a hand.
-    What is of now has to come again with another ``beat``, or the browser covers the whole view.
+    Current values have to come again with another ``beat``, or the browser covers the whole view.
     """
     if when:
         parts = [_line("RECORDED", GREY, when)]
@@ -65,11 +65,12 @@ def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 
 
 
 def _cover(beat: int) -> str:
-    """Comes over the whole view by itself, unless it is replaced before: nothing else tells a
-    browser that the view's process, or the network, has stopped."""
+    """Comes over the whole view by itself, unless it is replaced before: nothing else shows a
+    browser that the view's process, or the network, has stopped.
+    """
     return (
         "<style>@keyframes hri-still{0%,95%{opacity:0}100%{opacity:1}}"
-        ".still::after{content:'NO CONTACT: nothing here is of now'}</style>"
+        ".still::after{content:'NO CONTACT: nothing here is current'}</style>"
         f'<div class="still" data-beat="{beat}" style="position:fixed;inset:0;z-index:10000;'
         "pointer-events:none;display:flex;align-items:center;justify-content:center;"
         f"background:{css(GREY)};color:#fff;font-size:34px;font-weight:800;opacity:0;"
@@ -83,7 +84,7 @@ def note(text: str) -> str:
 
 
 def details(facts: dict[str, Any]) -> str:
-    """What else is known of a picture."""
+    """Return further facts of a picture."""
     tables = [_table(_of_robot(robot)) for robot in facts["robots"]]
     return f'<div style="padding:0 12px">{"".join(tables)}{_table(_of_cell(facts))}</div>'
 
@@ -98,7 +99,7 @@ def badge(word: str, rgb: Rgb, line: str) -> str:
 
 
 def _line(word: str, rgb: Rgb, line: str) -> str:
-    """A word on a colour, and what is said of it beside."""
+    """Return a word on a colour, and the text next to it."""
     return (
         f'<div style="font-size:13px;{_ONE_LINE}"><span style="background:{css(rgb)};color:#fff;'
         f'border-radius:4px;padding:1px 8px;font-weight:800">{escape(word)}</span> {escape(line)}'
@@ -123,7 +124,7 @@ def strip(levels: Sequence[str]) -> str:
 
 
 def legend() -> str:
-    """What is what in the scene."""
+    """Return the legend of the scene."""
     rows = "".join(
         f'<tr><td style="padding-right:10px">{_swatch(rgb, shape)}</td><td>{escape(text)}</td></tr>'
         for rgb, shape, text in _LEGEND

@@ -61,7 +61,7 @@ class Playback:
 
     @property
     def url(self) -> str:
-        """Where a browser finds it."""
+        """Address for a browser."""
         return address(self.server)
 
     def go(self, position_s: float, *, play: bool = False) -> None:
@@ -91,7 +91,7 @@ class Playback:
         self._asked.append(what)
 
     def _do(self, what: str) -> None:
-        """What a button or a key asks."""
+        """Do what a button or a key requests."""
         if what == PLAY:
             self._play.value = not self._play.value  # type: ignore[misc]
             return
@@ -130,7 +130,7 @@ class Playback:
             self._stage.draw(self._last, 0.0, known=False)
 
     def _limited(self, picture: Picture) -> float:
-        """How far ahead zones are drawn; the slider ends where the horizon does."""
+        """Return the time ahead of the drawn zones; the slider ends where the horizon does."""
         ahead_s = bounded(self._ahead.value, 0.0, MAX_AHEAD_S)
         horizon_s = max(picture.facts["times_s"], default=0.0)
         if horizon_s > 0 and abs(self._ahead.max - horizon_s) > 0.01:
@@ -140,7 +140,7 @@ class Playback:
 
 
 def _factor(speed: str) -> float:
-    """A speed of the list; whoever reaches the port can send any text."""
+    """A speed of the list; any client of the port can send any text."""
     return float(speed) if speed in SPEEDS else 1.0
 
 

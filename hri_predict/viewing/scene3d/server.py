@@ -11,18 +11,18 @@ from hri_predict.viewing.scene3d.panel import ROOM_FOR_BAR, legend
 
 TITLE = "hri-predict"
 MAX_AHEAD_S = 3.0
-"""Where the slider of zones ahead ends until the horizon is known."""
+"""End of the slider of zones ahead until the horizon is known."""
 
 
 def bounded(value: float, low: float, high: float) -> float:
-    """A slider's value; whoever reaches the port can send any number, and NaN."""
+    """A slider's value; any client of the port can send any number, and NaN."""
     return min(max(value, low), high) if value == value else low
 
 
 def serve(host: str, port: int) -> viser.ViserServer:
     """Start the server; port 0 is any free one.
 
-    viser can publish a view through a relay of its makers: here nobody can ask for that.
+    viser can publish a view through a relay of its makers: here this cannot be requested.
     """
     if not port:
         port = _free(host)
@@ -47,7 +47,7 @@ def add_legend(gui: viser.GuiApi) -> None:
 
 
 def address(server: viser.ViserServer) -> str:
-    """Where a browser finds it."""
+    """Return the address for a browser."""
     host = server.get_host()
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 

@@ -14,7 +14,7 @@ from hri_predict.viewing.scene3d.tags import Tags
 SKY, SUN = 1.6, 1.8
 """Brightness of the lights."""
 GHOSTS = 3
-"""So many bodies of each forecast are drawn; more of them hide each other."""
+"""Number of bodies of each forecast that are drawn; more of them hide each other."""
 LOOK_FROM_M = np.array([2.5, -3.3, 2.2])
 """From the place that is looked at, at the start."""
 LOOK_AT_M, ASIDE_M = 0.6, 0.9

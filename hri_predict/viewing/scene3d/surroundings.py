@@ -14,7 +14,7 @@ from hri_predict.viewing.unseen import UnseenFloor
 
 UNSEEN_OPACITY, SHADOW_OPACITY = 0.30, 0.22
 ABOVE_M = 0.006
-"""The unseen floor is drawn so high above the floor's grid."""
+"""Height above the floor's grid at which the unseen floor is drawn."""
 _CAMERA_M = 0.07
 _SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], np.float32)
 _SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)

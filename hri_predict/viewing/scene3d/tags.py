@@ -11,7 +11,7 @@ from hri_predict.viewing.picture import Picture, Shapes
 from hri_predict.viewing.scene3d.solids import linear
 
 ABOVE_M = 0.18
-"""Words are so high above what they name."""
+"""Height of words above what they name."""
 RING_M = 0.32
 """Radius of the ring on the floor around a robot's base."""
 _TURNS = np.linspace(0.0, 2 * np.pi, 49)
@@ -95,7 +95,7 @@ def _of_robots(picture: Picture) -> Words:
 
 
 def _of_pairs(picture: Picture) -> Words:
-    """How far the deciding pairs are apart, in the middle of their lines."""
+    """Return the distances of the deciding pairs, in the middle of their lines."""
     return {
         f"separation {robot['name']}": (robot["apart"], np.mean(robot["line"], axis=0))
         for robot in picture.facts["robots"]

@@ -1,1 +1,1 @@
-"""Loops that are too long to stand beside their array operations."""
+"""Loops that are too long to stand next to their array operations."""

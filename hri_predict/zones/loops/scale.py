@@ -12,15 +12,15 @@ from hri_predict.base.arrays import Bools, Floats, Ints
 from hri_predict.base.machine.compiled import part
 
 BACK = (1, 3, 10)
-"""Speeds are measured over so many steps."""
+"""Numbers of steps over which speeds are measured."""
 BEFORE = 4
-"""The speed over the 3 steps before this tells the acceleration."""
+"""The speed over the 3 steps before this gives the acceleration."""
 LEAST_M, MOST_M = 0.01, 5.0
 """Bounds of the scale."""
 BEYOND = 4.0
-"""Inputs count as no farther than so many standard deviations from the fitted mean."""
+"""Maximum distance of inputs from the fitted mean, in standard deviations."""
 SPEED, ERROR = 5.0, 20.0
-"""Of 1 + so much x, the logarithm is read."""
+"""Factor k of log(1 + k·x), which indexes the table."""
 MOST_SPEED, MOST_ERROR = 20.0, 2.0
 _LEAST_LOG, _MOST_LOG = log(LEAST_M), log(MOST_M)
 _SHORT, _STEPS, _LONG = BACK
@@ -37,7 +37,7 @@ class Seen(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """The network, and what is known before anybody is seen. K knots, N inputs.
+    """The network, and what is known before a person is seen. K knots, N inputs.
 
     Attributes:
         rate_hz: steps per second.
@@ -269,7 +269,7 @@ def _inputs_now(given: tuple[Floats, Bools], tables: Tables, now: Floats, veloci
 
 @part
 def _path(history: Floats, observed: Bools, j: int, rate_hz: float) -> tuple[float, float]:
-    """How fast a joint went along its path of late, m/s, and in which share of it it was seen."""
+    """Return a joint's recent speed along its path, m/s, and the share that was seen."""
     length = len(observed)
     first = max(length - 1 - _LONG, 0)
     steps, seen, path = 0, 0, 0.0

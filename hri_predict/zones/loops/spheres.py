@@ -14,10 +14,10 @@ NEVER_S = 1e3
 UNBOUNDED_M = 1e5
 """Radius of a joint before the cut to what bodies can do."""
 FAR_M = 1e4
-"""A coordinate beyond this is no position in a room."""
+"""Maximum coordinate of a position in a room."""
 FRESH_S = 1e-6
 LIMB_M = 0.85
-"""How far a limb gets ahead of its body: an arm's reach by ISO 13855:2010."""
+"""Maximum distance of a limb ahead of its body: an arm's reach by ISO 13855:2010."""
 
 Spheres = tuple[Floats, Floats, Floats, Floats, Floats]
 """``mid``, ``radius``, ``path``, ``inflation`` and ``joint_age`` of ``JointSpheres``."""
@@ -30,7 +30,7 @@ class Bodies(NamedTuple):
         last, joint_age: (N, J, 3) and (N, J) where and when last seen, as in the snapshot.
         growth: (N, J) m/s of a joint that is not forecast.
         limbs: (N, J) how much faster than its body a lost person's joint was.
-        inferred: (N, J) metres: the joint is so near to where it is taken to be.
+        inferred: (N, J) metres: maximum distance of the joint from its assumed place.
         age: (N,) seconds from capture to now.
         waited: (N,) seconds from capture to the time of entry 0.
         unknown: (P,) whose speed is unknown.
@@ -50,7 +50,7 @@ class Bodies(NamedTuple):
 
 
 class Ahead(NamedTuple):
-    """What is known of the future of the P people who are here; empty arrays: nothing.
+    """Knowledge of the future of the P people who are here; empty arrays: nothing.
 
     Attributes:
         given: whether there is a forecast.
@@ -71,7 +71,7 @@ class Ahead(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """What does not change. ``speed`` and ``acceleration`` (J,) are those of the standard.
+    """Constants. ``speed`` and ``acceleration`` (J,) are those of the standard.
 
     ``calibrated``: whether the predictor is, so that physical limits bound what has no radius.
     """

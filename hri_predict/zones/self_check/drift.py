@@ -1,12 +1,12 @@
 """Drift: whether forecasts still hold as often as their calibration states, over minutes.
 
-The self-check widens the zones of one person within a second, and forgets. Drift is about everybody
-and longer times: another tracker, other people, other work, a calibration of something else. It
-changes no zone; it says that a calibration of this site is due.
+The self-check widens the zones of one person within a second, and forgets. Drift is about all
+people and longer times: another tracker, other people, other work, a calibration of something else.
+It changes no zone; it says that a calibration of this site is due.
 
 **Blocks.** Forecasts overlap: 30 of one person are judged by one capture, and errors last. So no
-judgement counts by itself. A *block* is ``BLOCK_S`` of captures with somebody judged, and gives one
-number y from 0 to 1: the share of its judgements, over everybody and all horizons, in which the
+judgement counts by itself. A *block* is ``BLOCK_S`` of captures with a person judged, and gives one
+number y from 0 to 1: the share of its judgements, over all people and all horizons, in which the
 radii *as calibrated* were missed. Blocks are ten times as long as a forecast.
 
 **Test.** With a stated level l the share of misses is bearable up to m0 = min(2 (1 - l),
@@ -14,7 +14,7 @@ radii *as calibrated* were missed. Blocks are ten times as long as a forecast.
 
     1 + lambda (y - m0)
 
-whose mean is at most 1 while the expected y, whatever came before, is at most m0: an e-process (I.
+whose mean is at most 1 while the expected y, given anything before, is at most m0: an e-process (I.
 Waudby-Smith, A. Ramdas, "Estimating means of bounded random variables by betting", JRSS B 86 (2024)
 1). How y is spread does not matter. The evidence never falls below 1, so that a good week does not
 hide a bad day (CUSUM of e-values; J. Shin, A. Ramdas, A. Rinaldo, "E-detectors", NEJSDS 2023): at
@@ -26,7 +26,7 @@ the mean, and at the stated one much later.
 - *Cleared* when it is back at 1: after at least 23 minutes of people in which nothing is missed,
   47 in which 99 % hold. Nothing flaps, because each way is the whole way.
 
-A person who errs more than others for long is no false alarm: what is stated does not hold here.
+A person who errs more than others for long is not a false alarm: what is stated does not hold here.
 """
 
 import logging
@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)
 BLOCK_S = 10.0
 EVIDENCE = 1e5
 SAID_EVERY_S = 3600.0
-"""The log repeats it so often while it lasts."""
+"""Interval at which the log repeats it while it lasts."""
 _MAX_DT_S = 0.1
 _MARGIN = 0.03
 _MOST_LAMBDA = 4.0
@@ -69,8 +69,9 @@ class Drift:
 
         Args:
             now_ns: of the tick.
-            missed: how many of them the radii as calibrated did not hold; shares of bodies count.
-            judged: how many there were.
+            missed: number of them that the radii as calibrated did not hold; shares of bodies
+                count.
+            judged: their number.
         """
         if judged <= 0:
             return

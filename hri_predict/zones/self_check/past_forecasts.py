@@ -15,12 +15,12 @@ from hri_predict.base.arrays import Bools, Floats, Ints, Stamps
 from hri_predict.people.ring_buffer import NEVER
 
 SPACING_STEPS = 0.6
-"""A forecast is kept if it is so many steps newer than the last one. At 100 Hz every third capture
+"""Minimum number of steps between two forecasts that are kept. At 100 Hz every third capture
 is enough; if captures come only a little faster than steps, none is lost."""
 
 
 def forecast_errors(last: Floats, forecast: Floats, steps: Floats, truth: Floats) -> Floats:
-    """How far each of N forecasts was from the truth.
+    """Return the error of each of N forecasts.
 
     Args:
         last: (N, J, 3) metres, the body at the forecast's capture.

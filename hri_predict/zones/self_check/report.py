@@ -32,7 +32,7 @@ class Tally:
         self._largest = 1.0
 
     def tick(self, trust: Trust) -> None:
-        """Count whether somebody is widened or out of distribution in this tick."""
+        """Count whether a person is widened or out of distribution in this tick."""
         self._ticks += 1
         self._widened_ticks += bool(trust.widened.any())
         self._outside_ticks += bool(trust.out_of_distribution.any())

@@ -57,16 +57,16 @@ _RESIDUALS = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelfCheckConstants:
-    """How past forecasts are judged. The module's docstring says how the figures are used.
+    """Constants for judging past forecasts. The module's docstring says how the figures are used.
 
     Attributes:
         growth_per_s: a factor that always misses grows by e^this in a second.
-        recover_s: after so long of good coverage radii are not widened.
+        recover_s: after this time of good coverage radii are not widened.
         max_factor: widening ends here; beyond it physical limits apply.
         short_margin: first steps that are wrong by more than this times the worst calibrated ones
             are a sign of motion out of distribution.
         speed_margin: so are joints faster than this times the fastest calibrated ones.
-        hold_s: physical limits stay so long after the last sign.
+        hold_s: physical limits stay for this time after the last sign.
         max_people: people whose forecasts are remembered; more are out of distribution.
     """
 
@@ -85,7 +85,7 @@ class SelfCheck:
     Args:
         constants: see ``SelfCheckConstants``.
         level: of the calibrated radii, 0 < level < 1.
-        of: what they hold at that level, the whole ``body`` at once or each ``joint``.
+        of: unit that they hold at that level, the whole ``body`` at once or each ``joint``.
         rate_hz: steps per second of the forecasts and of the snapshots' history.
         horizon_steps: H of the forecasts.
         ranges: of the calibration; ``None``: unknown, so no motion is out of range.

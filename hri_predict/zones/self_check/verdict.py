@@ -1,4 +1,4 @@
-"""What past forecasts say of people with a new capture, in one call over all of them.
+"""Verdict of past forecasts on people with a new capture, in one call over all of them.
 
 ``PastForecasts.judge`` compares each kept forecast with the capture; a verdict is what the
 self-check needs of that: sums by band of horizons, and the errors that the learned scale reads.
@@ -23,7 +23,7 @@ _NEVER = int(NEVER)
 
 
 class Terms(NamedTuple):
-    """How forecasts are judged: (H,) the band of each step, the number of bands, and whether all
+    """Terms for judging forecasts: (H,) the band of each step, the number of bands, and whether all
     joints of a body are judged at once."""
 
     band: Ints

@@ -31,7 +31,7 @@ they have learned; after it the long horizons know their own truth.
   starts when the first truth arrives: one capture after a change for the shortest band, whose
   factor longer ones are lent; for what goes wrong at a long horizon alone, after that horizon.
 - While m > alpha and below the bound, w grows by at least the sum of its steps, so over T seconds
-  the share of misses is at most alpha + ln(max_factor) / (growth_per_s T), whatever people do
+  the share of misses is at most alpha + ln(max_factor) / (growth_per_s T), no matter what people do
   (Gibbs and Candès, prop. 4.1, in this form). That is of the factor in force when judged; of the
   one when the forecast was made, nothing is guaranteed, and ``self_check``'s report counts it.
 - Return: from the worst state (m = 1) after recover_s in which the *calibrated* radii would have
@@ -52,12 +52,12 @@ class AdaptiveWidening:
         people: S, slots for people.
         ends_s: (B,) where each band of horizons ends, seconds ahead, ascending.
         level: of the calibrated radii, 0 < level < 1.
-        growth_per_s: how much w grows in a second of nothing but misses.
+        growth_per_s: growth of w in a second of nothing but misses.
         recover_s: of good coverage, after which nothing is widened.
         max_factor: widening ends here.
 
     Raises:
-        ValueError: the level is no level.
+        ValueError: the level is out of range.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class AdaptiveWidening:
         return np.asarray(stuck.any(1))
 
     def _lend(self, slots: Ints, step: Floats, rise: Floats, log: Floats) -> None:
-        """What shorter bands have learned, while a band's own truth is not there yet."""
+        """Return the widening learned by shorter bands, until a band's own truth is there."""
         rise = np.maximum.accumulate(np.maximum(rise, 0.0), axis=1)
         widest = np.maximum.accumulate(log, axis=1)
         lent = self._lent[slots] * np.exp(-step / self._ends_s)

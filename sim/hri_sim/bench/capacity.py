@@ -1,4 +1,4 @@
-"""How much of a serial wire an overloaded link uses, and how much waits in the port."""
+"""Share of a serial wire that an overloaded link uses, and bytes that wait in the port."""
 
 import contextlib
 import sys

@@ -30,13 +30,13 @@ def settings(
     """A configuration, as it would stand in YAML; its robots need no controller.
 
     Args:
-        people: how many stand around the first robot, up to 16.
-        robots: how many go through a pick and place, side by side.
+        people: number of people around the first robot, up to 16.
+        robots: number of robots that go through a pick and place, side by side.
         predictor: its name.
         rate_hz: ticks a second.
         captures_hz: captures a second; default: one a second more than ticks, so that every phase
             between the two occurs.
-        horizon_s: how far the forecast reaches, seconds.
+        horizon_s: horizon of the forecast, seconds.
         joint_map: the source delivers only the joints of this tracker.
         links: entries of ``links:``.
     """
@@ -83,7 +83,7 @@ def config(**wanted: Any) -> Config:
 
 
 def _places(people: int) -> list[list[float]]:
-    """Even places on the rings, the inner one first; nobody stands in the robot."""
+    """Even places on the rings, the inner one first; no person stands in the robot."""
     found: list[list[float]] = []
     for radius, count in RINGS:
         for k in range(min(count, people - len(found))):

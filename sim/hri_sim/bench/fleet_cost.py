@@ -235,7 +235,7 @@ def _answers(port: int) -> bool:
 
 
 def free_port() -> int:
-    """A TCP port of this machine that nobody uses."""
+    """Return a free TCP port of this machine."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

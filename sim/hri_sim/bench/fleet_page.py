@@ -44,8 +44,8 @@ def page(cells: int, seconds: float) -> dict[str, Any]:
         process, and of the one that plays all cells; ``memory_mib`` of the first two, at the end;
         ``number_ms``: from a link's ``post`` of an Advice until an event that shows it, or a newer
         one, has arrived, p50, p99 and max; ``change_ms``: the same of those that change the level,
-        ``None`` without any; ``unshown``: Advices that no event showed; ``gone``: how often a tile
-        showed no level, though its cell spoke; ``load``: the load average before.
+        ``None`` without any; ``unshown``: Advice messages that no event showed; ``gone``: how often
+        a tile showed no level, though its cell spoke; ``load``: the load average before.
     """
     load = os.getloadavg()[0]
     with _fleet() as (fleet, end, port), _speakers(cells, end, seconds + WARM_S) as speakers:

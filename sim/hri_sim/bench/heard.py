@@ -54,14 +54,14 @@ def heard(
         rate_hz: the node's rate.
         seconds: to hear it, after it has warmed up; 0: only its start.
         cache: the folder that the node keeps things in; ``None``: the user's own.
-        watched: with both screens, somebody before each, and three alert hooks that fail slowly.
+        watched: with both screens, a reader of each, and three alert hooks that fail slowly.
 
     Returns:
         ``first_advice_s``: from starting the process to the first Advice of a running node;
         ``resident_mib``: of the node's processes at the end; ``cpu_percent``: of one core, by
         group of threads; ``cores_percent``: how busy each core was; ``deviation_ms``: how far the
-        intervals of its Statuses and Advices were from the period, and ``bare_ms`` those of the
-        bare loop; ``missing``: cycles of which no Status came; ``stamps``, ``priority``: whose
+        intervals of its Status and Advice messages were from the period, and ``bare_ms`` those of
+        the bare loop; ``missing``: cycles of which no Status came; ``stamps``, ``priority``: whose
         stamps these are, and how the receiver ran.
 
     Raises:
@@ -215,7 +215,7 @@ def _used(pid: int, seconds: float) -> dict[str, Any]:
 
 
 def _ended(node: Any, receiver: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Stop the node, then the receiver; what the receiver tells, and the node's summary."""
+    """Stop the node, then the receiver; return the receiver's report, and the node's summary."""
     node.send_signal(signal.SIGTERM)
     summary, _ = node.communicate(timeout=30.0)
     told, _ = receiver.communicate(timeout=30.0)  # closes its standard input

@@ -161,12 +161,12 @@ class _Watch(Listener):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """What the node does while it is measured.
+    """Load of the node while it is measured.
 
     Attributes:
         ticks: as in the configuration.
         predictor: its name.
-        people: how many stand near the robot.
+        people: number of people near the robot.
     """
 
     ticks: Literal["fixed", "capture"] = "fixed"

@@ -1,4 +1,4 @@
-"""Who looks at a node while it is heard: both screens, somebody before each, and three alert hooks.
+"""Readers of a node while it is heard: both screens, a reader of each, and three alert hooks.
 
     python -m hri_sim.bench.onlookers VIEWER_PORT OPERATOR_PORT
 
@@ -36,12 +36,12 @@ _TIMEOUT_S = 5.0  # the default of a hook: so long each attempt hangs
 
 @dataclass(frozen=True)
 class Onlookers:
-    """What a node is told, so that it is looked at.
+    """Options of a node, so that it is looked at.
 
     Attributes:
         flags: of ``hri-predict run``.
         alerts: the block ``alerts:`` of its configuration.
-        process: who looks; it prints a line when it has seen both screens.
+        process: the reader; it prints a line when it has seen both screens.
     """
 
     flags: list[str]

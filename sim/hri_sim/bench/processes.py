@@ -1,4 +1,4 @@
-"""What a process and those that it started use, as the kernel counts it (Linux, ``/proc``)."""
+"""Resources of a process and those that it started, as the kernel counts it (Linux, ``/proc``)."""
 
 import contextlib
 from collections.abc import Iterator

@@ -37,10 +37,10 @@ class Ear(Protocol):
     stamps: str
 
     def fileno(self) -> int:
-        """What to wait for."""
+        """Return the file to wait for."""
 
     def take(self) -> list[Stamped]:
-        """What has come, without waiting."""
+        """Return what has come, without waiting."""
 
 
 class SerialEar:
@@ -141,8 +141,8 @@ class Heard:
 def hear(ear: Ear, receiver: Any, bare_fd: int) -> None:
     """Hear until standard input ends, then print what was heard, as JSON.
 
-    Units are decoded as they come until the first advice of a running node is there, which one
-    line tells; later ones are decoded at the end, so that decoding makes no stamp late.
+    Units are decoded as they come until the first advice of a running node is there, which one line
+    reports; later ones are decoded at the end, so that decoding makes no stamp late.
     """
     heard, kept, bare = Heard(receiver), list[Stamped](), list[int]()
     priority = _ahead_of_others()
@@ -180,7 +180,7 @@ def _ahead_of_others() -> str:
 
 
 def bare(fd: int, rate_hz: float) -> None:
-    """Write a byte at each deadline, for as long as somebody reads."""
+    """Write a byte at each deadline, for as long as there is a reader."""
     deadline_ns = time.monotonic_ns()
     while True:
         deadline_ns += round(1e9 / rate_hz)

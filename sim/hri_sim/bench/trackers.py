@@ -85,11 +85,11 @@ def rows(chosen: Sequence[tuple[str, str]], walks: int, predictor: str) -> Itera
 
 
 def measured(base: Config, tracker: str, noise: str, walks: int) -> dict[str, Any]:
-    """The figures of one tracker with one noise, over all ticks with somebody in the room.
+    """The figures of one tracker with one noise, over all ticks with a person in the room.
 
     Shares are in percent of the ticks in mode predictive. ``ratio`` is the mean speed limit of
     predictive over that of iso. ``clear_too_near`` counts ticks of both modes with the level
-    *clear* while somebody's true body was within the robot's reach of its base, and
+    *clear* while a person's true body was within the robot's reach of its base, and
     ``nearest_clear_m`` is the smallest distance from that reach at which it was *clear*.
     """
     seen: dict[str, list[_Counts]] = {mode: [] for mode in MODES}
@@ -143,7 +143,7 @@ def _walked(config: Config) -> "_Counts":
 
 @dataclass(slots=True)
 class _Counts:
-    """Ticks with somebody in the room, and what was said in them."""
+    """Ticks with a person in the room, and what was said in them."""
 
     ticks: int = 0
     unlike: int = 0

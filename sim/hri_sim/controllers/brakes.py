@@ -1,4 +1,4 @@
-"""What a simulated drive moves, and how hard it brakes: never later than its stopping table says.
+"""Motion of a simulated drive, and its braking: never later than its stopping table says.
 
 The node relies on the robot's stopping table, so the simulated arm must not stop later.
 """

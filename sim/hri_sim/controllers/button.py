@@ -6,9 +6,9 @@ from hri_predict.protocol.messages import Acknowledge
 from hri_sim.controllers.lies import LieSettings
 
 PAUSE_NS = 15_000_000_000
-"""The operator waits so long between two presses: without a pause of 12 s none counts."""
+"""Time that the operator waits between two presses: without a pause of 12 s none counts."""
 START_NS = 13_000_000_000
-"""And so long after the first Advice of a node: in its first 12 s none counts either."""
+"""And time after the first Advice of a node: in its first 12 s none counts either."""
 SILENCE_NS = 1_000_000_000
 """After a longer silence it is the first Advice of another run."""
 _PRESSES = 1 << 32  # values of Acknowledge's ACK_ID, of which 0 is not used
@@ -20,7 +20,7 @@ class Button:
     Args:
         after_s: from being shown to the press, which waits until presses count; ``None``: never
             pressed.
-        lies: where the controller acknowledges by itself instead.
+        lies: cases in which the controller acknowledges by itself instead.
 
     Attributes:
         presses: number of presses.

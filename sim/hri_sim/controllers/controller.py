@@ -81,7 +81,10 @@ class ControllerSettings(Settings):
     )
     acceleration: float = Field(1.0, gt=0, le=100, description="m/s^2 of the fastest point")
     max_age_s: float = Field(
-        0.4, gt=0, le=5, description="greatest age of an advice that it obeys, with the link delay"
+        0.4,
+        gt=0,
+        le=5,
+        description="maximum age of an advice that it obeys, including the link delay",
     )
     tolerated_errors: int = Field(
         0, ge=0, description="more bad or missing messages than this stop the robot"
@@ -96,15 +99,15 @@ class ControllerSettings(Settings):
         description="rate of RobotState; default: the link's robot_state_rate_hz",
     )
     period_s: float = Field(0.008, gt=0, le=0.1, description="time of its own cycle")
-    start_s: float = Field(0.0, ge=0, description="where in its cycle the arm starts")
+    start_s: float = Field(0.0, ge=0, description="time in its cycle at which the arm starts")
     faults: list[dict[str, Any]] = Field(
         [], description="faults at its end of the wire; out: from the controller"
     )
     fault_seed: int = Field(0, ge=0, description="random seed of these faults")
     lies: list[LieSettings] = Field(
-        [], description="what it does wrong on purpose, to see whether the node finds out"
+        [], description="deliberate fault, to see whether the node detects it"
     )
-    tools: list[ToolChange] = Field([], description="which tool it carries, and when")
+    tools: list[ToolChange] = Field([], description="tools that it carries, and when")
     keep_round_trips: bool = Field(False, description="put each round trip into its report")
     requests: list[RequestSettings] = Field(
         [], description="operating modes that its operator asks for, and when"

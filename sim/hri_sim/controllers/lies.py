@@ -1,4 +1,4 @@
-"""What a simulated controller does wrong on purpose: it misreports its robot, or does not obey."""
+"""Deliberate faults of a simulated controller: it misreports its robot, or does not obey."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -29,21 +29,24 @@ class LieSettings(Settings):
     ] = Field(
         description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump,"
         " hold (the first stay, velocities are true); of both: freeze (the first stay), stand (the"
-        " first positions stay, velocities are 0); of the motion: runs (at full speed, whatever"
-        " speed above 0 is permitted), brakes_late; acknowledges: by itself, as with a button that"
-        " is held down"
+        " first positions stay, velocities are 0); of the motion: runs (at full speed, at any "
+        "permitted speed above 0), brakes_late; acknowledges: by itself, as with a button that "
+        "is held down"
     )
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
     jump_rad: float = Field(1.0, description="of jump: added to the first joint")
     factor: float = Field(
-        3.0, ge=1, le=100, description="of brakes_late: how many times longer it takes to stop"
+        3.0, ge=1, le=100, description="of brakes_late: factor by which it takes longer to stop"
     )
     period_s: float = Field(
         1.0, gt=0, le=60, description="of acknowledges: time from one to the next"
     )
     ids: int = Field(
-        255, ge=1, le=65_535, description="of acknowledges: how many numbers it gives them, in turn"
+        255,
+        ge=1,
+        le=65_535,
+        description="of acknowledges: count of numbers that it gives them, in turn",
     )
     names: Literal["shown", "first", "nothing"] = Field(
         "shown",
@@ -65,7 +68,7 @@ class Lies:
         self._first: dict[int, tuple[Floats, Floats]] = {}  # joints when a lie began
 
     def told(self, q: Floats, qd: Floats, now_ns: int) -> tuple[Floats, Floats]:
-        """Return the joints (N,), rad and rad/s, that RobotState tells at ``now_ns``."""
+        """Return the joints (N,), rad and rad/s, that RobotState reports at ``now_ns``."""
         for lie in self._now(now_ns):
             first_q, first_qd = self._first.setdefault(id(lie), (q, qd))
             if lie.kind in ("hold", "freeze", "stand"):
@@ -92,7 +95,7 @@ class Lies:
 
     @property
     def brakes_slower(self) -> float:
-        """How many times longer the arm takes to stop."""
+        """Factor by which the arm takes longer to stop."""
         return max((lie.factor for lie in self._settings if lie.kind == "brakes_late"), default=1.0)
 
     def _now(self, now_ns: int) -> list[LieSettings]:

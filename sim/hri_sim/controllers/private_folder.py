@@ -1,4 +1,4 @@
-"""A private folder that outlives nobody: the next start removes what a killed process left."""
+"""A private folder, gone with its process: the next start removes what a killed one left."""
 
 import contextlib
 import fcntl
@@ -33,7 +33,7 @@ class PrivateFolder:
 
 
 def remove_orphans(where: Path) -> None:
-    """Remove the folders in ``where`` that are ours, and whose lock nobody holds.
+    """Remove the folders in ``where`` that are ours, and whose lock is not held.
 
     A folder without a lock is left alone: its owner may just be making it.
     """

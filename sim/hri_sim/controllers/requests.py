@@ -1,4 +1,4 @@
-"""What the operator at a simulated controller asks for: operating modes, at set times."""
+"""Requests of the operator at a simulated controller: operating modes, at set times."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,9 +13,7 @@ from hri_predict.protocol.messages import OperatingMode, RobotMode
 class RequestSettings(Settings):
     """One entry of ``requests`` in a link's ``simulate:`` block."""
 
-    request: Literal["teach", "recovery", "muted"] = Field(
-        description="which operating mode is asked for"
-    )
+    request: Literal["teach", "recovery", "muted"] = Field(description="requested operating mode")
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
     enabling: bool = Field(True, description="whether the enabling device is held meanwhile")
@@ -26,7 +24,7 @@ class RequestSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Said:
-    """What RobotState says besides the joints."""
+    """Content of RobotState besides the joints."""
 
     mode: RobotMode = RobotMode.AUTOMATIC
     request: OperatingMode = OperatingMode.AUTOMATIC
@@ -45,7 +43,7 @@ class Requests:
         self._start_ns: int | None = None
 
     def said(self, now_ns: int) -> Said:
-        """What RobotState says at ``now_ns``."""
+        """Return the content of RobotState at ``now_ns``."""
         if self._start_ns is None:
             self._start_ns = now_ns
         since_s = (now_ns - self._start_ns) * 1e-9

@@ -202,7 +202,7 @@ class Station(Generic[U]):
         return self._answer(now_ns, *self._lies.told(q, qd, now_ns), mounted)
 
     def _answer(self, now_ns: int, q: Floats, qd: Floats, mounted: Mounted) -> list[U]:
-        """What is sent while the robot is known: its state, its tool, and what is asked for."""
+        """Return what is sent while the robot is known: its state, its tool, and requests."""
         said = self._requests.said(now_ns)
         return self._core.outgoing(
             now_ns,

@@ -21,7 +21,7 @@ class ToolChange(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """A tool's number, and whether the controller has checked it; ``None``: nobody says."""
+    """A tool's number, and whether the controller has checked it; ``None``: not stated."""
 
     number: int | None = None
     confirmed: bool = False
@@ -42,7 +42,7 @@ class ToolChanger:
         self._start_ns: int | None = None
 
     def at(self, now_ns: int) -> Mounted:
-        """What is mounted at ``now_ns``; the first call starts the time."""
+        """Return what is mounted at ``now_ns``; the first call starts the time."""
         if self._start_ns is None:
             self._start_ns = now_ns
         since_s = (now_ns - self._start_ns) * 1e-9

@@ -24,7 +24,7 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Incident:
-    """One story, and its conditions. In every story, a moving robot must touch nobody.
+    """One story, and its conditions. In every story, a moving robot must touch no person.
 
     Attributes:
         name: name in the table.
@@ -34,11 +34,11 @@ class Incident:
         settings: differences from the demo's configuration; mappings are merged, key by key.
         lies: the wrong behaviour of simulated controllers, as in ``simulate.lies``.
         liars: links whose controllers lie; default: all.
-        requests: what every simulated controller asks for, as in ``simulate.requests``.
+        requests: requests of every simulated controller, as in ``simulate.requests``.
         simulate: differences of every ``simulate`` block from the demo's.
         modes: risk modes to play it in.
         not_clear: no robot may be advised *clear* in this time.
-        not_moving: every robot must be told to stand in this time.
+        not_moving: every robot must be advised to stand in this time.
         moving: some advice must permit motion in this time: the cell stays usable.
         says: each of these reasons must be given at some tick.
         never_says: none of these may be given.

@@ -21,7 +21,7 @@ Expected = Literal[
 
 @dataclass(kw_only=True)
 class FaultOutcome:
-    """What was measured of one fault; a row of the fault table."""
+    """Measurements of one fault; a row of the fault table."""
 
     fault: str
     expected: str

@@ -2,7 +2,7 @@
 
 One person is always near and another comes and goes, while sources, links and clocks fail and
 controllers lie, sometimes several at once. The conditions: the node never advises *clear*, a moving
-robot touches nobody, every posted message is sent or counted, and memory does not grow.
+robot touches no person, every posted message is sent or counted, and memory does not grow.
 """
 
 import resource
@@ -56,7 +56,7 @@ _LIES: tuple[Mapping[str, Any], ...] = (
     {"kind": "acknowledges", "period_s": 0.3},
     {"kind": "acknowledges", "period_s": 0.5, "ids": 2, "names": "first"},
 )
-"""Of one controller at a time: the other one tells the truth."""
+"""Of one controller at a time: the other one is truthful."""
 
 
 def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:

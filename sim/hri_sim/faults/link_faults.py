@@ -27,7 +27,7 @@ class LinkFault(FaultSettings):
     """``direction``: ``out`` from the node, ``in`` to it, or ``both``."""
 
     direction: Literal["out", "in", "both"] = Field(
-        "both", description="what it concerns: out, from the node; in, to the node; or both"
+        "both", description="direction: out, from the node; in, to the node; or both"
     )
 
 
@@ -40,7 +40,7 @@ class Drop(LinkFault):
 class Delay(LinkFault):
     """Units arrive late, in order."""
 
-    delay_s: float = Field(0.2, gt=0, le=10, description="how late every unit is")
+    delay_s: float = Field(0.2, gt=0, le=10, description="delay of every unit")
 
 
 class Jitter(LinkFault):
@@ -54,7 +54,7 @@ class Jitter(LinkFault):
 class Stretch(LinkFault):
     """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
 
-    rate: float = Field(0.1, gt=0, le=10, description="how many seconds later each second")
+    rate: float = Field(0.1, gt=0, le=10, description="growth of the delay, seconds per second")
 
 
 class BitErrors(LinkFault):
@@ -80,7 +80,7 @@ class Duplicate(LinkFault):
 class Flood(LinkFault):
     """Every unit arrives ``times`` times, as from a repeater or a runaway sender."""
 
-    times: int = Field(10, ge=2, le=100, description="how often every unit arrives")
+    times: int = Field(10, ge=2, le=100, description="number of times that every unit arrives")
 
 
 class Reorder(LinkFault):

@@ -16,20 +16,22 @@ MOST_CAPTURES = 60
 
 
 class MadeUp(FaultSettings):
-    """The tracker lost everybody and goes on sending them, with fresh noise.
+    """The tracker lost all people and goes on sending them, with fresh noise.
 
     ``how`` is ``hold``: the last skeleton again; ``coast``: it glides on at ``velocity``; or
     ``loop``: the last ``captures`` captures again and again.
     """
 
-    how: Literal["hold", "coast", "loop"] = Field("hold", description="what it sends instead")
+    how: Literal["hold", "coast", "loop"] = Field(
+        "hold", description="content that it sends instead"
+    )
     captures: int = Field(12, ge=2, le=MOST_CAPTURES, description="length of the loop")
-    velocity: Vector3 = Field([0.0, 1.4, 0.0], description="m/s, of everybody who coasts")
+    velocity: Vector3 = Field([0.0, 1.4, 0.0], description="m/s, of all people who coast")
     noise_m: float = Field(0.004, ge=0, le=0.1, description="fresh noise, in each axis")
 
 
 class MadeUpPeople:
-    """Holds, carries on or repeats the people whom a source showed last.
+    """Holds, carries on or repeats the people a source showed last.
 
     Args:
         fault: says how.
@@ -47,7 +49,7 @@ class MadeUpPeople:
         self._next = 0
 
     def made_up(self, scene: Scene) -> Scene:
-        """Return ``scene`` with the people whom the tracker makes up."""
+        """Return ``scene`` with the people made up by the tracker."""
         if not self._seen:
             return scene
         shown = self._seen[self._next % len(self._seen)]

@@ -15,7 +15,7 @@ from hri_predict.contracts.scene import Person
 SEEN_SHARE = 0.3
 """A tracker follows a person with at least this share of the joints visible."""
 FORGETS_S = 0.2
-"""After a longer absence a tracker takes a person for somebody new."""
+"""Absence after which a tracker takes a person for a new one."""
 _HALF_BODY_M = 0.2
 _FIRST_NEW_ID = 1000
 
@@ -49,7 +49,7 @@ class Occlusion:
         self._next_id = _FIRST_NEW_ID
 
     def seen(self, people: Sequence[Person], now_ns: int) -> tuple[Person, ...]:
-        """The people whom the tracker reports, with the joints that are seen."""
+        """Return the people in the tracker's report, with the joints that are seen."""
         bodies = [_box_of(person) for person in people]
         found = []
         for i, person in enumerate(people):

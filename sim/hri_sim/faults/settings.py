@@ -16,10 +16,8 @@ class FaultSettings(Settings):
     """One fault: its kind, its start (after the run's) and its duration (``None``: to the end)."""
 
     kind: str = Field(description="kind of fault")
-    start_s: float = Field(0.0, ge=0, description="when it begins, after the run's start")
-    duration_s: float | None = Field(
-        None, gt=0, description="how long it lasts; default: to the end"
-    )
+    start_s: float = Field(0.0, ge=0, description="start, from the run's start")
+    duration_s: float | None = Field(None, gt=0, description="duration; default: to the end")
 
     def active(self, elapsed_ns: int) -> bool:
         """Return whether the fault is active ``elapsed_ns`` after the start."""

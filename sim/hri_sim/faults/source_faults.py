@@ -30,8 +30,8 @@ class Drop(FaultSettings):
 class Delay(FaultSettings):
     """Scenes arrive late, by ``growth`` more for each second; their capture stamps are true."""
 
-    delay_s: float = Field(0.2, gt=0, le=10, description="how late every scene is")
-    growth: float = Field(0.0, ge=0, le=0.5, description="how many seconds later each second")
+    delay_s: float = Field(0.2, gt=0, le=10, description="delay of every scene")
+    growth: float = Field(0.0, ge=0, le=0.5, description="growth of the delay, seconds per second")
 
 
 class Jitter(FaultSettings):
@@ -78,14 +78,14 @@ class Nan(FaultSettings):
 class Teleport(FaultSettings):
     """All people (or the ``person`` with this id) are displaced by ``offset`` metres."""
 
-    offset: Vector3 = Field([2.0, 0.0, 0.0], description="by how far a body jumps, m")
+    offset: Vector3 = Field([2.0, 0.0, 0.0], description="displacement of a body's jump, m")
     person: int | None = Field(None, description="person with this id; default: all people")
 
 
 class Rotate(FaultSettings):
     """All people are turned about the point ``about`` (room frame), as by wrong axes."""
 
-    quaternion_xyzw: Quaternion = Field([SIN_45, 0.0, 0.0, SIN_45], description="by which rotation")
+    quaternion_xyzw: Quaternion = Field([SIN_45, 0.0, 0.0, SIN_45], description="rotation")
     about: Vector3 = Field([0.0, 0.0, 0.0], description="about which point, room frame, m")
 
 
@@ -121,7 +121,7 @@ class Occlude(FaultSettings):
     """
 
     cameras: list[Vector3] = Field(
-        [[-6.0, -6.0, 2.8]], min_length=1, description="where cameras are, room frame, m"
+        [[-6.0, -6.0, 2.8]], min_length=1, description="positions of cameras, room frame, m"
     )
     boxes: list[Annotated[list[Metres], Field(min_length=5, max_length=5)]] = Field(
         [], description="that hide people: [x, y, x, y, height], m"
@@ -152,14 +152,14 @@ class ClockDrift(FaultSettings):
     """The source's clock runs fast by ``ppm`` parts in a million; the offset it gained stays."""
 
     ppm: float = Field(
-        1000.0, ge=-100_000, le=100_000, description="how much too fast its clock runs"
+        1000.0, ge=-100_000, le=100_000, description="rate error of its clock, parts per million"
     )
 
 
 class ClockJump(FaultSettings):
     """The source's clock is off by ``offset_s``, then right again."""
 
-    offset_s: float = Field(-1.0, ge=-1e6, le=1e6, description="by how much its stamps jump")
+    offset_s: float = Field(-1.0, ge=-1e6, le=1e6, description="size of the jump of its stamps")
 
 
 SOURCE_FAULTS: dict[str, type[FaultSettings]] = {

@@ -34,7 +34,7 @@ class Act(Protocol):
 
     Attributes:
         duration_s: its duration.
-        xy, heading: where the body stands at the end.
+        xy, heading: place of the body at the end.
     """
 
     duration_s: float

@@ -53,11 +53,12 @@ class ProceduralSettings(SourceSettings):
     people: list[PersonSettings] = Field(
         [validated(PersonSettings, person, "demo") for person in DEMO],
         max_length=16,
-        description="who comes, and what they do; default: somebody who walks up and reaches out",
+        description="people who come, and their actions; default: a person who walks up and "
+        "reaches out",
     )
     keeps_ids: bool = Field(True, description="an id that comes back is the same person")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second")
-    seed: int = Field(0, ge=0, description="of its random numbers")
+    seed: int = Field(0, ge=0, description="seed of its random numbers")
     latency_s: float = Field(0.0, ge=0, le=2, description="time from capture to arrival")
     noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
     wander_m: float = Field(
@@ -72,11 +73,11 @@ class ProceduralSettings(SourceSettings):
         None,
         description="deliver only the joints of this tracker (a joint map's name or file)",
     )
-    duration_s: float | None = Field(None, gt=0, description="when the source ends; default: never")
+    duration_s: float | None = Field(None, gt=0, description="end of the source; default: never")
 
     @property
     def known_places(self) -> list[list[float]]:
-        """Where the people begin, too."""
+        """Also the places where the people begin."""
         room = self.room_from_source.matrix()
         starts = [room @ [*person.start, 0.0, 1.0] for person in self.people]
         return [*super().known_places, *(start[:3].tolist() for start in starts)]
@@ -220,7 +221,7 @@ class _Actor:
         self._rates = 2 * math.pi * np.array(_SWAY_HZ)[:, None]
 
     def begin(self) -> None:
-        """Start anew, with the same errors."""
+        """Start again, with the same errors."""
         settings = self._settings
         self.wander = Wander(
             settings.wander_m,

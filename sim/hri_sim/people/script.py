@@ -39,7 +39,7 @@ class Wait(Settings):
     """Stand still."""
 
     do: Literal["wait"] = Field(description="stand still")
-    seconds: float = Field(gt=0, le=3600, description="how long")
+    seconds: float = Field(gt=0, le=3600, description="duration")
 
 
 class TurnTo(Settings):
@@ -60,8 +60,8 @@ class ReachTo(Settings):
 
     do: Literal["reach"] = Field(description="reach out with one hand")
     to: Vector3 = Field(description="[x, y, z] of the finger tips, m")
-    hand: Literal["left", "right"] = Field("right", description="which hand")
-    hold_s: float = Field(1.0, ge=0, le=3600, description="how long it stays there")
+    hand: Literal["left", "right"] = Field("right", description="hand that reaches out")
+    hold_s: float = Field(1.0, ge=0, le=3600, description="time for which it stays there")
     duration_s: float | None = Field(
         None, gt=0, le=60, description="duration of the way out; default: an easy pace"
     )
@@ -71,7 +71,7 @@ class Leave(Settings):
     """Be out of the room; come back at ``start``."""
 
     do: Literal["leave"] = Field(description="be out of the room")
-    seconds: float = Field(3.0, gt=0, le=3600, description="how long")
+    seconds: float = Field(3.0, gt=0, le=3600, description="duration")
 
 
 Step = Annotated[WalkTo | Wait | TurnTo | ReachTo | Leave, Field(discriminator="do")]
@@ -89,10 +89,12 @@ class PersonSettings(Settings):
         le=MAX_ANGLE_RAD,
         description="radians; default: the direction of the first walk",
     )
-    enter_s: float = Field(0.0, ge=0, le=3600, description="when the person enters the room")
+    enter_s: float = Field(
+        0.0, ge=0, le=3600, description="time at which the person enters the room"
+    )
     repeat: bool = Field(True, description="begin again after the last step")
     script: list[Step] = Field(
-        min_length=1, max_length=200, description="what the person does, step by step"
+        min_length=1, max_length=200, description="the person's actions, step by step"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a tracker makes of a procedural body: the joints that it delivers, and its errors."""
+"""A procedural body as a tracker sees it: the joints that it delivers, and its errors."""
 
 import math
 from dataclasses import replace
@@ -13,7 +13,7 @@ def delivered_by(tracker: JointMap) -> JointMap:
     """A joint map of canonical joints that delivers what ``tracker`` does.
 
     A joint that the tracker derives from others which it delivers (COCO's waist, between the hips)
-    is derived here, too, so it has their errors. One that is derived from points which are no
+    is derived here, too, so it has their errors. One that is derived from points that are not
     canonical joints (COCO's head, between the ears) is delivered as itself.
     """
     alone = (tracker.weights > 0) & ((tracker.weights > 0).sum(1, keepdims=True) == 1)

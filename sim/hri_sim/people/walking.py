@@ -1,4 +1,4 @@
-"""How a body walks: paths through waypoints, footfalls, turns, and smooth time profiles.
+"""Walk of a body: paths through waypoints, footfalls, turns, and smooth time profiles.
 
 Step length and cadence keep a constant ratio over walking speeds (the walk ratio: Sekiya &
 Nagasaki, *Gait & Posture* 7, 1998); every stance foot stays where it was put, and the pelvis is

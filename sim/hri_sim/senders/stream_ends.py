@@ -33,7 +33,7 @@ class TcpEnd:
         self._socket: socket.socket | None = None
 
     def start(self) -> None:
-        """Begin anew."""
+        """Begin again."""
         self.stop()
 
     def write(self, unit: bytes) -> None:
@@ -80,7 +80,7 @@ class WebSocketEnd:
         self._connection: Any = None
 
     def start(self) -> None:
-        """Begin anew."""
+        """Begin again."""
         self.stop()
 
     def encode(self, scene: Scene) -> list[bytes]:
@@ -111,7 +111,7 @@ class MvnCharacter:
     stamped = True
 
     def start(self) -> None:
-        """MVN's recording begins anew."""
+        """MVN's recording begins again."""
         self._began_ns = time.time_ns()
 
     def encode(self, scene: Scene) -> list[bytes]:
@@ -157,7 +157,7 @@ class MvnTcpEnd(MvnCharacter, TcpEnd):
         TcpEnd.__init__(self, {"kind": "mvn", "sees_room": True, "protocol": "tcp"})
 
     def start(self) -> None:
-        """MVN's recording begins anew."""
+        """MVN's recording begins again."""
         TcpEnd.start(self)
         MvnCharacter.start(self)
 

@@ -121,7 +121,7 @@ def _settings(config: Config) -> PredictorSettings:
 
 
 def _decides(plan: Plan, predictor: str | None) -> list[Any]:
-    """What decides the results of one predictor: its name, settings, weights and calibration."""
+    """Return what decides a predictor's results: its name, settings, weights and calibration."""
     config = plan.loaded(predictor)
     beside = config.node.risk.coverage.calibration
     text = None if beside is None else read_text(config.base_dir / beside, "calibration")
@@ -129,14 +129,14 @@ def _decides(plan: Plan, predictor: str | None) -> list[Any]:
 
 
 def _basis(plan: Plan, predictor: str | None) -> ZoneBasis:
-    """What the zones of one predictor rest on."""
+    """Return the basis of one predictor's zones."""
     config = plan.loaded(predictor)
     coverage = config.node.risk.coverage
     return basis_of(plan.asked(predictor), _settings(config), coverage, config.base_dir)
 
 
 def _seen(request: SimulationRequest) -> tuple[tuple[str, str | float], ...]:
-    """What the request says of the source; the configuration's own values stay otherwise."""
+    """Return the request's values for the source; the configuration's own values stay otherwise."""
     asked = {
         "tracker": request.tracker,
         "noise_m": request.noise_m,
@@ -146,7 +146,7 @@ def _seen(request: SimulationRequest) -> tuple[tuple[str, str | float], ...]:
 
 
 def _text(joint_map: str | None) -> str | None:
-    """What a joint map says, or its shipped name."""
+    """Return a joint map's content, or its shipped name."""
     own = joint_map is not None and joint_map.endswith(YAML_ENDINGS)
     return read_text(Path(joint_map), "joint map") if own and joint_map else joint_map
 
@@ -201,7 +201,7 @@ def _demand_seen(motion: Motion, cell: Cell) -> None:
     """Check that the tracker of ``source.tracker`` sees anything of this recording.
 
     Raises:
-        UnusableRecordingError: it does not, so nobody would be there for the node.
+        UnusableRecordingError: it does not, so the node would see no person.
     """
     tracker = cell.source.tracker
     if not (map_of([motion], tracker, cell.config.base_dir).weights > 0).any():

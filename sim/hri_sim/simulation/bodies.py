@@ -1,4 +1,4 @@
-"""What the node knows of people, tick by tick: computed once per motion, then moved to each place.
+"""The node's knowledge of people, tick by tick: computed once per motion, then moved to each place.
 
 Forecasts and zones depend on no robot, nor on a motion's place on the floor: the stages are
 equivariant under turns about z and moves over the floor. So each motion runs once through the real
@@ -36,7 +36,7 @@ class Bodies:
         snapshots: (K).
         forecasts: (K) of (P, H, J, 3); ``None`` without a forecast.
         zones: variant's name -> (K).
-        nobody: (K) zones of the same moments if the node had seen nobody; empty: not computed.
+        nobody: (K) zones of the same moments if the node had seen no person; empty: not computed.
     """
 
     snapshots: list[PeopleSnapshot]

@@ -1,4 +1,4 @@
-"""What truly happened in an episode: noted tick by tick, and judged afterwards, many ticks at once.
+"""True events of an episode: noted tick by tick, and judged afterwards, many ticks at once.
 
 Recorded people do not react, so where they truly are is the same whatever the robot does: it is
 computed once for all episodes of a scenario. Nor does the referee act: it may judge when all is
@@ -91,7 +91,7 @@ class CourseReferee(Referee):
                     self.observe(course.stamps_ns[k], course.people[k], course.robots[k])
 
     def _judge_at_once(self, course: Course, ticks: range) -> bool:
-        """Judge a run; false if somebody has to be told of its touches one by one."""
+        """Judge a run; false if its touches have to be reported one by one."""
         assert self._last is not None
         times = self._instants(course.stamps_ns[ticks[0]])
         ids = sorted(course.people[ticks[0]])

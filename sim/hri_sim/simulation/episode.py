@@ -55,7 +55,7 @@ class Log:
         contacts, contacts_standing, min_separation_m, moving_separation_m, violation_s,
             violation_m: the referee's.
         controllers: their reports.
-        harm: what touches of a moving robot meant.
+        harm: consequences of touches by a moving robot.
     """
 
     times_s: list[float] = field(default_factory=list)
@@ -94,7 +94,7 @@ def run_episode(
         scenario: the approach.
         variant: the way to judge risk.
         bodies: the people as the node knows them, in the room frame.
-        truth: where the people truly are, if other episodes of the scenario ask as well.
+        truth: true places of the people, if other episodes of the scenario ask as well.
         nobody: show the node an empty room, so that the robot works as if alone. This gives the
             course without protection, and the work that an empty cell does.
     """
@@ -152,7 +152,7 @@ def run_episode(
 
 
 def truth_of(cell: Cell, scenario: Scenario) -> SharedTruth:
-    """Where the people of a scenario truly are, in all its episodes."""
+    """Return the true places of a scenario's people, in all its episodes."""
     settings = exact(cell_settings(with_scenario(cell.config, scenario)))
     return SharedTruth(TruePeople(ApproachSource(settings, cell.config.base_dir)))
 
@@ -199,7 +199,7 @@ class _Played:
 
 
 class _PlayedPeople(People):
-    """Tracks nobody: the people were computed before."""
+    """Tracks no person: the people were computed before."""
 
     def __init__(self, played: _Played) -> None:
         self._played = played

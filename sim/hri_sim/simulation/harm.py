@@ -1,4 +1,4 @@
-"""What the touches of a moving robot meant: how fast it touched which part of the body.
+"""Consequences of touches by a moving robot: how fast it touched which part of the body.
 
 The speed of a touch is that of the robot's fastest point, an upper bound of the touching link's.
 The *relative* speed adds that of the body part. Recorded people do not react: they walk on through
@@ -23,11 +23,11 @@ from hri_sim.referee import Contact
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bearable:
-    """What people bear of one robot.
+    """Limits that people bear of one robot.
 
     Attributes:
         transient_m_s, clamped_m_s: (B,) of each of the referee's capsules, see ``SegmentLimits``.
-        fixtures: against which it may clamp somebody.
+        fixtures: against which it may clamp a person.
     """
 
     transient_m_s: Floats
@@ -76,7 +76,8 @@ class Harm:
     Attributes:
         bearable: by the robot's name.
         speeds_m_s, relative_m_s: segment or joint -> the highest speed of a touch.
-        limits_m_s: how fast a touch the same parts bear; of several robots, the lowest.
+        limits_m_s: maximum speed of a touch that the same parts bear; of several robots, the
+            lowest.
         beyond: instants of touches that were faster than the part bears.
         relative_beyond: the same by the relative speed.
         forbidden: instants of touches of head, face or neck.

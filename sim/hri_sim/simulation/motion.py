@@ -64,7 +64,7 @@ def load_motion(
     Raises:
         RecordingError: it cannot be read.
         UnusableRecordingError: it does not hold one second or more of a person's motion.
-        ConfigError: it is no motion file.
+        ConfigError: it is not a motion file.
     """
     if name.startswith(PROCEDURAL + ":"):
         return _procedural(name, rate_hz)
@@ -101,7 +101,7 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
     stamps, positions, observed = stamps[first:], positions[first:], observed[first:]
     if not stamps or (stamps[-1] - stamps[0]) * 1e-9 < _SHORTEST_S:
         raise UnusableRecordingError(
-            f"recording {name}: too short from where somebody comes into view; an approach needs "
+            f"recording {name}: too short from where a person comes into view; an approach needs "
             f"{_SHORTEST_S:g} s of a person; leave it out"
         )
     capture_ns = np.array(stamps, dtype=np.int64) - stamps[0]

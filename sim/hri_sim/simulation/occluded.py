@@ -1,4 +1,4 @@
-"""People whom cameras lose: episodes behind boxes and behind each other, through the whole node.
+"""People lost by cameras: episodes behind boxes and behind each other, through the whole node.
 
 Each episode draws from its seed: a camera (or two), one to three people who walk to a place near
 the robot, stay there, reach into its way and walk off; boxes that hide the places from the camera;
@@ -36,7 +36,7 @@ _TRIES = 30
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """What happens in one episode; places in metres, room frame."""
+    """Events of one episode; places in metres, room frame."""
 
     cameras: list[list[float]]
     boxes: list[list[float]]

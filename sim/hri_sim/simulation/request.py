@@ -35,7 +35,7 @@ class SimulationRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class OcclusionRequest:
-    """Episodes with people whom cameras lose; see ``hri-predict simulate --occlude``."""
+    """Episodes with people lost by cameras; see ``hri-predict simulate --occlude``."""
 
     config: Path
     predictor: str | None = None
@@ -59,7 +59,7 @@ class OcclusionRow:
         index, mode: the episode's index and mode.
         contacts, contacts_standing: touches of a moving and of a standing robot.
         permitted: mean speed limit, as a share of the robot's highest speed.
-        lost: share of the ticks in which somebody was lost.
+        lost: share of the ticks in which a person was lost.
     """
 
     index: int

@@ -1,4 +1,4 @@
-"""What boxes hide from cameras, as polygons on the floor: ``source.shadows`` of a configuration."""
+"""Space that boxes hide from cameras, as polygons on the floor: ``source.shadows``."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -75,7 +75,7 @@ def _clipped(subject: Floats, convex: Floats) -> Floats:
 def _crossing(
     a: Sequence[float], b: Sequence[float], p: Sequence[float], q: Sequence[float]
 ) -> tuple[float, float]:
-    """Where the line a b meets the segment p q, which it crosses."""
+    """Return the point where the line a b crosses the segment p q."""
     from_p, from_q = _turn(a, b, p), _turn(a, b, q)
     part = from_p / (from_p - from_q)
     return p[0] + part * (q[0] - p[0]), p[1] + part * (q[1] - p[1])

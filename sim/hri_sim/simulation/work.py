@@ -37,7 +37,8 @@ class Plan:
         modes, coverages: see ``cell.variants``.
         motions: names of the recordings, or procedural scripts.
         joint_map: of the recordings; ``None``: the configuration's, or found by names.
-        seen: how people are seen: keys of ``source:`` (``ApproachSettings``) and their values.
+        seen: settings of how people are seen: keys of ``source:`` (``ApproachSettings``) and their
+            values.
         episodes: number of approaches.
         seed: random seed of everything.
         people: number of people at the same time.

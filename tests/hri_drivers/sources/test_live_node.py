@@ -55,7 +55,7 @@ def test_a_point_that_a_person_touches_is_found():
 
 
 def test_with_nobody_sending_a_touch_is_refused_not_waited_for():
-    with pytest.raises(ConfigError, match="no scene arrived: nobody sends"):
+    with pytest.raises(ConfigError, match="no scene arrived: no sender"):
         measure_touch(live(baseline_demo()), "2,-0.26,0.8", "r_hand")
 
 

@@ -138,7 +138,7 @@ class Numbers(Settings):
 )
 def test_truth_is_no_number(text):
     key = text.split(":")[0]
-    with pytest.raises(ConfigError, match=f"here: {key}: true and false .* are no numbers"):
+    with pytest.raises(ConfigError, match=f"here: {key}: true and false .* are not numbers"):
         validated(Numbers, load_yaml(text), "here")
 
 

@@ -239,7 +239,7 @@ def test_a_recording_that_is_too_short_is_named_and_left_out(cli, folder, tmp_pa
     status, _, err = cli(*CV, "--data", folder, "--data", short, "--out", out)
     assert status == 0, err
     assert err.splitlines()[0] == (
-        f"warning: recording {short}: nobody is seen for 0.72 s without a break; left out"
+        f"warning: recording {short}: no person is seen for 0.72 s without a break; left out"
     )
     assert "glimpse_1" not in [r.name for r in load_calibration(out).recordings]
     status, _, err = cli(*CV, "--data", short, "--out", out)

@@ -277,7 +277,7 @@ def test_a_recording_without_a_window_is_named_and_left_out(cli, walk, tmp_path)
     status, text, error = cli("--data", walk, "--data", short, *asked)
     assert status == 0, error
     assert error == (
-        f"warning: recording {short}: nobody is seen long enough for 120 ms; left out\n"
+        f"warning: recording {short}: no person is seen long enough for 120 ms; left out\n"
     )
     assert "glimpse" not in text
     status, _, error = cli("--data", short, *asked)

@@ -128,7 +128,7 @@ def test_a_long_stop_is_explained_from_its_beginning(tmp_path):
     path = written(tmp_path / "a.mcap", messages)
     found = json.loads(run("explain", path, "--at", "12:19:00", "--json"))
     assert "latch 4" in found["answer"]
-    assert "somebody was" in found["answer"]  # the phase before, of PERSON_NEAR
+    assert "a person was" in found["answer"]  # the phase before, of PERSON_NEAR
     assert found["history"]["from"] == "12:00:00.2"
 
 

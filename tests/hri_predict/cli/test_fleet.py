@@ -295,7 +295,7 @@ def test_nobody_to_connect_to_is_an_error_that_names_the_endpoint() -> None:
         timeout=60,
     )
     assert done.returncode == 2
-    assert f"zenoh {end}: nobody answers; start the router or peer there" in done.stderr
+    assert f"zenoh {end}: no answer; start the router or peer there" in done.stderr
     assert "no message from any cell yet" in done.stdout
 
 

@@ -102,7 +102,7 @@ def test_a_cell_falls_silent_the_program_hangs_and_is_killed() -> None:
 
             os.kill(process.pid, signal.SIGSTOP)
             wait_for(lambda: is_gone(browser), 10)
-            assert "Nothing here is of now." in browser.text()
+            assert "Nothing here is current." in browser.text()
             os.kill(process.pid, signal.SIGCONT)
             wait_for(lambda: browser.evaluate(WORDS) == "NO CONTACT,CLEAR,STOP")
 

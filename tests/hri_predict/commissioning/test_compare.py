@@ -55,9 +55,9 @@ def test_the_same_is_the_same():
         (rows(limit_m_s=0.5), "a higher speed limit in 5 of 5 advices, by up to 0.100 m/s"),
         (
             rows(separation_m=None),
-            "nobody is seen where somebody was in 5 of 5 advices; first at 0.00 s",
+            "no person is seen where one was in 5 of 5 advices; first at 0.00 s",
         ),
-        (rows(predicted_m=None), "nobody is predicted where somebody was in 5 of 5"),
+        (rows(predicted_m=None), "no person is predicted where one was in 5 of 5"),
         (rows(["slow"] * 5), "no stop any more; the first was at 0.08 s"),
         (rows(["clear", "slow", "slow", "stop", "stop"]), "first stop 0.08 s -> 0.12 s"),
         ([], "robot arm: no advice for it any more"),

@@ -85,7 +85,7 @@ def test_too_little_floor_or_people_lost_fail_and_no_advice_is_open(walked):
     _, _, result = walked
     failed, _ = judge_walk(result.model_copy(update={"least_coverage": 0.9, "people_lost": 2}))
     assert "90 % were asked for" in failed[0]
-    assert "2 times somebody vanished" in failed[1]
+    assert "2 times a person vanished" in failed[1]
     assert judge_walk(result.model_copy(update={"robots": []}))[1]
     blind = result.robots[0].model_copy(update={"ticks_at": {"unknown": 75}})
     assert (

@@ -93,13 +93,13 @@ def test_a_library_of_an_extra_is_told_with_its_extra(monkeypatch, name, library
 @pytest.mark.usefixtures("third_party")
 @pytest.mark.parametrize("name", ["bare", "number", "module"])
 def test_what_is_no_part_is_refused_in_one_line(name):
-    with pytest.raises(ConfigError, match=rf"'{name}' is not a class .* PredictorSettings; mend"):
+    with pytest.raises(ConfigError, match=rf"'{name}' is not a class .* PredictorSettings; fix"):
         registry.load("predictors", name)
 
 
 @pytest.mark.usefixtures("third_party")
 def test_a_module_that_exits_does_not_end_the_program():
-    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: 0; mend"):
+    with pytest.raises(ConfigError, match=r"cannot be loaded: SystemExit: 0; fix"):
         registry.load("predictors", "quitting")
 
 

@@ -146,7 +146,7 @@ def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
         asked = Asked(recordings.start_ns + round(after_s * SECOND), round(width_s * SECOND))
         return because(situation(recordings, asked, "arm"))
 
-    assert answer(0.1, 1.0).startswith("somebody was 0.50 m")
+    assert answer(0.1, 1.0).startswith("a person was 0.50 m")
     waited = answer(0.1, 0.1)
     assert waited.startswith("it waited for new captures")
-    assert "before that: somebody was 0.50 m" in waited
+    assert "before that: a person was 0.50 m" in waited

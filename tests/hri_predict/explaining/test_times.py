@@ -41,13 +41,13 @@ def test_each_way_to_write_a_time(noon, text, seconds, width_s):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("25:00:00", "no time of a day"),
-        ("12:00:61", "no time of a day"),
+        ("25:00:00", "not a time of day"),
+        ("12:00:61", "not a time of day"),
         ("13:30:00", "not recorded; these recordings are from 2026-03-08T12:00:00.00"),
-        ("2026-02-30T12:00:00", "no date"),
-        ("noon", "is no time"),
-        ("-3", "is no time"),
-        ("1e3", "is no time"),
+        ("2026-02-30T12:00:00", "not a date"),
+        ("noon", "is not a time"),
+        ("-3", "is not a time"),
+        ("1e3", "is not a time"),
     ],
 )
 def test_what_is_no_time_is_one_line(noon, text, words):

@@ -38,7 +38,7 @@ def test_a_person_within_its_reach_stops_it(mode: str) -> None:
     assert (advice.level, advice.reason, advice.speed_limit_m_s) == (Level.STOP, FROZEN, 0.0)
     assert plain.settle(NEAR_M, ticks=30).level is Level.SLOW
     assert "RobotState has not changed for 2 s in which the robot may move" in advice.detail
-    assert "a joint's position changes, or everybody is over" in advice.detail
+    assert "a joint's position changes, or all people are over" in advice.detail
 
 
 @BY_PLACE
@@ -81,5 +81,5 @@ def test_a_vehicle_may_be_anywhere() -> None:
     vehicle.said = {"base": mobile.standing()}
     advice = vehicle.settle(2 * FAR_M, ticks=TICKS + 30)
     assert (advice.level, advice.reason) == (Level.STOP, FROZEN)
-    assert "or everybody is gone" in advice.detail
+    assert "or all people are gone" in advice.detail
     assert vehicle.settle(ticks=140).level is Level.CLEAR  # at 0.5 m/s more each second

@@ -1,4 +1,4 @@
-"""Episodes with people whom cameras lose: drawn from a seed, and safe."""
+"""Episodes with people lost by cameras: drawn from a seed, and safe."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What SocketCAN reports about the bus: error frames, and the state in the kernel.
+"""Reports of SocketCAN about the bus: error frames, and the state in the kernel.
 
 Source: Linux, include/uapi/linux/can/error.h (error classes in the identifier, details in the
 data), and drivers/net/can/dev/dev.c: in bus-off a controller has no carrier until it restarts.
@@ -79,7 +79,7 @@ class BusHealth:
         if classes & CAN_ERR_CRTL:
             trouble = self._controller(data[1] if len(data) > 1 else 0)
         if classes & CAN_ERR_ACK and trouble is None:
-            trouble = "nobody acknowledges: connect another node to the bus, at this bit rate"
+            trouble = "no node acknowledges: connect another node to the bus, at this bit rate"
         return trouble
 
     def _controller(self, bits: int) -> str | None:

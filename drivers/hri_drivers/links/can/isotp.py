@@ -120,7 +120,7 @@ class IsoTpTransfer:
         return frames
 
     def patience_s(self) -> float | None:
-        """How long the link may sleep, ``None`` if no message is under way."""
+        """Return the maximum sleep of the link; ``None`` if no message is under way."""
         if not self.active:
             return None
         delay = self._layer.next_cf_delay()

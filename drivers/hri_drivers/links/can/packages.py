@@ -1,4 +1,4 @@
-"""What a CAN interface of python-can needs to be installed, found without opening a device."""
+"""Packages that a CAN interface of python-can needs, found without opening a device."""
 
 import ctypes
 import importlib
@@ -58,7 +58,7 @@ def demand_packages(name: str, interface: str) -> None:
 
 
 def missing_driver(interface: str, chain: Iterable[BaseException]) -> str | None:
-    """What is not installed and the remedy, if that is why a bus did not open.
+    """Return the missing package and the remedy, if that is why a bus did not open.
 
     Args:
         interface: python-can's name.

@@ -30,7 +30,7 @@ OWN_ARGUMENTS = ("interface", "bustype", "channel", "bitrate", "fd", "data_bitra
 
 
 MAX_ID = 0x1FFF_FFFF
-"""29 bits; with 11 bits the ids are checked anew."""
+"""29 bits; with 11 bits the ids are checked again."""
 
 
 class IsoTpSettings(Settings):
@@ -59,7 +59,7 @@ class CanLinkSettings(ConfiguredLinkSettings):
         500_000,
         ge=10_000,
         le=1_000_000,
-        description="of the bus; with FD, of its arbitration phase",
+        description="bit rate of the bus; with FD, of its arbitration phase",
     )
     fd: bool = Field(False, description="CAN FD; it carries Zone and Pose without ISO-TP")
     data_bitrate: int = Field(
@@ -186,7 +186,7 @@ class CanLinkSettings(ConfiguredLinkSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What ``check`` reports about this link."""
+        """Notes of ``check`` on this link."""
         notes = []
         if self.listen_only:
             notes.append("listen_only: it receives RobotState and Acknowledge, and sends no advice")

@@ -43,7 +43,7 @@ class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
         description="network bandwidth that this link may use, bit/s",
     )
     wait_for_device: bool = Field(
-        True, description="start even if nobody is connected: no cell waits for a router"
+        True, description="start without a connection: no cell waits for a router"
     )
 
     safety: ClassVar[Safety] = harmless("take", "bitrate")

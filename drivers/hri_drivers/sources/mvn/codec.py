@@ -50,7 +50,7 @@ LATE_RUN = 10
 GONE_AFTER = 3
 """A character missing from this many samples in a row has left the stream."""
 MAX_LOST = 100_000
-"""A sample ahead by more than this is no loss: the sender restarted."""
+"""A sample ahead by more than this is not a loss: the sender restarted."""
 
 
 class MalformedDatagram(ValueError):
@@ -192,12 +192,12 @@ class _Part:
 
 
 class Assembler:
-    """Assembles datagrams into samples of everybody in the stream.
+    """Assembles datagrams into samples of all people in the stream.
 
     Each character has its own datagrams [2.4.1.6], several if one would be too long [2.4.1.3]. A
     sample is whole when all datagrams of all characters in the stream have arrived. If the next
-    sample begins earlier, the sample is dropped and counted, so one lost datagram makes
-    nobody vanish. A character missing from ``GONE_AFTER`` samples in a row has left.
+    sample begins earlier, the sample is dropped and counted, so one lost datagram makes no person
+    vanish. A character missing from ``GONE_AFTER`` samples in a row has left.
 
     Args:
         number: the type to decode, 1 or 2; other types are only counted.

@@ -6,7 +6,7 @@ according to MVN's manual; type 01 is in centimetres with y up, z forward and x 
 of the protocol says centimetres for both.) A body of inhuman size means wrong units: the source
 then reports that it does not see the room.
 
-MVN reports only people who wear its sensors. ``sees_room`` states whether everybody nearby wears
+MVN reports only people who wear its sensors. ``sees_room`` states whether all people nearby wear
 them.
 """
 
@@ -63,7 +63,7 @@ class MvnSettings(LiveSettings):
     protocol: Literal["udp", "tcp"] = Field("udp", description="as set in MVN's network streamer")
     allow_unauthenticated: bool = ALLOW_UNAUTHENTICATED
     sees_room: bool = Field(
-        description="true only if everybody who can come near wears streamed sensors; required"
+        description="true only if every person who can come near wears streamed sensors; required"
     )
     type: Literal["quaternion", "euler"] = Field(
         "quaternion", description="MVN's stream: Position + Orientation (Quaternion or Euler)"

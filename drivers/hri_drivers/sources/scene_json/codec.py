@@ -5,7 +5,7 @@ One object is one scene, with everything needed to read it::
     {"format": "hri-scene/1",
      "sequence": 1201,                rises by one with each capture, even if not sent
      "stamp_s": 48.033,               capture time, seconds of the sender's own clock
-     "sees_room": true,               false: the sensor cannot tell who is there
+     "sees_room": true,               false: the sensor does not know who is there
      "units": "m",                    or "mm"
      "axes": ["x", "y", "z"],         the axes that point forward, left and up
      "left_handed": false,            true if the sender's axes are left-handed; optional
@@ -38,7 +38,7 @@ from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.contracts.source import SourceCounters
 
 MOST_NAMED = 8
-"""So many unknown joints are named."""
+"""Number of unknown joints that are named."""
 MAX_BYTES = 65_536
 """Largest scene; ten people with a hundred joints each take half of it."""
 MAX_PEOPLE = 64
@@ -187,7 +187,7 @@ def _parsed(data: bytes | str) -> SceneMessage:
     except RecursionError:
         raise SceneJsonError("scene: nested too deeply; see the schema") from None
     except (ValueError, OverflowError) as error:  # JSON's and Unicode's errors are ValueErrors
-        raise SceneJsonError(f"scene: not JSON in UTF-8: {plain(error)}; mend the sender") from None
+        raise SceneJsonError(f"scene: not JSON in UTF-8: {plain(error)}; fix the sender") from None
 
 
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -202,7 +202,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def plain(error: Exception) -> str:
-    """An error's text made safe for a log, whatever a sender wrote: one short line of ASCII."""
+    """An error's text made safe for a log from any content: one short line of ASCII."""
     line = " ".join(str(error).split())[:_MESSAGE_LENGTH]
     return line.encode("ascii", "backslashreplace").decode("ascii")
 

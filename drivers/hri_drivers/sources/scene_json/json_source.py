@@ -28,11 +28,11 @@ from hri_predict.protocol.discovery.services import ServiceSettings
 
 DEFAULT_PORT = 9871
 MAX_LOST = 100_000
-"""A scene ahead by more than this is no loss: the sender restarted."""
+"""A scene ahead by more than this is not a loss: the sender restarted."""
 
 
 class SceneJsonSettings(LiveSettings):
-    """What both sources of JSON scenes have in common."""
+    """Settings common to both sources of JSON scenes."""
 
     min_confidence: float = Field(
         0.3, ge=0, le=1, description="joints sent with less confidence are unobserved"
@@ -50,7 +50,9 @@ class JsonSettings(SceneJsonSettings):
     role: Literal["server", "client"] = Field(
         "server", description="server: the sender connects to us; client: we connect to it"
     )
-    host: str = Field("127.0.0.1", min_length=1, description="where to listen, or to connect to")
+    host: str = Field(
+        "127.0.0.1", min_length=1, description="address to listen on, or to connect to"
+    )
     port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="TCP port")
     service: ServiceSettings | None = Field(
         None, description="client: the name that the sender announces; replaces host and port"

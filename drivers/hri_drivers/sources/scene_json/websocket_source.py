@@ -83,7 +83,7 @@ class WebSocketSplitter:
     """The server's side of one connection: finds messages and prepares answers.
 
     Attributes:
-        trouble: what the other side does wrong in the protocol; ``None`` if nothing.
+        trouble: protocol error of the other side; ``None`` if none.
     """
 
     def __init__(self, origins: Sequence[str]) -> None:
@@ -161,7 +161,7 @@ class WebSocketClient:
         """Connect.
 
         Raises:
-            SourceError: nobody answers there, or the server is not a WebSocket.
+            SourceError: there is no answer, or the server is not a WebSocket.
         """
         self.close()
         try:

@@ -1,4 +1,4 @@
-"""What all sources of the node's own scene stream share."""
+"""Common part of all sources of the node's own scene stream."""
 
 import time
 from collections.abc import Callable
@@ -40,7 +40,7 @@ def stream_of(
 
     Args:
         settings: the source's.
-        base_dir: where relative paths of the key and the joint map start.
+        base_dir: start of relative paths of the key and the joint map.
         utc_ns: this machine's UTC clock.
 
     Raises:

@@ -73,7 +73,7 @@ class UdpSource(LiveSource):
 
     Args:
         settings: the source's.
-        base_dir: where relative paths of the key and the joint map start.
+        base_dir: start of relative paths of the key and the joint map.
         clock: the node's.
         utc_ns: this machine's UTC clock.
 

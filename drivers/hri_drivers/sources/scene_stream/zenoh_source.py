@@ -54,7 +54,7 @@ class ZenohReceiver:
         """Return the payloads that have arrived.
 
         Raises:
-            LinkError: nobody is connected.
+            LinkError: there is no connection.
         """
         return [unit.data for unit in self._transport.read(timeout_s)]
 

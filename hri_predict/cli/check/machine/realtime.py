@@ -61,7 +61,7 @@ def _lateness_table(lateness: dict[str, dict[str, float]]) -> Table:
     table = Table(title="How late a bare loop wakes, µs", title_justify="left")
     for heading in ("", "p50", "p99", "max"):
         table.add_column(heading, justify="left" if not heading else "right")
-    texts = {"idle": "alone", "busy": "beside a process that computes half of each cycle"}
+    texts = {"idle": "alone", "busy": "next to a process that computes for half of each cycle"}
     for key, text in texts.items():
         table.add_row(
             text, *(f"{lateness[key][name]:.0f}" for name in ("p50_us", "p99_us", "max_us"))

@@ -1,4 +1,4 @@
-"""What moving a calibration to a site gained: coverage and sizes before and after, on parts that
+"""Gain from moving a calibration to a site: coverage and sizes before and after, on parts that
 were held out.
 
 The parts are divided into ``FOLDS`` blocks of neighbours in time. Each block is measured with
@@ -22,8 +22,7 @@ from hri_predict.zones.settings import LEVELS
 FOLDS = 5
 HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 WALK_M_S, BODY_M = 1.6, 0.08
-"""Sizes are compared with a ball that grows at the standard's walking speed; the body around a
-joint adds so much to both radii."""
+"""Sizes are compared with a ball that grows at walking speed; the body adds this to both."""
 BEFORE, AFTER = "before", "after"
 
 

@@ -1,4 +1,4 @@
-"""How a site's own recordings move the factors of a calibration.
+"""Effect of a site's own recordings on the factors of a calibration.
 
 **Rule.** A factor is a quantile of errors over the learned scale. The base knows how such ratios
 are distributed among the people it was made of, the site's parts how they are here. The new
@@ -8,7 +8,7 @@ outweigh the base; and what is asked of the tail is answered by shares of window
 factors would not do.
 
 - The base counts as ``GROW`` recordings where the site needs larger factors and as ``SHRINK``
-  where smaller ones would do: a zone too small may hurt somebody, one too large costs time.
+  where smaller ones would do: a zone too small may hurt a person, one too large costs time.
 - A factor that shrinks stays at least the site's own quantile.
 - A part in which a speed class occurs for less than ``FULL_WINDOWS`` counts in proportion.
 - As in every calibration, the share that the site's parts may miss is cut where they are few
@@ -137,5 +137,5 @@ def _quantile(base: BaseTail, counts: float, site: Ratios, level: float) -> floa
 
 
 def weights_of(windows: Sequence[int] | Ints) -> Floats:
-    """What parts with so many windows weigh: 1, or less where they show little."""
+    """Return the weights of parts by their number of windows: 1, or less where they show little."""
     return np.minimum(np.asarray(windows, float) / FULL_WINDOWS, 1.0)

@@ -1,7 +1,7 @@
 """A site's recordings as units: parts of ten minutes, and what is kept of each.
 
 Windows of one stay resemble each other: the same person, the same work, the same light. So
-recordings are cut into parts of ``PART_S`` from their first scene on, and each part with somebody
+recordings are cut into parts of ``PART_S`` from their first scene on, and each part with a person
 in it counts as one recording, however much happens in it. Parts of one night still resemble each
 other more than nights do; they give no guarantee (``mixing``), and the coverage on held-out parts
 is that of the same people.
@@ -36,7 +36,7 @@ EVERY = 3
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Part:
-    """What is kept of a part. W windows, H steps, J joints.
+    """Data kept of a part. W windows, H steps, J joints.
 
     Attributes:
         name: the recording's, and the minute at which the part begins.
@@ -68,7 +68,7 @@ def score_parts(
     on_recording: Callable[[str], None] = lambda _: None,
     on_left_out: Callable[[str], None] = lambda _: None,
 ) -> list[Part]:
-    """Score a predictor on the site's recordings, in their order; recordings without anybody, too
+    """Score a predictor on the site's recordings, in their order; recordings without people, too
     slow or of unknown joints are left out.
 
     Args:
@@ -114,7 +114,7 @@ def score_parts(
         files,
         of,
         joint_map=joint_map,
-        nobody="nobody is seen for a second without a break",
+        nobody="no person is seen for a second without a break",
         on_recording=on_recording,
         on_left_out=on_left_out,
     )

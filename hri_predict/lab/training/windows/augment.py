@@ -22,7 +22,7 @@ _ARMS = tuple(
 
 
 class AugmentSettings(Settings):
-    """How often and how strongly; shares are shares of windows and may add up to more than 1."""
+    """Frequency and strength; shares are shares of windows and may add up to more than 1."""
 
     mirror: float = Field(0.5, ge=0, le=1, description="share mirrored left to right")
     yaw: bool = Field(True, description="turn about the vertical, uniformly")

@@ -32,7 +32,7 @@ _AROUND_M = {
 
 
 class BodySettings(Settings):
-    """How much bodies differ (``data.bodies:``)."""
+    """Variation of bodies (``data.bodies:``)."""
 
     share: float = Field(0.7, ge=0, le=1, description="share of windows with another body")
     bones: float = Field(
@@ -65,7 +65,7 @@ class Bodies:
     def worn(self, positions: NDArray[np.float32], observed: Bools) -> NDArray[np.float32]:
         """Move windows (B, N, J, 3) of people with z up onto these bodies.
 
-        Whoever has longer legs also goes further with each step.
+        A person with longer legs also goes further with each step.
         """
         present = observed.any(2, keepdims=True)
         throughout: Bools = np.asarray((observed | ~present).all(1) & observed.any(1))  # (B, J)

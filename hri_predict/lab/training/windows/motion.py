@@ -96,7 +96,7 @@ class DataSettings(RecordingsSettings):
 
     weights: dict[str, Annotated[float, Field(ge=0, le=1e6)]] = Field(
         default_factory=dict,
-        description="how often an action is drawn, relative to others; 1 where not named",
+        description="relative frequency with which an action is drawn; default: 1",
     )
     augment: AugmentSettings = Field(default_factory=AugmentSettings)
     bodies: BodySettings = Field(default_factory=BodySettings)
@@ -157,7 +157,8 @@ class MotionSamples:
         if not any(self._usable_s(t) > 0 for t in tracks):
             if not tracks or max(map(_span_s, tracks)) > self._least_s:
                 raise RecordingError(
-                    f"recording {path}: nobody is observed for {self._least_s:g} s in it, within "
+                    f"recording {path}: no person is observed for {self._least_s:g} s in it, "
+                    "within "
                     f"{MAX_COORDINATE_M:g} m of its origin; correct it, or leave it out"
                 )
             log.warning("recording %s: shorter than %g s, left out", path, self._least_s)
@@ -179,7 +180,7 @@ class MotionSamples:
         return max(0.0, _span_s(track) - least - float(pauses[pauses > least].sum()))
 
     def _shares(self) -> NDArray[np.float64]:
-        """How often each track is drawn; they add up to 1."""
+        """Return the probability of each track; they add up to 1."""
         usable = [self._usable_s(track) for track in self._tracks]
         if not sum(usable) > 0:
             raise ConfigError(

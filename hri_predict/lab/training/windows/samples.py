@@ -35,7 +35,7 @@ class Samples:
 
 
 class SampleSource(Protocol):
-    """Where training windows come from.
+    """Source of training windows.
 
     Attributes:
         shape: shape of the windows.

@@ -1,4 +1,4 @@
-"""What trackers make of a motion: how often they look, what they lose, and how they err.
+"""Motion as trackers see it: how often they look, what they lose, and how they err.
 
 Trackers give captures, not motion. Captures are disturbed before they are resampled, as in the
 node: an error that is correlated in time stays so, and a capture that is lost leaves a gap.
@@ -24,7 +24,7 @@ FASTEST_HZ = 60.0
 
 
 class TrackerSettings(Settings):
-    """How often and how strongly trackers err (``data.trackers:``); shares are of windows."""
+    """Frequency and strength of trackers' errors (``data.trackers:``); shares are of windows."""
 
     rate: float = Field(0.35, ge=0, le=1, description="share at another capture rate")
     slowest_hz: float = Field(8.0, ge=5, le=60, description="lowest such rate; the highest is 60")

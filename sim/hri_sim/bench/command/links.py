@@ -37,7 +37,7 @@ def links(
     predictor: Annotated[
         str, typer.Option(help="The node's predictor; a network, to measure its inference too.")
     ] = "zero_velocity",
-    people: Annotated[int, typer.Option(help="How many people stand in the room.")] = 2,
+    people: Annotated[int, typer.Option(help="Number of people in the room.")] = 2,
     wires: Annotated[bool, typer.Option(help="Measure how full a serial wire gets, too.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:

@@ -35,7 +35,7 @@ def trackers(
     """Let people walk up to a robot and away, seen by several trackers with several kinds of noise.
 
     The whole node runs on the virtual clock, in modes predictive and iso. Exit status 1 if a robot
-    was advised "clear" too close to somebody, or touched somebody while it moved.
+    was advised "clear" too close to a person, or touched a person while it moved.
 
     Example: hri-predict bench trackers --only "coco17 none" --walks 1
     """

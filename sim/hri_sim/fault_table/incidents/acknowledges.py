@@ -1,4 +1,4 @@
-"""Acknowledges without a person who presses, while somebody hides beside the robot."""
+"""Acknowledges without a person who presses, while a person hides beside the robot."""
 
 from collections.abc import Mapping
 from typing import Any

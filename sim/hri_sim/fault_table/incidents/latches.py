@@ -19,7 +19,7 @@ def _latched(*causes: str) -> Mapping[str, Any]:
 
 LATCHES = (
     Incident(
-        name="latch start: a person whom nobody has seen yet",
+        name="latch start: a person not seen yet",
         people=(_UNSEEN,),
         duration_s=8.0,
         faults=("vanish@0+8:person=1",),

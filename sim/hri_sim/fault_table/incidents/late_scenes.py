@@ -1,4 +1,4 @@
-"""Scenes that arrive late for a long time, with true stamps: a bad switch, somebody in the way."""
+"""Scenes that arrive late for a long time, with true stamps: a bad switch, a person in the way."""
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident

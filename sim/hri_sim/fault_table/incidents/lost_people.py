@@ -67,11 +67,11 @@ _BELOW_SHOULDERS = ",".join(
 )
 
 _FAR = _stands([4.0, -2.5], 2, enter_s=0.0, seconds=60.0)
-"""Somebody who is seen all the while, so that scenes go on."""
+"""A person who is seen all the while, so that scenes go on."""
 
 
 def _untracked(name: str, faults: tuple[str, ...], says: Reason, **settings: Any) -> Incident:
-    """Somebody whom the node cannot track vanishes after five seconds, and later reaches out."""
+    """A person the node cannot track vanishes after five seconds, and later reaches out."""
     return Incident(
         name=f"lost: {name}",
         people=(_FAR, _reaches_out(12.0)),
@@ -224,7 +224,7 @@ LOST_PEOPLE = (
         not_moving=(3.3, 7.0),
     ),
     Incident(
-        name="lost: behind a pallet, where nobody sees free space",
+        name="lost: behind a pallet, where free space is not seen",
         people=(_reaches_out(12.0),),
         duration_s=28.0,
         faults=("vanish@5+23:person=1",),

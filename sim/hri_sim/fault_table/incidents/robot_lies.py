@@ -131,7 +131,7 @@ ROBOT_LIES = (
         says=(Reason.ROBOT_STOPS_LATE,),
     ),
     Incident(
-        name="robot: tells the truth",
+        name="robot: is truthful",
         people=(_COMES,),
         duration_s=9.0,
         moving=(3.0, 5.0),

@@ -111,7 +111,7 @@ def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> 
 
 
 def _waits(name: str, script: Sequence[Mapping[str, Any]], **story: Any) -> Incident:
-    """An arm that tells the truth, and waits for 4 s at a station."""
+    """An arm that reports the truth, and waits for 4 s at a station."""
     person = {"start": [2.5, -4.5], "repeat": False, "script": script}
     return _elsewhere(
         f"it is not, an arm waits at a station, {name}",

@@ -28,7 +28,7 @@ SECOND_SENDER = (
         says=(Reason.SECOND_SENDER,),
     ),
     Incident(
-        name="second sender: says clear while somebody walks in",
+        name="second sender: says clear while a person walks in",
         people=(_WALKS_IN,),
         duration_s=14.0,
         faults=("drive:second_sender@2+12", "monitor:second_sender@2+12"),

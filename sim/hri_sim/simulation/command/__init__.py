@@ -1,1 +1,1 @@
-"""``simulate``: closed loops, and people whom cameras lose."""
+"""``simulate``: closed loops, and people lost by cameras."""

@@ -1,4 +1,4 @@
-"""``simulate --occlude``: people whom cameras lose, and what comes of it in each risk mode."""
+"""``simulate --occlude``: people lost by cameras, and the consequences in each risk mode."""
 
 import json
 import sys
@@ -13,7 +13,7 @@ from hri_sim.simulation.request import OcclusionRequest, OcclusionRow
 
 
 def occluded(request: OcclusionRequest, *, as_json: bool) -> int:
-    """Play the episodes and print a table; 1 if a moving robot touched somebody."""
+    """Play the episodes and print a table; 1 if a moving robot touched a person."""
     from hri_sim.simulation.occluded import simulate as play
 
     with progress() as bar:
@@ -54,7 +54,7 @@ def _show(request: OcclusionRequest, found: Sequence[dict[str, object]]) -> None
     rates = ", ".join(f"{rate:g}" for rate in request.rates_hz)
     table = Table(title=f"{request.episodes} episodes at {rates} Hz, {seen}{free}")
     for column in (
-        "mode", "contacts, moving", "contacts, standing", "speed permitted, %", "somebody lost, %"
+        "mode", "contacts, moving", "contacts, standing", "speed permitted, %", "person lost, %"
     ):  # fmt: skip
         table.add_column(column, justify="left" if column == "mode" else "right")
     for row in found:

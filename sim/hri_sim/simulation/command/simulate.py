@@ -108,8 +108,8 @@ def simulate(
         bool,
         typer.Option(
             "--occlude",
-            help="People whom cameras lose behind boxes and each other, with other ids when they "
-            "are found again; through the whole node.",
+            help="People lost by cameras behind boxes and each other, with new ids when they are "
+            "found again; through the whole node.",
         ),
     ] = False,
     rates: Annotated[
@@ -149,7 +149,7 @@ def simulate(
 
     Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
 
-    Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, somebody
+    Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, a person
     was touched by a moving robot.
     """
     jobs = processes(jobs, cluster, default=2)

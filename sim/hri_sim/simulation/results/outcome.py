@@ -36,7 +36,7 @@ class Outcome:
         index, motion: the scenario's number, and the first person's motion.
         seconds: time with a person there.
         contacts, contacts_standing: the referee's counts.
-        min_separation_m: the smallest distance; ``None`` if nobody was seen.
+        min_separation_m: the smallest distance; ``None`` if no person was seen.
         moving_separation_m: the same while the robot moved; ``None`` if it did not.
         violation_s, violation_m: time that the robot moved although a person was nearer than
             C + Z_d + Z_r, and the greatest shortfall.
@@ -44,7 +44,7 @@ class Outcome:
         wire_stops: stops because the wire lost too much.
         judged_stops, judged_s: stops followed by a whole recorded horizon, and the time in which a
             stop could be judged.
-        false_stops: judged stops without need: everybody would have stayed beyond ``NEAR_M`` of
+        false_stops: judged stops without need: all people would have stayed beyond ``NEAR_M`` of
             a robot that went on.
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
@@ -91,7 +91,7 @@ class Truth:
     """One approach without protection, the same for every variant.
 
     Attributes:
-        bodies, counts: (K, B) capsules of everybody at each tick, and which of them count.
+        bodies, counts: (K, B) capsules of all people at each tick, and which of them count.
         first_touch: robot's name -> tick at which it would first have been touched.
     """
 
@@ -101,7 +101,7 @@ class Truth:
 
     @classmethod
     def of(cls, log: Log, models: Sequence[RobotModel]) -> "Truth":
-        """Build it from the log of an episode in which the node saw nobody."""
+        """Build it from the log of an episode in which the node saw no person."""
         ids = sorted({i for people in log.people for i in people})
         joints = len(CANONICAL.joints)
         shape = (len(log.people), len(ids), joints)
@@ -196,7 +196,7 @@ def _count_touch(
 def _count_stops(
     *, found: Outcome, cell: Cell, log: Log, truth: Truth, times: Floats, start: int
 ) -> None:
-    """Count protective stops, and those after which nobody would have come near the robot."""
+    """Count protective stops, and those after which no person would have come near the robot."""
     drives = {report.robot: report for report in log.controllers if report.role == "drive"}
     for model, trajectory in zip(cell.models, cell.trajectories, strict=True):
         for at_s, cause, limit in drives[model.name].events:

@@ -37,7 +37,7 @@ class Result:
         disagreements: one line for each of them with another result.
         asked: everything that decides the results, by name.
         left_out: one line for each recording that could not be played.
-        bases: what each predictor's zones rest on.
+        bases: basis of each predictor's zones.
     """
 
     results: Sequence[Judged]

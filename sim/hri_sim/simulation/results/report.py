@@ -254,7 +254,7 @@ def tables(
 
 
 def touched(result: Judged) -> str:
-    """What the moving robot touched, and how fast, part by part; "" if it touched nobody."""
+    """Return what the moving robot touched, and how fast, part by part; "" if no person."""
     totals = result.totals
     parts = [
         f"{part} {speed:.2f} m/s (relative {totals['touch_relative_m_s'][part]:.2f}; bears "
@@ -313,9 +313,10 @@ def notes(results: Sequence[Judged]) -> list[str]:
         "greatest shortfall.",
         "Nearest while moving: the smallest distance between a body and the moving robot, mean "
         "over the approaches.",
-        f"A false stop: if the robot had gone on at full speed along its plan, nobody would have "
-        f"come within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each approach "
-        f"do not count in the columns of stops, because the recording ends too soon to judge them.",
+        "A false stop: if the robot had gone on at full speed along its plan, no person would "
+        f"have come within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each "
+        "approach do not count in the columns of stops, because the recording ends too soon to "
+        "judge them.",
         "Missed: the unprotected robot would have been touched, and the advice was clear or warn "
         "until then. Lead time: in the other cases, the time between the first stricter advice and "
         "the touch.",

@@ -288,7 +288,7 @@ def test_every_number_of_the_kernels_header():
         (0x004, 0x08): "warning",
         (0x004, 0x10): "error-passive",
         (0x004, 0x20): "error-passive",
-        (0x020, 0x00): "nobody acknowledges",
+        (0x020, 0x00): "no node acknowledges",
         (0x040, 0x00): "bus-off",
     }
     for (classes, controller), words in tell.items():

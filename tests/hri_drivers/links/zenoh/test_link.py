@@ -200,7 +200,7 @@ def test_peers_need_no_router(endpoint: str) -> None:
 
 def test_nobody_there_is_an_error_that_names_the_endpoint(endpoint: str) -> None:
     link = make_link(endpoint, wait_for_device=False)
-    with pytest.raises(LinkError, match=rf"link 'fleet': zenoh {endpoint}: nobody answers; start"):
+    with pytest.raises(LinkError, match=rf"link 'fleet': zenoh {endpoint}: no answer; start"):
         link.start()
 
 

@@ -29,7 +29,7 @@ def test_the_number_in_the_right_unit_is_proposed(value, unit, hint):
 
 def test_the_unit_stands_in_the_name_or_at_the_end_of_the_description():
     assert unit_of("max_speed_m_s") == "m/s"
-    assert unit_at("xyz", "where its origin is, m") == "m"
+    assert unit_at("xyz", "position of its origin, m") == "m"
     assert unit_at("b", "the other end, m; the same point makes a sphere") == "m"
     assert unit_at("size", "how many") == ""
 

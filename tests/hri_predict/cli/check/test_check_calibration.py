@@ -20,7 +20,7 @@ def lines(**changes):
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (None, "it does not tell when it was made; from 20 recordings"),
+        (None, "it does not say when it was made; from 20 recordings"),
         (date(2026, 6, 2), "made on 2026-06-02, 0 days ago; from 20 recordings"),
         (date(2026, 6, 1), "1 day ago; from 20 recordings"),
         (date(2025, 6, 1), "366 days ago; is it still true of these people and this tracker? See"),

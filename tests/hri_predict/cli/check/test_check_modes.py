@@ -18,7 +18,7 @@ WORDS = {
     "teach": "robot arm: TEACH is allowed: in manual mode, while the enabling device is held",
     "recovery": "robot arm: RECOVERY is allowed: beside people it may go back along its plan at up "
     "to 0.06 m/s",
-    "muting": "robot arm: MUTING is allowed: for up to 4 s nobody stops it, at up to 1 m/s",
+    "muting": "robot arm: MUTING is allowed: for up to 4 s no person stops it, at up to 1 m/s",
 }
 
 

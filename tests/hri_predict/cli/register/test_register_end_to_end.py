@@ -179,7 +179,7 @@ def test_with_nobody_sending_it_says_so_and_not_that_a_joint_is_missing(tmp_path
     points = [f"--point={point}" for point in POINTS[:3]]
     done = command("register", str(cell.path), *points, "--every", "0.1", "--seconds", "1")
     assert done.returncode == 2
-    assert "no scene arrived: nobody sends" in done.stderr
+    assert "no scene arrived: no sender" in done.stderr
     assert "r_hand" not in done.stderr
     done = command("register", str(cell.path), *points, "--every", "0.1", "--joint", "r_hand")
     assert "the joint map coco17 has no such joint" in done.stderr

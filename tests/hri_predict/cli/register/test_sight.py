@@ -93,7 +93,7 @@ def test_a_joint_that_is_hidden_is_named_with_those_that_are_seen():
 
 
 def test_an_empty_room_and_no_sender_are_two_things():
-    with pytest.raises(ConfigError, match="nobody is in view"):
+    with pytest.raises(ConfigError, match="no person is in view"):
         place_of(*watched(lambda k: []), "r_wrist")
     sensor, sights = watched(lambda k: [])
     none = Sights(positions=sights.positions, observed=sights.observed, scenes=0)

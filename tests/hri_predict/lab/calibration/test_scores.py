@@ -216,7 +216,7 @@ def test_who_is_hardly_there_has_no_window(make_recording):
     # 7 captures before the first origin, five origins and a step after the last: 13 captures
     assert len(score_recordings(zero(), [make_recording(wandering(13))])[0].origin_ns) == 5
     # what is asked for is ample: 8 + 2 x 5 steps of 40 ms
-    with pytest.raises(RecordingError, match=r"walking_1\.npz: nobody is seen for 0\.72 s"):
+    with pytest.raises(RecordingError, match=r"walking_1\.npz: no person is seen for 0\.72 s"):
         score_recordings(zero(), [make_recording(wandering(12))])
 
 

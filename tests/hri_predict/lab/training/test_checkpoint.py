@@ -74,7 +74,7 @@ def test_nothing_but_plain_data_is_read(tmp_path, how):
             {"pickle": pickle.dumps(Harmful()), "garbage": b"\x00" * 99, "empty": b"",
              "cut": whole[: len(whole) // 2]}[how]
         )  # fmt: skip
-    with pytest.raises(ConfigError, match="start the run anew") as error:
+    with pytest.raises(ConfigError, match="start the run again") as error:
         load_checkpoint(path)
     assert "\n" not in str(error.value)
 

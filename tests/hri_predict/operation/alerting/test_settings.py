@@ -33,7 +33,7 @@ def hook(data):
         (WEBHOOK | {"url": "ftp://hooks.example/"}, ["must begin with https://"]),
         (WEBHOOK | {"url": "file:///etc/passwd"}, ["must begin with https://"]),
         (WEBHOOK | {"url": "https:///path"}, ["names no host"]),
-        (WEBHOOK | {"url": "https://h:x/"}, ["write it as https://HOST/PATH"]),
+        (WEBHOOK | {"url": "https://h:x/"}, ["expected https://HOST/PATH"]),
         (WEBHOOK | {"url": "https://h/ä"}, ["printable ASCII"]),
         (WEBHOOK | {"url_env": "URL"}, ["give one of: url, url_file, url_env"]),
         (WEBHOOK | {"token_file": "a", "token_env": "B"}, ["leave one out"]),
@@ -87,9 +87,9 @@ def test_a_secret_in_the_configuration_is_refused_and_not_repeated(data):
     [
         (None, "cannot be read: No such file"),
         ("", "is empty"),
-        ("two\nlines", "is no line"),
-        ("ä", "is no line"),
-        ("x" * 5000, "is no line"),
+        ("two\nlines", "is not a line"),
+        ("ä", "is not a line"),
+        ("x" * 5000, "is not a line"),
     ],
 )
 def test_a_secret_that_cannot_be_used_is_not_repeated(content, words, tmp_path):

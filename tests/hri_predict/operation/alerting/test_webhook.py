@@ -134,7 +134,10 @@ def test_a_time_limit_is_called_so(tmp_path):
 
 
 def test_what_is_no_http_is_no_delivery(tmp_path):
-    with silent_server(b"SSH-2.0-x\r\n") as port, pytest.raises(SendError, match="no HTTP server"):
+    with (
+        silent_server(b"SSH-2.0-x\r\n") as port,
+        pytest.raises(SendError, match="not an HTTP server"),
+    ):
         sender(tmp_path, f"http://127.0.0.1:{port}", timeout_s=2).send(alert(), 0)
 
 

@@ -138,7 +138,7 @@ def test_a_pipe_in_the_place_of_a_file_is_not_read(tmp_path):
     written(tmp_path, 1)
     (tmp_path / "0.mcap").unlink()
     os.mkfifo(tmp_path / "0.mcap")
-    assert wrongs(tmp_path) == [(1, "its file 0.mcap is no file")]
+    assert wrongs(tmp_path) == [(1, "its file 0.mcap is not a file")]
 
 
 def test_half_a_line_on_a_full_disk_is_taken_back(tmp_path):

@@ -126,5 +126,5 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path, change, said):
 def test_a_missing_table_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r"nowhere\.yaml"):
         load_table("nowhere.yaml", tmp_path)
-    with pytest.raises(ConfigError, match=r"table\.csv is no"):
+    with pytest.raises(ConfigError, match=r"table\.csv is not"):
         load_table("table.csv", tmp_path)

@@ -88,7 +88,7 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     ),
     "limits reversed": (swap('lower="-2"', 'lower="3"'), CHAIN + STOP, "'lift'.*lower, upper"),
     "limit nan": (swap('lower="-2"', 'lower="nan"'), CHAIN + STOP, "lift"),
-    "huge axis": (swap('xyz="0 0 2"', 'xyz="0 0 1e308"'), CHAIN + STOP, "no direction"),
+    "huge axis": (swap('xyz="0 0 2"', 'xyz="0 0 1e308"'), CHAIN + STOP, "not a direction"),
     "no axis": (swap('xyz="0 0 2"', 'xyz="0 0 0"'), CHAIN + STOP, "turn"),
     "axis of words": (swap('xyz="0 0 2"', 'xyz="a b c"'), CHAIN + STOP, "turn"),
     "origin nan": (swap('xyz="0 0 0.1"', 'xyz="0 nan 0"'), CHAIN + STOP, "small.urdf: .*nan"),

@@ -40,9 +40,10 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
         (people("max_gap_s: 1"), "people.max_gap_s: 1 (default 0.1): a person may be unseen for 1"),
         (people("posture_unchecked: the sensor is a radar"), "people.posture_unchecked: the sen"),
         (risk("limits: {physical_speed_m_s: 1.2}"), "risk.limits.physical_speed_m_s: 1.2 (default "
-         "2): what has no forecast, and the lost, are expected 0.8 m less far in each second"),
+         "2): joints without a forecast and lost people are expected to move 0.8 m less in each "
+         "second"),
         (risk("limits: {arm_speed_m_s: 5, body_speed_m_s: 5}"), "risk.limits.body_speed_m_s: 5 "
-         "(default 1.6): a person who comes at up to 5 m/s does not count as fast"),
+         "(default 1.6): a person who approaches at up to 5 m/s does not count as fast"),
         (risk("limits: {velocity_error_m_s: 0}"),
          "risk.limits.velocity_error_m_s: 0 (default 1.6)"),
         (risk(REACH), "risk.limits.reach.trunk.speed_m_s: 5 (default 10): no zone holds"),

@@ -14,11 +14,12 @@ class Row:
     """One figure with its spread.
 
     Attributes:
-        part: what was measured; a section names each of its parts once.
+        part: the measured part; a section names each of its parts once.
         unit: of all its figures.
         p50, p99, max: median, 99th percentile, largest; a figure without a spread is its ``p50``.
-        floor: what it cannot be better than here, by ``why``; stands beside ``p50``.
-        aim: what it should be at most (at least, if more is better); beside the figure ``aim_of``.
+        floor: lower bound on this machine, by ``why``; stands next to ``p50``.
+        aim: maximum that it should have (minimum, if more is better); next to the figure
+            ``aim_of``.
         why: in one phrase, what the floor or the aim is.
         more_is_better: as with speeds.
         axis, size, series: place on a line of a plot: people, 4, "sinn".
@@ -47,16 +48,16 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Scope:
-    """How much to measure.
+    """Amount of measurement.
 
     Attributes:
         seconds: for each row that is measured in real time.
         baseline: the predictor whose inference costs next to nothing.
         network: the default predictor, whose inference costs most of a tick.
         predictors: those that are measured one by one; empty: all with shipped weights.
-        people, joint_maps, horizons_s, robots, rates_hz: what scaling goes through.
+        people, joint_maps, horizons_s, robots, rates_hz: values that scaling goes through.
         batches: numbers of people that forecasts are made for.
-        wires, age_rates_hz: how many of the wires, and at which rates.
+        wires, age_rates_hz: number of wires, and the rates.
         episodes: approaches of the closed loop; 0: it is left out.
         cold: whether the start is measured with an empty cache, too.
     """

@@ -20,10 +20,10 @@ Sections = Mapping[str, Sequence[Row]]
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A figure beside the same of an earlier run.
+    """A figure next to that of an earlier run.
 
     Attributes:
-        section, part: which.
+        section, part: their names.
         p50, p99: new over old; ``None`` where one of them is missing.
         verdict: ``worse``, ``better``, ``as before``, ``new``, or ``gone``.
     """
@@ -109,7 +109,7 @@ def compare(before: Sections, now: Sections, factor: float) -> list[Change]:
 
     Args:
         before, now: rows by section. Sections that were not measured now are left out.
-        factor: how many times worse (or better) p50 or p99 must be to be called so.
+        factor: ratio of p50 or p99 from which it counts as worse (or better).
     """
     changes = []
     for section, rows in now.items():

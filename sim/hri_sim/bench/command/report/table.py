@@ -63,7 +63,7 @@ def _beside(row: Row) -> str:
 
 
 def _times(row: Row) -> str:
-    """How many times the aim, or the floor, the figure is."""
+    """Return the figure as a multiple of the aim or the floor."""
     limit, of = (row.floor, "p50") if row.aim is None else (row.aim, row.aim_of)
     value = getattr(row, of)
     return f"{value / limit:.2f}" if limit and value is not None else ""

@@ -1,4 +1,4 @@
-"""Section ``jitter``: how even published messages come, beside a bare loop of the same rate."""
+"""Section ``jitter``: how evenly messages come, compared with a bare loop of the same rate."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -10,7 +10,7 @@ from hri_sim.bench.command.sections import runs
 
 _AIM_MS = 1.0  # p99 at the receiver, 25 messages a second, with inference busy
 _LOOK_WHY = (
-    "looked at: with the 3D view and the operator's page, somebody who reads both, and three alert "
+    "looked at: with the 3D view and the operator's page, a reader of both, and three alert "
     "hooks that fail slowly; over alone: the node's figure divided by that without them"
 )
 _WHY = (

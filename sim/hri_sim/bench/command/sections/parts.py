@@ -91,7 +91,7 @@ def _codec(kind: str, message: Any, repeat: int) -> tuple[list[float], list[floa
 
 
 def _risk(repeat: int) -> Iterator[Row]:
-    """Time the slowest branch, stage by stage: people so near that several speeds are tried."""
+    """Time the slowest branch, stage by stage: people near enough that several speeds are tried."""
     from hri_predict.risk.engine import RiskEngine
 
     zones, judge = risk_calls()

@@ -36,5 +36,5 @@ def short(wire: str) -> str:
 
 
 def seconds_of(seconds: float) -> float:
-    """How long a run is heard: intervals need more than single calls."""
+    """Duration for which a run is observed: intervals need more than single calls."""
     return 2.0 * seconds

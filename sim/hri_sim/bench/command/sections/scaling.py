@@ -1,7 +1,7 @@
 """Section ``scaling``: the time of a tick as people, joints, horizons, robots and rate grow.
 
 The cases of one axis take turns in blocks of ticks, at the node's rate in real time, so that caches
-are as cold as in the node and whatever else runs disturbs all alike.
+are as cold as in the node and other programs disturb all alike.
 """
 
 import time

@@ -13,7 +13,7 @@ from hri_sim.bench.command.sections import runs
 
 _START_S = 5.0
 _RESIDENT_MIB = {"baseline": 300.0, "network": 700.0}
-_COLD = "empty cache: exported networks and compiled loops are made anew"
+_COLD = "empty cache: exported networks and compiled loops are built again"
 
 
 def rows(scope: Scope) -> Iterator[Row]:
