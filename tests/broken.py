@@ -218,11 +218,13 @@ def fails(tree: Path, tests: str) -> bool:
     """
     ours = os.pathsep.join(map(str, (tree, tree / "drivers", tree / "sim")))
     paths = filter(None, (ours, os.environ.get("PYTHONPATH")))
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # many starts in one tree
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(
         [*command, "-m", "not long", tests],
         cwd=tree,
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"},
+        env=environment,
         capture_output=True,
         text=True,
         check=False,
