@@ -52,9 +52,9 @@ MINE = ("walking_2", "walking_3", "soccer_1", "basketball_1")
 """Of the data pack's training recordings, what stands for the user's own folder."""
 OTHERS = ("walking_1", "walking_extra_7")
 """Of its test recordings, what stands for those that were not used."""
-WEIGHTS = ROOT / "hri_predict" / "weights" / "trajectorycnn.safetensors"
+WEIGHTS = ROOT / "hri_predict" / "predictors" / "weights" / "trajectorycnn.safetensors"
 """What stands for the weights that a user trained."""
-CALIBRATION = ROOT / "hri_predict" / "weights" / "constant_velocity.calibration.json"
+CALIBRATION = ROOT / "hri_predict" / "predictors" / "weights" / "constant_velocity.calibration.json"
 """What stands for the calibration that a user made."""
 ARM_URDF = """<robot name="arm">
   <link name="base_link"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>
