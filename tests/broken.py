@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
-NOTHING_FAILED, FAILED = 0, 1
-"""Exit status of pytest; any other means that the tests did not run, which is worse than a miss."""
+NOTHING_FAILED = 0
+NOTICED = (1, 2)
+"""Exit status of pytest where a test fails, or where its module cannot be imported any more."""
 COPIED = ("hri_predict", "drivers", "sim", "configs", "tests", "docs", "deploy", "examples")
 
 
@@ -229,11 +230,11 @@ def fails(tree: Path, tests: str) -> bool:
         text=True,
         check=False,
     )
-    if done.returncode not in (NOTHING_FAILED, FAILED):
-        if "ImportError while loading conftest" in done.stderr or "error" in done.stdout:
-            return True  # nothing can even be imported
-        raise RuntimeError(f"{tests}: pytest ended with {done.returncode}: {done.stdout[-2000:]}")
-    return done.returncode == FAILED
+    if done.returncode == NOTHING_FAILED:
+        return False
+    if done.returncode in NOTICED or "while loading conftest" in done.stderr:
+        return True
+    raise RuntimeError(f"{tests}: pytest ended with {done.returncode}: {done.stdout[-2000:]}")
 
 
 def found(tree: Path, broken: Break) -> bool:
