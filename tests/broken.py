@@ -142,7 +142,7 @@ BREAKS = (
         "hri_predict/run/coverage.py",
         "{100 * coverage.level:g} %",
         "{coverage.level:g} %",
-        "tests/hri_predict/run",
+        "tests/hri_predict/cli/check/test_check_risk.py",
     ),
     Break(
         "unit: an error in millimetres is a tenth of what it is",
