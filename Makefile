@@ -1,5 +1,7 @@
-# make demo: the whole cell, simulated.  make test: lint, types, tests, and what the wheel holds.
-# make test-long: the tests marked `long`, and the wheel installed alone.
+# make demo: the whole cell, simulated.  make test: lint, types, the daily tests, and what the wheel
+# holds, all but lint at once.
+# make test-long: the tests marked `long`, every property with 100 random examples (EXAMPLES), and
+# the wheel installed alone.
 # make bundle: a folder that installs the node without internet, build/bundle (EXTRAS=accel,fleet).
 # make docs: the site of all pages, into build/site.
 # make pictures: the pictures of pages in docs/, by a real browser (Debian's chromium).
@@ -15,12 +17,16 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
 WHEEL_VENV := build/wheel-venv
 
+# Tests start many processes: these need not compile the same modules again and again.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
 
-test: lint types pytest wheel
+test: lint
+	$(MAKE) --no-print-directory -j 3 types pytest wheel
 	@echo "all checks passed"
 
 test-long: pytest-long wheel-alone
@@ -31,21 +37,19 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 
 types: $(VENV)/.dev
-	$(BIN)/mypy
+	nice -n 19 $(BIN)/mypy
 
-# Tests side by side first, then those that run alone.
 pytest: $(VENV)/.dev
-	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not realtime and not long"
-	$(BIN)/python -m pytest -m "realtime and not long"
+	$(BIN)/python -m tests.together daily $(JOBS)
 
 pytest-long: $(VENV)/.dev
-	$(BIN)/python -m tests.long $(JOBS)
+	$(BIN)/python -m tests.together long $(JOBS)
 
 # The wheel's files, with the packages of .venv but without the working tree's, check the demo's
 # configuration from an empty folder.
 wheel: $(VENV)/.dev
 	rm -rf build/dist build/unpacked build/empty
-	$(BIN)/python -m build --wheel --outdir build/dist .
+	nice -n 19 $(BIN)/python -m build --wheel --no-isolation --outdir build/dist .
 	$(BIN)/python -m zipfile -e build/dist/*.whl build/unpacked
 	mkdir -p build/empty
 	cd build/empty && PYTHONPATH=../unpacked ../../$(BIN)/python -c "import hri_predict as p, \

@@ -1,6 +1,7 @@
 """The command line as a tree, for tests that go through all of it."""
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import typer
@@ -8,11 +9,13 @@ import typer
 from hri_predict.cli.commands import Commands, app
 
 
+@cache
 def root() -> Any:
     """The command ``hri-predict`` itself."""
     return typer.main.get_command(app)
 
 
+@cache
 def children(command: Any) -> Mapping[str, Any]:
     """Name -> command, of the commands that a group has; empty for a command without any."""
     if not isinstance(command, Commands):

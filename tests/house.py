@@ -8,6 +8,7 @@ import ast
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Set
+from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -56,6 +57,7 @@ def imported(source: str) -> Iterator[str]:
         yield from (name for name in names if name.split(".")[0] in PACKAGES)
 
 
+@cache
 def arrows_of() -> dict[str, set[str]]:
     """Return what each module imports."""
     return {

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.long  # builds the whole site
+
 ROOT = Path(__file__).resolve().parents[1]
 CONTRACTS = {
     "source": "hri_predict.contracts.source.Source",

@@ -14,11 +14,13 @@ SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 Build = Callable[..., Path]
 
 
-@pytest.fixture(scope="session")
-def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
-    """Compile a program with the library; gives its path.
+@pytest.fixture(
+    scope="session", params=["plain", pytest.param("sanitized", marks=pytest.mark.long)]
+)
+def build(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Compile a program with the library; gives its path. Sanitizers are for the long run.
 
-    Arguments: the program's source, whether with sanitizers, further options.
+    Arguments: the program's source, further options, whether sanitizers do not disturb it.
     """
     compiler = shutil.which("cc")
     if compiler is None:
@@ -27,6 +29,7 @@ def build(tmp_path_factory: pytest.TempPathFactory) -> Build:
     built: dict[tuple[object, ...], Path] = {}
 
     def program(source: Path, *options: str, sanitize: bool = True) -> Path:
+        sanitize = sanitize and request.param == "sanitized"
         key = (source, options, sanitize)
         if key not in built:
             built[key] = folder / f"{source.stem}-{len(built)}"

@@ -93,14 +93,13 @@ def heard(message: RobotState | Acknowledge, wire: str, **changes: Any) -> list[
     return [m for f in frames(sender("HRI_CAN_SEND", message), block) for m in receiver.feed(f)]
 
 
-@settings(max_examples=40, deadline=None)
 @given(robot_states, st.sampled_from(["classic", "serial"]))
 def test_the_node_hears_every_robot_state(message: RobotState, wire: str) -> None:
     (got,) = heard(message, wire)
     assert_close(got, message)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 65535), st.integers(0, 2**32 - 1), st.sampled_from(["classic", "serial"]))
 def test_the_node_hears_every_acknowledge(latch: int, ack: int, wire: str) -> None:
     assert heard(Acknowledge(latch, ack), wire) == [Acknowledge(latch, ack)]

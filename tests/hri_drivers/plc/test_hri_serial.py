@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from cobs import cobs
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.protocol import e2e
@@ -123,7 +123,6 @@ def test_it_goes_on_across_the_wraps_of_tick_and_counter() -> None:
     assert controller["CounterErrors"] == 0
 
 
-@settings(max_examples=40, deadline=None)
 @given(advices)
 def test_it_permits_what_the_node_says_and_nothing_unknown(advice: Advice) -> None:
     controller = Controller()
@@ -219,7 +218,6 @@ def test_any_bytes_between_frames_cost_only_the_frame_they_touch() -> None:
         assert controller.take(noise + controller.said(SLOW)) == 750
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.lists(st.binary(max_size=256), max_size=4))
 def test_no_bytes_at_all_make_it_move_or_fail(chunks: list[bytes]) -> None:
     controller = Controller()

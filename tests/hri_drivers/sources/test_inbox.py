@@ -1,6 +1,6 @@
 import itertools
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.inbox import CAPACITY, SceneInbox
@@ -59,7 +59,6 @@ def test_when_it_says_that_one_may_be_taken_one_may():
         assert inbox.take(now_ns) is not None
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, S // 5)), max_size=50))
 def test_every_scene_is_taken_counted_or_waits_and_order_is_kept(bursts):
     inbox, found, count, now_ns = SceneInbox(30.0), [], 0, S

@@ -5,7 +5,7 @@ from typing import Any
 import coal
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -80,7 +80,6 @@ def test_equals_coal_to_the_last_digits() -> None:
         assert ours == pytest.approx(by_coal(a, b, 0.1, c, d, 0.2), abs=1e-12)
 
 
-@settings(max_examples=400, deadline=None)
 @given(point, point, radius, point, point, radius)
 def test_equals_coal_on_hostile_input(
     a: Floats, b: Floats, ra: float, c: Floats, d: Floats, rb: float
@@ -90,7 +89,6 @@ def test_equals_coal_on_hostile_input(
     assert ours == pytest.approx(by_coal(a, b, ra, c, d, rb), abs=1e-6)
 
 
-@settings(max_examples=600, deadline=None)
 @given(any_point, any_point, any_point, any_point)
 def test_equals_another_algorithm_also_where_axes_meet_or_degenerate(
     a: Floats, b: Floats, c: Floats, d: Floats
@@ -100,7 +98,6 @@ def test_equals_another_algorithm_also_where_axes_meet_or_degenerate(
     )
 
 
-@settings(max_examples=100, deadline=None)
 @given(any_point, any_point, any_point, any_point)
 def test_brackets_brute_force(a: Floats, b: Floats, c: Floats, d: Floats) -> None:
     ours = float(segment_distance(a, b, c, d))
@@ -157,7 +154,6 @@ def test_nearly_parallel_axes_that_cross(angle: float, crossing_at: float) -> No
         )
 
 
-@settings(max_examples=200, deadline=None)
 @given(any_point, any_point, any_point, any_point, st.integers(0, 2**32 - 1))
 @example(np.zeros(3), np.ones(3), np.zeros(3), np.ones(3), 0)
 def test_symmetric_and_invariant_to_rigid_motion(
@@ -187,7 +183,6 @@ def test_broadcasts_like_numpy() -> None:
             assert batch[i, j] == pytest.approx(float(one), abs=1e-14)
 
 
-@settings(max_examples=60, deadline=None)
 @given(any_point, any_point, radius, any_point)
 def test_horizontal_distance_is_that_of_a_tall_post(a, b, r, base):
     # oracle: coal's distance to a post of 1 mm that reaches far above and below everything

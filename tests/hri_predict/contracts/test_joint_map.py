@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
-from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.contracts.joint_map import METRES_PER_UNIT, load_joint_map, map_names
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 SHIPPED = [name for name in map_names() if name != "bvh"]
@@ -111,6 +111,14 @@ def test_camera_axes_become_forward_left_up(name):
 def test_rest_pose_of_the_data_pack_becomes_x_forward_y_left_z_up():
     points = load_joint_map("cmu38").to_metres_z_up(np.array([[1.0, 2.0, 3.0]]))
     np.testing.assert_allclose(points, [[3.0, 1.0, 2.0]])  # README: (z, x, y)
+
+
+def test_units_have_the_lengths_of_the_si_and_of_the_agreement_of_1959():
+    assert METRES_PER_UNIT["m"] == 1.0
+    assert 100 * METRES_PER_UNIT["cm"] == 1000 * METRES_PER_UNIT["mm"] == 1.0
+    assert METRES_PER_UNIT["ft"] / 12 == pytest.approx(METRES_PER_UNIT["inch"], rel=1e-15)
+    assert 36 * METRES_PER_UNIT["inch"] == pytest.approx(0.9144, rel=1e-15)  # a yard
+    assert set(METRES_PER_UNIT) == {"m", "cm", "mm", "inch", "ft"}
 
 
 def test_units_scale():

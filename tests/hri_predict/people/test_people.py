@@ -3,7 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.settings import Pose
@@ -275,7 +275,6 @@ scenes = st.tuples(
 )
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.lists(scenes, max_size=40), st.booleans())
 def test_any_scenes_leave_a_sound_snapshot_and_a_stage_that_recovers(
     make_room, script, declares_noise

@@ -4,7 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
@@ -63,7 +63,6 @@ def histories(draw):
     return stamps, rng.normal(size=(count, joints, 3)), observed
 
 
-@settings(max_examples=300, deadline=None)
 @given(
     histories(),
     st.integers(1, 12),
@@ -87,7 +86,6 @@ def test_window_equals_the_naive_model(history, n, rate, shift, capacity):
     np.testing.assert_array_equal(when, ring.recall(t_end, 1, 25.0)[2])
 
 
-@settings(max_examples=100, deadline=None)
 @given(histories(), st.integers(0, 29), st.integers(0, 2**32 - 1))
 def test_nothing_after_the_windows_end_matters(history, cut, seed):
     stamps, positions, observed = history
@@ -111,7 +109,6 @@ def test_nothing_after_the_windows_end_matters(history, cut, seed):
             np.testing.assert_array_equal(x, y)
 
 
-@settings(max_examples=100, deadline=None)
 @given(histories())
 def test_last_observed_equals_the_naive_model(history):
     stamps, positions, observed = history
@@ -127,7 +124,6 @@ def test_last_observed_equals_the_naive_model(history):
             assert when[j] == NEVER
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.integers(0, 3000), min_size=1, max_size=40), st.integers(0, 60))
 def test_each_stamp_is_judged_and_counted(milliseconds, tolerance):
     now = 2000 * MS

@@ -10,8 +10,16 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor, PredictorSettings, checked
 
+DAILY = {"zero_velocity", "constant_velocity", "kalman", "trajectorycnn", "average"}
+"""Predictors that the daily tests judge: all without weights, and one network."""
 
-@pytest.fixture(params=registry.names("predictors"))
+
+@pytest.fixture(
+    params=[
+        pytest.param(name, marks=[] if name in DAILY else [pytest.mark.long])
+        for name in registry.names("predictors")
+    ]
+)
 def predictor(request, build) -> Predictor:
     cls = registry.load("predictors", request.param)
     assert issubclass(cls.settings_model, PredictorSettings)

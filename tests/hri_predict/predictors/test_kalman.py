@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, make_skeleton
@@ -54,7 +54,6 @@ def textbook(measured, observed, s: KalmanSettings, horizon: int):
     return np.array(means), np.array(stds)
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), seen=st.floats(0.05, 1))
 def test_equals_the_textbook_filter(seed, seen):
     rng = np.random.default_rng(seed)

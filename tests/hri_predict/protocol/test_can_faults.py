@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.protocol import e2e
@@ -56,7 +56,6 @@ def test_double_and_triple_bit_errors_of_a_classic_frame_are_refused() -> None:
         assert receiver.counters.crc_errors == 1, bits
 
 
-@settings(max_examples=300)
 @given(
     st.booleans(),
     st.lists(

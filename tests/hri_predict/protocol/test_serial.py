@@ -5,7 +5,7 @@ from math import nan
 import pytest
 from cobs import cobs
 from fastcrc import crc32
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.protocol import e2e
@@ -95,7 +95,6 @@ def test_bytes_may_come_in_any_pieces(sizes: list[int]) -> None:
     assert got + receiver.feed(stream) == MESSAGES
 
 
-@settings(max_examples=300)
 @given(st.lists(st.binary(max_size=200), max_size=20))
 def test_a_receiver_survives_anything_and_keeps_little(chunks: list[bytes]) -> None:
     receiver = SerialReceiver()

@@ -72,7 +72,14 @@ def _opened(path: Path) -> tuple[Recording | None, str]:
         return None, str(error)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in BY_NAME if kind != "pack"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[] if kind == "csv" else [pytest.mark.long])
+        for kind in BY_NAME
+        if kind != "pack"
+    ],
+)
 def test_every_damage_ends_in_a_recording_or_one_line(tmp_path, kind):
     path = _seed_file(tmp_path, kind)
     data = path.read_bytes()

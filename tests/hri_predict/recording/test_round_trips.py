@@ -86,9 +86,7 @@ def check_same(one: Recording, other: Recording, tolerance_m: float) -> None:
 
 
 @pytest.mark.parametrize("to", [kind for kind in TOLERANCE_M if kind != "pack"])
-@settings(
-    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(names=NAMES, rate_hz=st.sampled_from([1.0, 29.97, 120.0]), seed=st.integers(0, 99))
 def test_one_person_with_any_joints(tmp_path, to, names, rate_hz, seed):
     recording = made(names, frames=seed % 5 + 2, rate_hz=rate_hz, seed=seed)
@@ -98,9 +96,7 @@ def test_one_person_with_any_joints(tmp_path, to, names, rate_hz, seed):
 
 
 @pytest.mark.parametrize("to", SEVERAL)
-@settings(
-    max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(ids=st.lists(st.integers(0, 65535), min_size=2, max_size=4, unique=True))
 def test_several_people_keep_their_ids(tmp_path, to, ids):
     recording = made(["waist", "head"], ids=sorted(ids))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Bools, Floats
@@ -36,7 +36,6 @@ def in_ell(p: Floats) -> Bools:
     return result
 
 
-@settings(max_examples=100, deadline=None)
 @given(points, points, st.floats(0, 0.5), st.integers(0, 2**32 - 1))
 def test_no_capsule_with_a_point_inside_is_missed(a, b, radius, seed):
     rng = np.random.default_rng(seed)
@@ -121,7 +120,6 @@ def view(**changes) -> FieldOfView:
     return FieldOfView.of(Region.model_validate({"polygon": ELL, **changes}))
 
 
-@settings(max_examples=100, deadline=None)
 @given(points, points, st.floats(0, 0.3), st.integers(0, 2**32 - 1))
 def test_what_is_not_seen_is_never_nearer_than_said(a, b, radius, seed):
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
@@ -316,7 +316,7 @@ def test_an_exception_leaves_nothing_that_speaks_for_a_release(monkeypatch):
 
 
 @MODES
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25)
 @given(
     x=st.floats(0.3, 4.0),
     nearer=st.floats(0, 1.0),
@@ -344,7 +344,7 @@ def test_nearer_never_raises_the_limit_or_lowers_the_level(mode, x, nearer, turn
 
 
 @MODES
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=25)
 @given(
     where=st.sampled_from(["last_positions", "joint_age_s", "forecast", "both"]),
     value=st.sampled_from([np.nan, np.inf, -np.inf]),

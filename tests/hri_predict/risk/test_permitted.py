@@ -20,7 +20,7 @@ STANDARDS = [permitted.by_standard, permitted._by_standard_by_loops]
 
 
 @pytest.mark.parametrize("any_way", WAYS)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     distance=st.lists(st.floats(-1, 4) | st.just(-np.inf), min_size=3, max_size=3),
     reaction_s=st.floats(0.01, 0.6),
@@ -36,7 +36,6 @@ def test_any_direction(any_way, distance, reaction_s, clearance, margins):
 
 
 @pytest.mark.parametrize("by_standard", STANDARDS)
-@settings(max_examples=100, deadline=None)
 @given(
     deceleration=st.floats(0.5, 30),
     reaction_s=st.floats(0.01, 0.6),

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -116,7 +116,6 @@ def last_link(name: str, q: Floats) -> Any:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.floats(-3, 3), min_size=7, max_size=7))
 def test_the_chain_is_the_published_table(name: str, angles: list[float]) -> None:
     q = np.array(angles[: ARMS[name].dof])

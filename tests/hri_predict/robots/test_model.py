@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -70,7 +70,6 @@ def in_pinocchio(placed: Pose) -> tuple[Any, Any]:
 ORACLE, ORACLE_DATA = in_pinocchio(PLACED)
 
 
-@settings(max_examples=60, deadline=None)
 @given(angles(6.28), angles(3.14))
 def test_capsules_and_their_velocities_equal_pinocchio(q: Floats, qd: Floats) -> None:
     robot = ur5e(room_from_robot=PLACED)
@@ -172,7 +171,6 @@ def test_leading_dimensions() -> None:
     assert robot.tip_speed(q, q / 5).shape == (2, 4)
 
 
-@settings(max_examples=40, deadline=None)
 @given(angles(6.28), angles(3.0), st.integers(0, 2**32 - 1))
 def test_tip_speed_bounds_every_point_of_the_axes(q: Floats, qd: Floats, seed: int) -> None:
     robot = ur5e()
@@ -199,7 +197,6 @@ def test_reach_is_never_exceeded_and_nearly_reached() -> None:
 # --- stopping ---
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     angles(3.0),
     angles(1.5),

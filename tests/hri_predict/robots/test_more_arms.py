@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -113,7 +113,6 @@ def start_of_tool(name: str, q: Floats) -> Floats:
 
 
 @pytest.mark.parametrize("name", ARMS)
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(-2.9, 2.9), min_size=7, max_size=7))
 def test_the_chain_is_the_published_table(name: str, angles: list[float]) -> None:
     q = np.array(angles[: MODELS[name].dof])

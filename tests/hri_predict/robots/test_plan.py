@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -50,7 +50,6 @@ def located(q: Floats, qd: Floats, expected_s: float | None) -> OnPlan:
     return found
 
 
-@settings(max_examples=40, deadline=None)
 @given(phases, levels, reactions)
 def test_capsules_contain_the_robot_during_whole_intervals(start, speed, reaction_s):
     swept, _ = PLAN.stopping_capsules(
@@ -87,7 +86,6 @@ def test_capsules_are_not_needlessly_wide():
     assert (swept.radius - bare).max() < 0.024
 
 
-@settings(max_examples=40, deadline=None)
 @given(phases, levels, reactions)
 def test_the_fastest_point_keeps_to_the_speed_and_then_brakes(start, speed, reaction_s):
     fine = np.linspace(0.0, 1.2, 1201)

@@ -36,7 +36,7 @@ def model(request, tmp_path_factory) -> RobotModel:
     return ARM if request.param == "arm" else MOBILE
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), standing=st.booleans())
 def test_places_speeds_and_swept_capsules(model: RobotModel, seed: int, standing: bool):
     rng = np.random.default_rng(seed)
@@ -73,7 +73,6 @@ TIMES = np.arange(26) / 25.0
 
 
 @pytest.mark.parametrize("phases", [ahead.phases, ahead._phases_by_loops])
-@settings(max_examples=40, deadline=None)
 @given(
     start_s=st.floats(0, 30),
     reaction_s=st.floats(0.01, 0.6),
@@ -100,7 +99,6 @@ def test_bounds_of_a_path_that_passes_many_moves():
 
 
 @pytest.mark.parametrize("straight", [ahead.straight, ahead._straight_by_loops])
-@settings(max_examples=40, deadline=None)
 @given(
     factors=st.lists(st.floats(0, 3), min_size=1, max_size=3).map(np.array),
     speed_m_s=st.floats(0, 2),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -169,7 +169,6 @@ def test_a_rounding_error_beyond_a_limit_is_no_fault() -> None:
 numbers = st.one_of(st.floats(), st.none(), st.floats(-7, 7))
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -197,7 +196,6 @@ def test_whatever_comes_the_result_is_finite_or_unknown_with_a_reason(
     assert sum(followed.counters.values()) == len(states)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.floats(-5, 5), st.floats(0, 0.1))
 def test_uncertainty_covers_a_change_of_speed(acceleration: float, age_s: float) -> None:
     # The base alone turns; the tip speeds up or brakes at up to 5 m/s2 after the state was sent.

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import RobotError
@@ -53,7 +53,6 @@ def trajectories(draw: st.DrawFn) -> Trajectory:
     return Trajectory(np.cumsum([0.0, *spans]), np.vstack([positions, positions[:1]]))
 
 
-@settings(max_examples=60, deadline=None)
 @given(trajectories())
 def test_velocity_is_the_derivative_and_is_continuous(path: Trajectory) -> None:
     t = np.linspace(0, 2 * path.duration_s, 4001)
@@ -68,7 +67,6 @@ def test_velocity_is_the_derivative_and_is_continuous(path: Trajectory) -> None:
     assert np.max(np.abs(np.diff(qd, axis=0))) <= acceleration * step * 1.001
 
 
-@settings(max_examples=60, deadline=None)
 @given(trajectories(), st.floats(0, 50), st.integers(1, 5))
 def test_it_is_cyclic(path: Trajectory, t: float, cycles: int) -> None:
     first, again = path.at(t), path.at(t + cycles * path.duration_s)
@@ -76,7 +74,6 @@ def test_it_is_cyclic(path: Trajectory, t: float, cycles: int) -> None:
     np.testing.assert_allclose(again[1], first[1], atol=1e-4)
 
 
-@settings(max_examples=60, deadline=None)
 @given(trajectories())
 def test_it_rests_at_waypoints_and_stays_between_them(path: Trajectory) -> None:
     times, points = path.moves[0], path.moves[1]

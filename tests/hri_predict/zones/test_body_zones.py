@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -117,7 +117,6 @@ def assert_holds(zones: BodyZones, person: int, step: int, joints: Floats, rng) 
         assert depth(points, zones.zones.capsules, person, step, index) < 1e-9, segment.name
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     ages=st.lists(st.sampled_from([0.0, 0.013, 0.04, 0.08, 0.117]), min_size=1, max_size=3),
@@ -143,7 +142,6 @@ def test_zones_hold_bodies_whose_deviation_keeps_the_limits(seed, ages, speed):
                 assert_holds(zones, p, step, on_path(knots[p], age + t) + stray, rng)
 
 
-@settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), with_forecast=st.booleans())
 def test_zones_hold_a_moving_body_of_which_joints_were_not_seen_lately(seed, with_forecast):
     rng = np.random.default_rng(seed)

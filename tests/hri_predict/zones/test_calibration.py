@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
@@ -71,7 +71,6 @@ def test_a_shape_that_is_stored_comes_back(tmp_path, make_calibration):
     np.testing.assert_allclose(back.shape.factor, 1.5)
 
 
-@settings(max_examples=50, deadline=None)
 @given(
     st.lists(
         st.one_of(st.floats(0, 100), st.sampled_from([np.inf, 0.0005, 99.9999, 100.0, 101.0])),

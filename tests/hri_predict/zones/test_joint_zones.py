@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS
@@ -177,7 +177,6 @@ def test_widening_is_by_step(calibration):
     assert spheres.claimed[0] == pytest.approx(table(calibration))  # before widening
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.0, 0.03]),

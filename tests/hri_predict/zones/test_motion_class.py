@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS
@@ -96,7 +96,6 @@ def test_nobody_observed_has_no_speed():
     assert np.isnan(speed_of(history, observed))
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0, 6))
 def test_rigid_motion_of_the_room_changes_nothing(seed, speed):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
@@ -125,7 +125,6 @@ def test_who_has_no_known_speed_has_the_largest_radii_of_all_speeds(
     assert unknown == pytest.approx(np.max(known, axis=0))
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(0.001, 100), min_size=2, max_size=12), st.floats(-3, 3))
 def test_a_zone_never_shrinks_with_the_horizon(make_calibration, factors, lead):
     row = np.array(factors)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
@@ -79,7 +79,6 @@ def test_a_sphere_inside_of_the_bounds_stays_as_it_is():
     assert not mid.any()
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.floats(0, 1),
@@ -105,7 +104,6 @@ def test_a_joint_that_keeps_the_limits_stays_inside(seed, since, span, speed):
             assert np.linalg.norm(at - mid[joint]) <= radius[joint] + 1e-6
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.floats(0, 6), st.floats(0.05, 1), st.sampled_from(["speed", "burst", "sustained"]))
 def test_no_bound_shrinks_when_a_limit_grows(speed, t, which):
     key = {"speed": "speed_m_s", "burst": "burst_m_s", "sustained": "sustained_m_s2"}[which]
@@ -161,7 +159,6 @@ def tree(rng, lengths):
     return places
 
 
-@settings(max_examples=150, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0, 1))
 def test_bodies_whose_bones_keep_their_lengths_stay_inside(seed, share_seen):
     rng = np.random.default_rng(seed)

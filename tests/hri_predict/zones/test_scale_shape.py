@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.zones.scale_shape import KNOTS, ScaleShape
@@ -40,7 +40,6 @@ def test_each_window_has_the_factors_of_its_speed_class_and_each_step_its_own():
     assert found[1, :, 1] == pytest.approx([1, 10, 100, 100])  # as the last one that is known
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(0.01, 100), min_size=KNOTS, max_size=KNOTS), st.floats(1e-4, 10))
 def test_it_is_what_numpy_interpolates(factors, size):
     shape = shape_of(np.array(factors))

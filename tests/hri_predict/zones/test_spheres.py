@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hri_predict.zones.spheres import cut
@@ -29,7 +29,6 @@ def points_in(rng, centre, radius, count=400):
     return centre + radius * far[:, None] * away
 
 
-@settings(max_examples=200, deadline=None)
 @given(POINT, RADIUS, POINT, RADIUS, st.integers(0, 2**32 - 1))
 def test_whatever_lies_in_both_lies_in_the_result(a, ra, b, rb, seed):
     middle, radius = one(a, ra, b, rb)
@@ -41,7 +40,6 @@ def test_whatever_lies_in_both_lies_in_the_result(a, ra, b, rb, seed):
     assert (np.linalg.norm(points[in_both] - middle, axis=1) <= radius + 1e-6).all()
 
 
-@settings(max_examples=200, deadline=None)
 @given(POINT, RADIUS, POINT, RADIUS)
 @example(np.zeros(3), 1.5, np.array([0.0, 0.0, 1.5]), 2.0**-14)  # rounding was larger
 def test_never_larger_than_the_smaller_unless_they_contradict_each_other(a, ra, b, rb):
@@ -52,7 +50,6 @@ def test_never_larger_than_the_smaller_unless_they_contradict_each_other(a, ra, 
         assert radius == rb
 
 
-@settings(max_examples=200, deadline=None)
 @given(POINT, RADIUS, POINT, RADIUS)
 def test_spheres_that_meet_may_be_given_in_either_order(a, ra, b, rb):
     apart = np.linalg.norm(a - b)
@@ -65,7 +62,6 @@ def test_spheres_that_meet_may_be_given_in_either_order(a, ra, b, rb):
     assert middle == pytest.approx(other_middle, abs=1e-6)
 
 
-@settings(max_examples=100, deadline=None)
 @given(POINT, RADIUS, POINT, RADIUS, POINT, st.integers(0, 2**32 - 1))
 def test_moves_with_the_room(a, ra, b, rb, shift, seed):
     turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
@@ -131,7 +127,6 @@ def test_one_place_and_one_point():
     assert (middle.tolist(), radius) == ([0.5, 0, 0], 0)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.floats(0.5, 3), st.floats(0.5, 3), st.floats(0.05, 0.95))
 def test_no_sphere_holds_a_lens_tighter(ra, rb, share):
     # Only where the rim lies between the centres: |ra^2 - rb^2| < d^2, and d < ra + rb.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.wires.transport import pipe
@@ -215,7 +215,6 @@ def test_every_kind_acts_and_is_counted():
         assert source.injected == {kind: 25}
 
 
-@settings(max_examples=30, deadline=None)
 @given(kinds=st.lists(st.sampled_from(sorted(SOURCE_FAULTS)), max_size=4), seed=st.integers(0, 9))
 def test_any_mixture_is_deterministic_ends_and_arrives_in_time_order(kinds, seed):
     def once():
@@ -338,7 +337,6 @@ def test_unplug_fails_every_call_and_comes_back():
     assert far.read(0.0) == [b"x"]
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     kinds=st.lists(st.sampled_from(sorted(set(LINK_FAULTS) - {"unplug"})), max_size=4),
     seed=st.integers(0, 9),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.links.can import isotp as can_isotp
@@ -223,7 +223,6 @@ def test_without_a_peer_zones_are_not_sent():
     assert pair.link.counters.decimated == 1
 
 
-@settings(max_examples=60)
 @given(st.lists(st.binary(max_size=8), max_size=12))
 def test_whatever_the_peer_answers_is_survived(answers):
     pair = Link()
@@ -245,7 +244,6 @@ def test_whatever_the_peer_answers_is_survived(answers):
 # -- the listener ---------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
 @given(st.lists(FRAMES, max_size=12))
 def test_a_listener_survives_anything_and_then_hears_the_next(garbage):
     receiver = IsoTpReceiver(0x680, False, OWN)
@@ -254,7 +252,6 @@ def test_a_listener_survives_anything_and_then_hears_the_next(garbage):
     assert [m for f in segments(zone(2)) for m in receiver.feed(f)] == [zone(2)]
 
 
-@settings(max_examples=60)
 @given(st.data())
 def test_a_listener_takes_no_zone_with_wrong_bits(data):
     frames = segments(zone(4))

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -131,7 +131,6 @@ def test_a_link_with_a_peer_says_nothing_of_zones():
     assert link(fd=True).notes == []
 
 
-@settings(max_examples=30)
 @given(
     st.sets(st.integers(0, 0x7FF), min_size=1, max_size=40).map(sorted)
     | st.integers(0, 0x7B9).map(lambda base: [*range(base, base + 0x46)])

@@ -87,7 +87,9 @@ def config_with(tmp_path, *links):
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, pytest.param(signal.SIGINT, marks=pytest.mark.long)]
+)
 def test_a_signal_ends_a_start_that_hangs(tmp_path, server, number):
     process = started("run", str(config_with(tmp_path, link(server.port, name="monitor"))))
     try:
@@ -102,6 +104,7 @@ def test_a_signal_ends_a_start_that_hangs(tmp_path, server, number):
     assert time.monotonic() - began < opening.OPEN_S  # it does not wait for the server
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_a_start_ends_with_one_line_and_status_2(tmp_path, server):
     process = started("run", str(config_with(tmp_path, link(server.port, name="monitor"))))
@@ -116,6 +119,7 @@ def test_a_start_ends_with_one_line_and_status_2(tmp_path, server):
     assert "Traceback" not in said
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_the_other_links_go_on(tmp_path, server):
     waits = link(server.port, name="monitor", wait_for_device=True)

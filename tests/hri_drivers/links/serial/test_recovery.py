@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
@@ -105,7 +105,6 @@ def fed(stream: bytes, sizes: list[int]) -> list[int]:
     return heard
 
 
-@settings(max_examples=60, deadline=None)
 @given(BURSTS, st.lists(st.integers(1, 90), max_size=30))
 def test_garbage_costs_the_frame_that_it_touches_and_no_other(bursts, sizes):
     """Only a frame that follows garbage without a delimiter in between is lost."""
@@ -115,7 +114,6 @@ def test_garbage_costs_the_frame_that_it_touches_and_no_other(bursts, sizes):
     assert fed(stream, sizes) == untouched
 
 
-@settings(max_examples=30, deadline=None)
 @given(BURSTS, st.lists(st.integers(1, 90), max_size=30))
 def test_behind_a_leading_delimiter_no_frame_is_lost_to_garbage(bursts, sizes):
     whole = frames(len(bursts))

@@ -99,7 +99,6 @@ def test_before_mvn_2019_no_size_is_stated() -> None:
 
 
 @given(st.integers(0), st.integers(1, 23))
-@settings(deadline=None, max_examples=30)
 def test_what_mvn_says_is_what_we_hear(seed: int, each: int) -> None:
     positions = np.random.default_rng(seed).integers(-8000, 8000, (SEGMENTS, 3)) / 64
     sent = mvn_sender.quaternions(7, 9, 1, positions, items_each=each)
@@ -221,7 +220,7 @@ def test_types_that_place_nobody_are_counted_alone() -> None:
 
 
 @given(st.binary(max_size=100), st.integers(0, 60), st.integers(0, 255))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_no_bytes_break_the_decoder(data: bytes, at: int, byte: int) -> None:
     whole = body(1)
     mutated = whole[:at] + bytes([byte]) + whole[at + 1 :]
@@ -237,7 +236,7 @@ def test_no_bytes_break_the_decoder(data: bytes, at: int, byte: int) -> None:
 
 
 @given(st.binary(min_size=SEGMENTS * 32, max_size=SEGMENTS * 32))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_any_numbers_are_positions_or_unobserved(payload: bytes) -> None:
     pose = Pose()
     add_segments(
@@ -252,7 +251,7 @@ def test_any_numbers_are_positions_or_unobserved(payload: bytes) -> None:
 
 
 @given(st.lists(st.integers(1, 2000), max_size=8), st.binary(max_size=30))
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 def test_a_stream_is_found_again_after_anything(cuts: list[int], garbage: bytes) -> None:
     wanted = [body(1), mvn_sender.time_code(1, 0), body(2)]
     stream = wanted[0] + garbage.replace(b"M", b"N") + wanted[1] + wanted[2]

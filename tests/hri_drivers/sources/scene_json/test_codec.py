@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.scene_json.codec import (
@@ -228,7 +228,6 @@ def test_any_json_is_a_scene_or_refused() -> None:
 
 
 @given(st.binary(max_size=50), st.integers(0, 200))
-@settings(deadline=None, max_examples=50)
 def test_any_bytes_are_a_scene_or_refused(data: bytes, at: int) -> None:
     whole = json.dumps(message()).encode()
     for candidate in (data, whole[:at] + data + whole[at:], whole[:at]):
@@ -237,7 +236,6 @@ def test_any_bytes_are_a_scene_or_refused(data: bytes, at: int) -> None:
 
 
 @given(st.lists(st.binary(max_size=20).map(lambda b: b.replace(b"\n", b"")), max_size=8))
-@settings(deadline=None, max_examples=50)
 def test_lines_are_found_however_they_come(lines: list[bytes]) -> None:
     stream = b"".join(line + b"\n" for line in lines)
     splitter = LineSplitter()

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.scene_stream.codec import (
@@ -51,7 +51,6 @@ def scenes(draw: st.DrawFn) -> tuple[SentScene, int]:
     ), joints
 
 
-@settings(max_examples=30, deadline=None)
 @given(scenes(), st.sampled_from([None, KEY]), st.integers(0, 2**64 - 1))
 def test_a_scene_comes_back_to_the_last_bit(drawn, key, session):
     sent, joints = drawn
@@ -122,7 +121,6 @@ def test_no_error_of_two_or_three_bits_is_accepted():
                 open_datagram(flipped(data, rng.choice(protected, count, replace=False)))
 
 
-@settings(max_examples=80, deadline=None)
 @given(st.binary(max_size=1500), st.sampled_from([None, KEY]))
 def test_random_bytes_are_refused(data, key):
     for start in (b"", b"HRIS\x01", b"HRIS\x01\x03"):
@@ -130,7 +128,6 @@ def test_random_bytes_are_refused(data, key):
             open_datagram(start + data, key)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_a_right_tag_does_not_make_a_wrong_datagram_right(data):
     """Any byte but its tag exchanged, and tagged anew: refused, or a scene within its bounds."""

@@ -1,7 +1,7 @@
 """Sessions, replays, parts and losses of the scene stream, on a clock of the test's own."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.scene_stream.codec import encode
@@ -134,7 +134,6 @@ def test_losses_and_wrong_order_are_told_apart():
     assert counters.packets == 8
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.lists(st.integers(0, 200), max_size=60))
 def test_every_sequence_is_heard_lost_or_late_and_none_twice(sequences):
     node, sender = Node(), Sender()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.scene_stream.codec import encode
@@ -90,7 +90,6 @@ def test_a_line_that_is_unplugged_is_lost_and_asked_for_again(hear: Hear) -> Non
 
 
 @given(st.binary(max_size=300), st.integers(0, 400), st.integers(1, 50))
-@settings(max_examples=60, deadline=None)
 def test_garbage_costs_no_more_than_the_frame_it_touches(
     garbage: bytes, at: int, step: int
 ) -> None:

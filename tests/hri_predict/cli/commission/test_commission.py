@@ -205,6 +205,7 @@ def test_check_says_whether_the_cell_is_as_commissioned(folder, cli):
     assert "valid, but not as commissioned" in out
 
 
+@pytest.mark.long
 @pytest.mark.realtime
 def test_run_warns_where_the_cell_is_not_as_commissioned(folder, cli):
     (folder / "cell.yaml").open("a").write("commissioning: out\n")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
@@ -43,7 +43,6 @@ def test_a_quaternion_says_the_same_rotation(q):
     assert found[3] >= 0
 
 
-@settings(max_examples=30)
 @given(q=quaternions, seed=st.integers(0, 99))
 def test_noise_moves_the_pose_by_no_more_than_itself(q, seed):
     truth = pose_of(q)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS
@@ -149,7 +149,6 @@ def test_an_action_is_reported_on_its_own():
 # -- intervals ------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 20))
 def test_an_interval_holds_the_share_and_is_within_what_recordings_show(seed, count):
     rng = np.random.default_rng(seed)

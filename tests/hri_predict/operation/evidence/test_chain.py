@@ -7,7 +7,7 @@ import signal
 from datetime import UTC, datetime
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import RecordingError
@@ -103,7 +103,6 @@ def test_a_torn_log_is_set_aside_and_nothing_is_lost(tmp_path):
     assert chain.newest(tmp_path) == chain.START
 
 
-@settings(max_examples=200)
 @given(data=st.binary(max_size=300))
 def test_no_bytes_break_the_reader(tmp_path_factory, data):
     folder = tmp_path_factory.mktemp("any")
@@ -111,7 +110,6 @@ def test_no_bytes_break_the_reader(tmp_path_factory, data):
     assert all(line.wrong for line in chain.read(folder))
 
 
-@settings(max_examples=100)
 @given(at=st.integers(0, 5000), bit=st.integers(0, 7))
 def test_a_flipped_bit_is_found_or_changes_no_entry(tmp_path_factory, at, bit):
     folder = tmp_path_factory.mktemp("flip")

@@ -19,7 +19,9 @@ RATE_HZ = 30
 ALL = np.ones(len(JOINTS), bool)
 MOTION = Path(__file__).resolve().parents[5] / "shared" / "data" / "motion"
 _WHO = Body(1.75)
-NOISES = pytest.mark.parametrize("noise_m", [0.0, 0.004, 0.01])
+NOISES = pytest.mark.parametrize(
+    "noise_m", [0.004, *(pytest.param(other, marks=pytest.mark.long) for other in (0.0, 0.01))]
+)
 
 
 def walker(t, speed=1.4, since=2.0):
@@ -62,7 +64,9 @@ def test_a_body_that_freezes_in_a_step_is_recognised_and_stays_so(noise_m, since
 
 
 @NOISES
-@pytest.mark.parametrize("rate_hz", [45, 60, 100, 120])
+@pytest.mark.parametrize(
+    "rate_hz", [45, 120, *(pytest.param(other, marks=pytest.mark.long) for other in (60, 100))]
+)
 def test_a_freeze_is_recognised_at_higher_rates(noise_m, rate_hz):
     for since in np.arange(3.0, 4.0, 0.13):
         found = list(signs(lambda t, k: walker(min(t, since)), noise_m, 4.5, rate_hz=rate_hz))  # noqa: B023

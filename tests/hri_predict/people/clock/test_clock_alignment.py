@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.people.clock.clock_alignment import JUMPED_SCENES, ClockAlignment
@@ -46,7 +46,6 @@ def test_even_latency_is_aligned_exactly(sender):
     assert not sender.alignment.jumped
 
 
-@settings(max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_jitter_never_makes_a_capture_much_too_new(seed, spread_ms):
     rng = np.random.default_rng(seed)
@@ -182,7 +181,6 @@ def test_a_jump_during_a_pause_does_not_leave_an_old_capture(sender):
     assert sender.alignment.jumps == 1
 
 
-@settings(max_examples=200, deadline=None)
 @given(
     st.lists(
         st.tuples(st.integers(-(2**70), 2**70), st.integers(1, 2**40), st.integers(0, 10 * S)),

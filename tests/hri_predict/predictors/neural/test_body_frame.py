@@ -40,7 +40,7 @@ def test_leaving_undoes_entering():
     torch.testing.assert_close(frame.leave(frame.enter(positions)), positions)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(yaw=st.floats(-3.1, 3.1), x=st.floats(-50, 50), y=st.floats(-50, 50), z=st.floats(-2, 2))
 def test_window_does_not_depend_on_where_in_the_room_and_which_way_faced(yaw, x, y, z):
     network = Network(Shape(skeleton=BODY, history_steps=STEPS, horizon_steps=25, rate_hz=25.0))

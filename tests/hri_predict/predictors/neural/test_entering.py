@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, Skeleton
@@ -36,7 +36,6 @@ def drawn(skeleton: Skeleton, seed: int, seen: float) -> Histories:
     return Histories(positions, observed)
 
 
-@settings(deadline=None)
 @given(
     st.sampled_from([CANONICAL, BODY]),
     st.integers(0, 2**32 - 1),

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.predictors.neural.body import BODY
@@ -38,7 +38,6 @@ def motion(batch: int = 3, seen: float = 0.8) -> tuple[Window, Target]:
 metres_per_second = st.floats(-20, 20, allow_nan=False, width=32)
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.tuples(*[metres_per_second] * 3))
 def test_magnitude_times_sine_is_the_velocity(v):
     given_v = torch.tensor(v, dtype=torch.float64)

@@ -135,6 +135,7 @@ def test_subjects_are_people_and_what_is_no_marker_is_left_out(tmp_path):
     )
 
 
+@pytest.mark.long
 def test_a_long_recording_has_more_frames_than_the_header_can_say(tmp_path):
     data = bytearray(ours(tmp_path / "a.c3d", np.zeros((3, 1, 3)), ["C7"]).read_bytes())
     at = data.index(b"ACTUAL_END_FIELD") + len("ACTUAL_END_FIELD") + 5
@@ -316,7 +317,7 @@ def with_parameters(frames: int, points: int, **more: object) -> bytes:
     return head.ljust(BLOCK, b"\0") + packed + bytes(16 * frames * points)
 
 
-@pytest.mark.parametrize("name", ["LONG_FRAMES", "FRAMES"])
+@pytest.mark.parametrize("name", ["LONG_FRAMES", pytest.param("FRAMES", marks=pytest.mark.long)])
 def test_more_frames_than_the_header_can_count_are_all_read(tmp_path, name):
     """Counted as a float (c3d.org: POINT:FRAMES, POINT:LONG_FRAMES), without the TRIAL group."""
     path, more = tmp_path / "a.c3d", {"LABELS": ["C7"], name: 65537.0}

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -147,7 +147,6 @@ def test_what_cannot_be_said_in_json_is_null_and_not_lost(tmp_path: Path) -> Non
     assert recording.received[1][1].message == Acknowledge(3, 9)
 
 
-@settings(max_examples=50, deadline=None)
 @given(
     st.lists(
         st.lists(st.one_of(st.floats(-1e6, 1e6), st.just(float("nan"))), min_size=6, max_size=6),

@@ -237,7 +237,7 @@ def permits(judge_motion, body, speed):
     return True
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(BODIES, st.floats(0, 0.5))
 def test_a_standing_robot_may_be_as_fast_as_the_plain_rule_says(where, own):
     body = people({name: tuple(TIP + np.array(at)) for name, at in where.items()}, own=own)

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.protocol.messages import Level
@@ -291,14 +291,12 @@ def reentries(levels: list[Level]) -> list[int]:
 
 
 @given(st.floats(2.5, 5.0), st.floats(0.1, 2.0), st.floats(0, 0.01), st.integers(0, 99))
-@settings(deadline=None, max_examples=60)
 def test_levels_do_not_flap_while_a_person_comes(start, speed, noise, seed):
     gaps = reentries(walk(start, -speed, noise, seed))
     assert all(gap >= DEFAULTS.release_captures for gap in gaps)
 
 
 @given(st.floats(0.1, 1.5), st.floats(0.1, 2.0), st.floats(0, 0.01), st.integers(0, 99))
-@settings(deadline=None, max_examples=60)
 def test_levels_do_not_flap_while_a_person_goes(start, speed, noise, seed):
     levels = walk(start, speed, noise, seed)
     assert all(gap >= DEFAULTS.release_captures for gap in reentries(levels))

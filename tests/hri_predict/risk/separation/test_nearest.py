@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.geometry import Capsules, capsule_distance
@@ -15,7 +15,6 @@ from hri_predict.risk.separation.nearest import (
 # -- nearest in time ---------------------------------------------------------------------------
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.tuples(st.integers(1, 3), st.integers(1, 4), st.integers(1, 5), st.integers(1, 4)),
@@ -56,7 +55,6 @@ def drawn(rng: np.random.Generator, *batch: int) -> Capsules:
     return Capsules(a, a + rng.normal(size=(*batch, 3)) * 0.5, rng.random(batch) * 0.3)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(-0.5, 3))
 def test_least_is_that_of_the_steps_that_count(seed, enough):
     rng = np.random.default_rng(seed)
@@ -76,7 +74,6 @@ def test_least_is_that_of_the_steps_that_count(seed, enough):
             assert (every[course, 1 : last + 1][:, *at] == least).any()
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(-0.5, 3))
 def test_robots_together_are_as_one_by_one(seed, enough):
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
@@ -33,7 +33,6 @@ def capsules(rng: np.random.Generator, kind: str, *shape: int) -> search.Arrays:
 
 
 @VERSIONS
-@settings(max_examples=120, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     size=SIZES,

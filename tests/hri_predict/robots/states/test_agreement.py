@@ -69,7 +69,7 @@ def turned(angle: float) -> Any:
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.03])
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.floats(0.0, 1.0))
 def test_controllers_that_report_the_same_robot_agree(late_s: float, rate: float) -> None:
     pair = Pair(rate=rate, late_s=late_s)
@@ -78,7 +78,7 @@ def test_controllers_that_report_the_same_robot_agree(late_s: float, rate: float
     assert pair.tracker.counters["contradicted"] == 0
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.floats(0.15, 2.5), st.sampled_from([-1, 1]), st.sampled_from(["serial", "can"]))
 def test_controllers_that_put_it_apart_are_not_believed(angle: float, sign: int, link: str) -> None:
     pair = Pair(rate=0.5)

@@ -71,7 +71,7 @@ def held(arm: Arm, velocities: str) -> Any:
     }[velocities]
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.floats(0, 6.4), st.floats(0.05, 1), st.sampled_from(["old", "true"]))
 def test_a_place_that_is_held_in_motion_is_old_at_once_and_unknown_when_stale(
     phase_s: float, rate: float, velocities: str
@@ -115,7 +115,7 @@ def test_noise_of_an_encoder_does_not_hide_it() -> None:
     assert FROZEN in [arm.send(lie) for _ in range(8)][-1].reasons
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.floats(0, 6.4))
 def test_a_stop_from_speed_within_one_state_is_not_believed(phase_s: float) -> None:
     arm = Arm(phase_s)
@@ -150,7 +150,7 @@ def test_a_robot_that_stands_for_long_is_believed() -> None:
     assert arm.tracker.counters["frozen"] == 0
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(st.floats(0, 6.4), st.floats(1.0, 8.0))
 def test_a_robot_that_brakes_or_starts_is_believed(phase_s: float, rate_per_s2: float) -> None:
     """Along its path, up to twice as hard as it is configured to accelerate."""

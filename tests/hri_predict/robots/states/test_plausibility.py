@@ -72,7 +72,6 @@ wires = st.fixed_dictionaries(
 
 
 @given(wires, st.integers(0, 10_000), st.floats(0, 1))
-@settings(max_examples=60, deadline=None)
 def test_what_is_true_is_believed_on_any_wire(wire, seed, size):
     assert {found for _, found in Wire(**wire).send(Motion(seed, size), 0.0, 6.0)} == {None}
 
@@ -92,7 +91,7 @@ WIRES = {
 @pytest.mark.parametrize("wire", WIRES.values(), ids=WIRES)
 @pytest.mark.parametrize("lie", LIES.values(), ids=LIES)
 @given(st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_each_lie_is_found_within_0_3_s_of_motion(wire, lie, seed):
     """The time counts while the first joint, which always lies, moves at more than 0.2 rad/s."""
     motion, line = Motion(seed, 0.8), Wire(seed, **wire)
@@ -107,7 +106,6 @@ def test_each_lie_is_found_within_0_3_s_of_motion(wire, lie, seed):
 
 
 @given(st.integers(0, 10_000), st.floats(0.2, 1.0), st.sampled_from([-1.0, 1.0]))
-@settings(max_examples=30, deadline=None)
 def test_a_flipped_velocity_is_never_confirmed(seed, speed, sign):
     """From rest: nothing proves the direction before the lie is found."""
     line = Wire(seed, jitter_s=0.01, bunch_s=0.04)
@@ -142,7 +140,6 @@ def test_a_robot_at_rest_proves_nothing_and_motion_does():
 
 
 @given(st.integers(0, 10_000), st.floats(0.1, 3.0), st.integers(0, JOINTS - 1))
-@settings(max_examples=30, deadline=None)
 def test_a_jump_is_found_at_once_and_passes(seed, jump, joint):
     motion, line = Motion(seed, 0.5), Wire(seed, jitter_s=0.01)
     list(line.send(motion, 0.0, 2.0))

@@ -45,7 +45,6 @@ def outside(points: Floats, radii: Floats, a: Floats, b: Floats, radius: float) 
     return worst
 
 
-@settings(max_examples=30, deadline=None)
 @given(SEEDS)
 def test_every_point_is_inside_and_no_sphere_about_the_mean_is_smaller(seed: int) -> None:
     points = cloud(seed)
@@ -59,7 +58,7 @@ def test_every_point_is_inside_and_no_sphere_about_the_mean_is_smaller(seed: int
     assert fit.volume <= sphere_volume(sphere) * (1 + 1e-9)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(SEEDS)
 def test_balls_are_inside_by_coal(seed: int) -> None:
     points = cloud(seed)[:40]
@@ -69,7 +68,7 @@ def test_balls_are_inside_by_coal(seed: int) -> None:
 
 
 @pytest.mark.long
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(SEEDS)
 def test_a_body_that_was_moved_gets_the_capsule_moved(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -84,7 +83,7 @@ def test_a_body_that_was_moved_gets_the_capsule_moved(seed: int) -> None:
 
 
 @pytest.mark.long
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(SEEDS, st.floats(0.01, 10))
 def test_radius_grows_with_the_body(seed: int, scale: float) -> None:
     points = cloud(seed)

@@ -72,7 +72,7 @@ def test_a_joint_that_slides_is_prismatic_in_metres(urdf: Path) -> None:
     np.testing.assert_allclose(moved, turned @ [0.08, 0, 0], atol=1e-4)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
 def test_it_holds_the_whole_robot(model: RobotModel, angles: list[float], seed: int) -> None:
     placed = model.capsules(np.array(angles))

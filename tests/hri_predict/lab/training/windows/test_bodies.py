@@ -34,7 +34,7 @@ def lengths(positions: np.ndarray) -> np.ndarray:
     return result
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), turn=st.floats(-3, 3))
 def test_a_rigid_body_stays_rigid(seed, turn):
     positions, observed = person(seed, turn)

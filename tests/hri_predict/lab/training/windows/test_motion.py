@@ -75,7 +75,7 @@ def test_outside_the_recording_nothing_is_known(folder):
     assert batch.known.any(2).sum(1).min() >= 9
 
 
-@pytest.mark.parametrize("fps", [30.0, 120.0])
+@pytest.mark.parametrize("fps", [30.0, pytest.param(120.0, marks=pytest.mark.long)])
 @pytest.mark.parametrize("reverse", [0.0, 1.0])
 def test_the_history_of_a_random_walk_tells_nothing_about_its_future(tmp_path, fps, reverse):
     frames = 6000

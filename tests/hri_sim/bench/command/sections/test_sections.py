@@ -46,6 +46,7 @@ def test_parts_and_stages_of_the_risk():
 
 
 @pytest.mark.realtime
+@pytest.mark.long
 def test_scaling_along_each_axis():
     found = rows_of("scaling")
     assert {row.axis for row in found.values()} - {""} == {
@@ -74,6 +75,7 @@ def test_a_scaled_cell_sees_all_its_people():
 
 
 @pytest.mark.realtime
+@pytest.mark.long
 def test_a_node_is_heard_in_another_process():
     """Jitter, load and start look at the same runs."""
     found = rows_of("jitter")
