@@ -97,16 +97,16 @@ BREAKS = (
     ),
     Break(
         "order: the smaller of two deviations makes the zone",
-        "hri_predict/zones/joint_spheres.py",
+        "hri_predict/zones/joint_zone_arrays.py",
         "return np.maximum(after, before)",
         "return np.minimum(after, before)",
         "tests/hri_predict/zones/test_joint_zones.py",
     ),
     Break(
-        "order of levels: unknown is milder than slow",
+        "order of levels: the milder of two demands counts",
         "hri_predict/risk/levels/demand.py",
-        "Level.UNKNOWN: 3,",
-        "Level.UNKNOWN: 1,",
+        "worse = other if (other_rank, self.limit_m_s) > (rank, other.limit_m_s) else self",
+        "worse = other if (other_rank, self.limit_m_s) < (rank, other.limit_m_s) else self",
         "tests/hri_predict/risk/levels/test_machine.py",
     ),
     Break(
@@ -168,8 +168,8 @@ BREAKS = (
     Break(
         "sign: a milder level than the validated one counts as stricter",
         "hri_predict/commissioning/compare.py",
-        "milder = RANK[was.level] - RANK[row.level]",
-        "milder = RANK[row.level] - RANK[was.level]",
+        "milder = Level[was.level.upper()].rank - Level[row.level.upper()].rank",
+        "milder = Level[row.level.upper()].rank - Level[was.level.upper()].rank",
         "tests/hri_predict/commissioning/test_compare.py",
     ),
     Break(

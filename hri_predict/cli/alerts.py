@@ -13,7 +13,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.operation.alerting.alert import Trial
 from hri_predict.operation.alerting.hook import failure_text, without
 from hri_predict.operation.alerting.kinds import sender_of
-from hri_predict.operation.alerting.sender import Place, Sender
+from hri_predict.operation.alerting.sender import HookContext, Sender
 from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
@@ -103,8 +103,8 @@ class _Trying(threading.Thread):
         return self._result or {"ok": False, "answer": f"no answer within {self._limit_s:g} s"}
 
 
-def _place(config: Config) -> Place:
-    return Place(base_dir=config.base_dir, cell=config.path.stem, live=False)
+def _place(config: Config) -> HookContext:
+    return HookContext(base_dir=config.base_dir, cell=config.path.stem, live=False)
 
 
 def _head(hook: dict[str, Any]) -> str:

@@ -26,7 +26,7 @@ from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, ENDINGS, of_ending
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
-from hri_predict.recording.possible import check_possible
+from hri_predict.recording.plausibility import check_possible
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, from_left_handed
 from hri_predict.recording.unused import unused
 

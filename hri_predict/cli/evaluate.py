@@ -38,7 +38,7 @@ if TYPE_CHECKING:  # torch takes seconds to import, which the other commands nee
     from hri_predict.lab.evaluation.benchmark import Forecaster, Protocol
     from hri_predict.lab.evaluation.windows import Motion
     from hri_predict.predictors.neural.weights import LoadedWeights
-    from hri_predict.run.asked import Asked
+    from hri_predict.run.compared_predictors import ComparedPredictor
     from hri_predict.run.zone_basis import ZoneBasis
 
 
@@ -152,9 +152,9 @@ def evaluate(
         )
 
 
-def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, Asked]":
+def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, ComparedPredictor]":
     """Label -> predictor with its weights."""
-    from hri_predict.run.asked import asked_predictors
+    from hri_predict.run.compared_predictors import asked_predictors
 
     if not weights:
         return {asked.label: asked for asked in asked_predictors(predictors)}
@@ -175,7 +175,7 @@ def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, As
 def _benchmark(
     *,
     data: list[Path],
-    asked: "Mapping[str, Asked]",
+    asked: "Mapping[str, ComparedPredictor]",
     options: tuple[str, str, int, str | None],
     out: Path | None,
     as_json: bool,
@@ -279,7 +279,7 @@ def _forecasters(
 def _real(
     *,
     data: list[Path],
-    asked: "Mapping[str, Asked]",
+    asked: "Mapping[str, ComparedPredictor]",
     split: str | None,
     joint_map: str | None,
     disturb: bool,
@@ -289,7 +289,7 @@ def _real(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    from hri_predict.base.work.hiring import workers_for
+    from hri_predict.base.work.workers_for import workers_for
     from hri_predict.lab.datasets.corruption import standard
     from hri_predict.lab.evaluation import report
     from hri_predict.lab.evaluation.recordings import baselines, built, judge_by
@@ -328,12 +328,12 @@ def _real(
 
 
 def _bases(
-    asked: "Mapping[str, Asked]",
+    asked: "Mapping[str, ComparedPredictor]",
     settings: "Mapping[str, PredictorSettings]",
     calibrations: Sequence[Path],
 ) -> "list[ZoneBasis]":
     """Return the basis of each predictor's zones, which errors of forecasts alone do not show."""
-    from hri_predict.run.asked import basis_of, demand_use, fitting
+    from hri_predict.run.compared_predictors import basis_of, demand_use, fitting
     from hri_predict.zones.settings import CoverageSettings
 
     demand_use(calibrations, settings)

@@ -42,7 +42,7 @@ Sample = tuple[int, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class StoppingTrials:
     """Tests to make: speeds (m/s), runs of each, and the time to wait until a robot is that fast.
 
     No speeds mean ``PARTS`` of each robot's own highest speed.
@@ -89,7 +89,10 @@ class StopTest(Listener):
     """
 
     def __init__(
-        self, models: Sequence[RobotModel], plan: Plan, robots: Mapping[int, RobotSettings]
+        self,
+        models: Sequence[RobotModel],
+        plan: StoppingTrials,
+        robots: Mapping[int, RobotSettings],
     ) -> None:
         """Prepare the trials of ``robots``, by their indices in ``models``."""
         self._models, self._plan = models, plan
@@ -176,7 +179,7 @@ class StopTest(Listener):
 
 def measure_stops(
     config: Config,
-    plan: Plan,
+    plan: StoppingTrials,
     clock: Clock,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Stopping, list[str]]:

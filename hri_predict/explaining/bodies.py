@@ -18,7 +18,7 @@ _OFFSETS = 25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
+class SeenPerson:
     """One person of one scene: (J, 3) metres, room frame, and (J,) which joints were observed."""
 
     person: int
@@ -27,7 +27,7 @@ class Seen:
     observed: Bools
 
 
-def people_of(scene: Told, joint_map: JointMap) -> list[Seen]:
+def people_of(scene: Told, joint_map: JointMap) -> list[SeenPerson]:
     """The people of a scene; those whose numbers make no sense are left out."""
     stamp_ns = whole(scene.data.get("capture_ns"))
     found = []
@@ -35,7 +35,7 @@ def people_of(scene: Told, joint_map: JointMap) -> list[Seen]:
         id_ = whole(person.get("id"))
         joints = _joints(person, len(joint_map.source_joints))
         if id_ is not None and stamp_ns is not None and joints is not None:
-            found.append(Seen(id_, stamp_ns, *joint_map.map(*joints)))
+            found.append(SeenPerson(id_, stamp_ns, *joint_map.map(*joints)))
     return found
 
 
@@ -72,7 +72,7 @@ class Offset:
         return sorted(self._found)[len(self._found) // 2] if self._found else None
 
 
-def place_at(track: Sequence[Seen], stamp_ns: int) -> tuple[Floats, Bools] | None:
+def place_at(track: Sequence[SeenPerson], stamp_ns: int) -> tuple[Floats, Bools] | None:
     """Return a person's place between two captures (source's clock); ``None``: not seen.
 
     Args:

@@ -6,7 +6,7 @@ from typing import Any
 
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import mapped, text, whole
-from hri_predict.explaining.window import Window
+from hri_predict.explaining.window import TimeWindow
 
 BEFORE_NS, AFTER_NS = 3 * NS, 1 * NS
 """Counters are recorded once a second, so the first second after a moment reports it."""
@@ -59,7 +59,7 @@ def rise(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Moved]:
     ]
 
 
-def moved(window: Window, utc_ns: int) -> list[Moved]:
+def moved(window: TimeWindow, utc_ns: int) -> list[Moved]:
     """Return the increases from some seconds before a moment until the second after it."""
     around = [told for told in window.node if told.utc_ns <= utc_ns + AFTER_NS]
     early = [told for told in around if told.utc_ns <= utc_ns - BEFORE_NS]
@@ -69,13 +69,13 @@ def moved(window: Window, utc_ns: int) -> list[Moved]:
     return rise(first, around[-1].data)
 
 
-def _is_start(window: Window) -> bool:
+def _is_start(window: TimeWindow) -> bool:
     """Whether the window begins with the node's start, so that its counters began at 0."""
     cycle = whole(window.status[0].data.get("cycle")) if window.status else None
     return cycle is not None and cycle <= 1
 
 
-def links_at(window: Window, utc_ns: int) -> list[LinkNow]:
+def links_at(window: TimeWindow, utc_ns: int) -> list[LinkNow]:
     """The links, as the first message of /node after a moment says; else the last before."""
     after = [told for told in window.node if told.utc_ns >= utc_ns]
     told = after[0] if after else window.node[-1] if window.node else None

@@ -3,7 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from hri_predict.explaining.because import (
+from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
+from hri_predict.explaining.episodes import WAITING, Episode, level_of
+from hri_predict.explaining.hindsight import hindsight
+from hri_predict.explaining.reason_clause import (
     because,
     brief,
     distance_of,
@@ -14,9 +17,6 @@ from hri_predict.explaining.because import (
     reason_text,
     remedy,
 )
-from hri_predict.explaining.counters import AFTER_NS, BEFORE_NS
-from hri_predict.explaining.episodes import WAITING, Episode, level_of
-from hri_predict.explaining.hindsight import hindsight
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import Situation, nearest_episodes
 from hri_predict.explaining.speeds import full_speeds

@@ -7,9 +7,9 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
-from hri_predict.explaining.bodies import Offset, Seen, people_of, place_at
+from hri_predict.explaining.bodies import Offset, SeenPerson, people_of, place_at
 from hri_predict.explaining.values import listed, whole
-from hri_predict.explaining.window import Window, newest
+from hri_predict.explaining.window import TimeWindow, newest
 from hri_predict.recording import RecordingInfo, Told
 
 HORIZONS_S = (0.2, 0.4, 0.8)
@@ -38,7 +38,7 @@ def error_at(
     capture_ns: int,
     ahead_s: float,
     predicted: Floats,
-    track: Sequence[Seen],
+    track: Sequence[SeenPerson],
     offset_ns: int,
 ) -> Floats | None:
     """(J,) metres, NaN where not observed; ``None``: the person was not seen then."""
@@ -51,7 +51,7 @@ def error_at(
 
 
 def hindsight(
-    window: Window, info: RecordingInfo, utc_ns: int, *, person: int | None, segment: str
+    window: TimeWindow, info: RecordingInfo, utc_ns: int, *, person: int | None, segment: str
 ) -> dict[str, Any] | None:
     """The forecast of one person at a moment, and how wrong it came out; ``None``: none was made.
 
@@ -98,9 +98,9 @@ def _figures(error: Floats | None, segment: str) -> dict[str, float | None]:
 
 
 def _offset_and_track(
-    window: Window, info: RecordingInfo, person: int
-) -> tuple[Offset, list[Seen]]:
-    offset, track = Offset(), list[Seen]()
+    window: TimeWindow, info: RecordingInfo, person: int
+) -> tuple[Offset, list[SeenPerson]]:
+    offset, track = Offset(), list[SeenPerson]()
     stamps: dict[int, int] = {}
     events = sorted([*window.scenes, *window.forecasts], key=lambda told: told.utc_ns)
     for told in events:

@@ -4,10 +4,10 @@ import re
 from typing import Any
 
 from hri_predict.base.skeleton import JOINTS, in_words
-from hri_predict.explaining.bodies import Seen, people_of
+from hri_predict.explaining.bodies import SeenPerson, people_of
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, text, whole
-from hri_predict.explaining.window import Window, newest
+from hri_predict.explaining.window import TimeWindow, newest
 from hri_predict.recording import RecordingInfo, Told
 
 _SPEED_UNKNOWN = re.compile(r"speed of person (\d+) unknown")
@@ -17,7 +17,7 @@ _PRESENT_NS = NS // 2
 
 
 def people_seen(
-    window: Window, info: RecordingInfo, utc_ns: int, detail: str
+    window: TimeWindow, info: RecordingInfo, utc_ns: int, detail: str
 ) -> list[dict[str, Any]]:
     """Each person at a moment.
 
@@ -56,15 +56,17 @@ def people_seen(
     return found
 
 
-def _last_seen(window: Window, info: RecordingInfo, utc_ns: int) -> dict[int, tuple[Told, Seen]]:
-    found: dict[int, tuple[Told, Seen]] = {}
+def _last_seen(
+    window: TimeWindow, info: RecordingInfo, utc_ns: int
+) -> dict[int, tuple[Told, SeenPerson]]:
+    found: dict[int, tuple[Told, SeenPerson]] = {}
     for told in window.scenes:
         if told.utc_ns <= utc_ns:
             found.update({seen.person: (told, seen) for seen in people_of(told, info.joint_map)})
     return found
 
 
-def _lost(window: Window, utc_ns: int, last: dict[int, tuple[Told, Seen]]) -> set[int]:
+def _lost(window: TimeWindow, utc_ns: int, last: dict[int, tuple[Told, SeenPerson]]) -> set[int]:
     """Zones hold lost people too; a person of them who is in no newer scene is lost."""
     zones = newest(window.zones, utc_ns, 1.0)
     if zones is None:

@@ -8,13 +8,13 @@ from hri_predict.explaining.counters import LinkNow, Moved, links_at, moved
 from hri_predict.explaining.episodes import Episode, episodes, level_of, severity, slows, waits
 from hri_predict.explaining.people_seen import people_seen
 from hri_predict.explaining.recordings import Recordings
-from hri_predict.explaining.times import NS, Asked, dated, shown
+from hri_predict.explaining.times import NS, AskedTime, dated, shown
 from hri_predict.explaining.values import text
 from hri_predict.explaining.window import (
     AFTER_NS,
     BEFORE_NS,
     TOPICS,
-    Window,
+    TimeWindow,
     newest,
 )
 from hri_predict.recording import RecordingInfo, Told
@@ -28,7 +28,7 @@ class Situation:
     """Attributes: ``advice`` is the one to explain; ``episode`` is ``None`` if it slows nothing."""
 
     recordings: Recordings
-    window: Window
+    window: TimeWindow
     robot: str
     advice: Told
     episode: Episode | None
@@ -52,7 +52,7 @@ class Situation:
         return shown(utc_ns, self.recordings, digits)
 
 
-def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation:
+def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situation:
     """Return the known facts about a moment.
 
     The severest advice within the time asked about counts; of these the first that says more than
@@ -63,7 +63,7 @@ def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation
     """
     start_ns, end_ns = at.start_ns - BEFORE_NS, at.start_ns + at.width_ns + AFTER_NS
     known = len(recordings.twice)
-    window = Window.of(recordings.read(TOPICS, start_ns=start_ns, end_ns=end_ns))
+    window = TimeWindow.of(recordings.read(TOPICS, start_ns=start_ns, end_ns=end_ns))
     if len(recordings.twice) > known:
         names = " or ".join(str(path) for path in recordings.twice[-1])
         raise ConfigError(
@@ -97,7 +97,7 @@ def situation(recordings: Recordings, at: Asked, robot: str | None) -> Situation
     )
 
 
-def _worst(advice: list[Told], at: Asked) -> Told | None:
+def _worst(advice: list[Told], at: AskedTime) -> Told | None:
     """The severest advice of the time asked about, or the last one before it."""
     within = [t for t in advice if at.start_ns <= t.utc_ns < at.start_ns + at.width_ns]
     before = newest(advice, at.start_ns)
@@ -105,7 +105,7 @@ def _worst(advice: list[Told], at: Asked) -> Told | None:
     return max(within, key=lambda t: (severity(level_of(t.data)), not waits(t.data)), default=None)
 
 
-def _nothing(recordings: Recordings, at: Asked) -> str:
+def _nothing(recordings: Recordings, at: AskedTime) -> str:
     first, last = recordings.start_ns, recordings.end_ns()
     unit = " UTC" if recordings.info.has_utc else " s"
     if first <= at.start_ns <= last:

@@ -20,14 +20,14 @@ _HINT = "write 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the start s
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class AskedTime:
     """The time that a user means: ``14:03:07`` is the whole second, ``14:03`` the minute."""
 
     start_ns: int
     width_ns: int
 
 
-def asked(text: str, recordings: Recordings, flag: str = "--at") -> Asked:
+def asked(text: str, recordings: Recordings, flag: str = "--at") -> AskedTime:
     """Read a time.
 
     Raises:
@@ -36,7 +36,7 @@ def asked(text: str, recordings: Recordings, flag: str = "--at") -> Asked:
     text = text.strip()
     if match := _SECONDS.fullmatch(text):
         width_ns = _width(match[1]) if match[1] else NS
-        return Asked(recordings.start_ns + round(float(text) * NS), width_ns)
+        return AskedTime(recordings.start_ns + round(float(text) * NS), width_ns)
     if not recordings.info.has_utc:
         raise ConfigError(
             f"{flag} {text}: these recordings have no UTC (a virtual run, or an old format); write "
@@ -44,10 +44,10 @@ def asked(text: str, recordings: Recordings, flag: str = "--at") -> Asked:
         )
     if match := _DATED.fullmatch(text):
         since, width_ns = _of_day(match[2], f"{flag} {text}")
-        return Asked(_midnight(match[1], f"{flag} {text}") + since - _zone(match[3]), width_ns)
+        return AskedTime(_midnight(match[1], f"{flag} {text}") + since - _zone(match[3]), width_ns)
     if _CLOCK.fullmatch(text):
         since, width_ns = _of_day(text, f"{flag} {text}")
-        return Asked(_on_one_day(since, recordings, f"{flag} {text}"), width_ns)
+        return AskedTime(_on_one_day(since, recordings, f"{flag} {text}"), width_ns)
     raise ConfigError(f"{flag} {text}: is not a time; {_HINT}")
 
 

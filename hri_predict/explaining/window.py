@@ -17,7 +17,7 @@ BEFORE_NS, AFTER_NS = 20 * NS, 10 * NS
 
 
 @dataclass(slots=True)
-class Window:
+class TimeWindow:
     """The messages of some seconds, in their order; see ``TOPICS`` for what they are.
 
     ``received`` has the times of controllers' messages by link.
@@ -34,7 +34,7 @@ class Window:
     received: dict[str, list[int]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, messages: Iterable[Told]) -> "Window":
+    def of(cls, messages: Iterable[Told]) -> "TimeWindow":
         """Sort messages by topic."""
         window = cls()
         kept = {

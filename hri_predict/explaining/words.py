@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from hri_predict.base.skeleton import in_words
-from hri_predict.explaining.because import STANDS_M_S
 from hri_predict.explaining.explanation import TERMS
+from hri_predict.explaining.reason_clause import STANDS_M_S
 from hri_predict.explaining.values import metres
 
 _WAYS = {

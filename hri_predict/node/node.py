@@ -22,7 +22,7 @@ from hri_predict.node.second_sender import SecondSender
 from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.runner import Prediction
+from hri_predict.predictors.thread_runner import Prediction
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,

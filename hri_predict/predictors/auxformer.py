@@ -43,10 +43,10 @@ from hri_predict.predictors.auxformer_attention import PER_METRE, AuxFormerOptio
 from hri_predict.predictors.auxformer_lean import lean
 from hri_predict.predictors.neural.body_frame import fill
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     Shape,
     Target,
-    Window,
     mpjpe,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
@@ -78,20 +78,20 @@ class AuxFormer(Network):
         masks_future = options.masking and options.auxiliary_future
         self.unmask_future = _head(size, 3 * stride) if masks_future else None
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) in the body frame; only observed coordinates are read."""
-        return self.forward_filled(Window(self._filled(window), window.observed))
+        return self.forward_filled(BodyFrames(self._filled(window), window.observed))
 
-    def lean(self) -> Callable[[Window], Tensor]:
+    def lean(self) -> Callable[[BodyFrames], Tensor]:
         """See ``auxformer_lean``."""
         return lean(self)
 
-    def forward_filled(self, window: Window) -> Tensor:
+    def forward_filled(self, window: BodyFrames) -> Tensor:
         """``forward`` of a window that ``enter`` has filled, without filling in again."""
         tokens = self._features(window.positions, window.observed, future=True)
         return self._future(self.predict, tokens, window.positions)
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
 
         Each is a mean distance in metres: over the known future, the hidden coordinates, and all
@@ -103,7 +103,7 @@ class AuxFormer(Network):
             return mpjpe(self(window), target)
         size = len(window.observed)
         share = math.ceil(size * options.auxiliary_share)
-        inputs = [Window(window.positions[:share], window.observed[:share])] * tasks
+        inputs = [BodyFrames(window.positions[:share], window.observed[:share])] * tasks
         if options.masking:
             inputs[0] = self._masked(inputs[0])
         if options.denoising:
@@ -135,7 +135,7 @@ class AuxFormer(Network):
         *,
         tokens: Tensor,
         filled: Tensor,
-        masked: Window,
+        masked: BodyFrames,
         truth: tuple[Tensor, Tensor],
         target: Target,
     ) -> Tensor:
@@ -150,16 +150,16 @@ class AuxFormer(Network):
         positions = torch.cat([positions, target.positions[:share]], 1)
         return mpjpe(recovered, Target(positions, torch.cat([hidden, target.observed[:share]], 1)))
 
-    def _masked(self, window: Window) -> Window:
+    def _masked(self, window: BodyFrames) -> BodyFrames:
         kept = torch.rand_like(window.positions[..., 0]) >= self.options.mask_ratio
-        return Window(window.positions, window.observed & kept)
+        return BodyFrames(window.positions, window.observed & kept)
 
-    def _noisy(self, window: Window) -> Window:
+    def _noisy(self, window: BodyFrames) -> BodyFrames:
         chosen = torch.rand_like(window.positions[..., 0]) < self.options.noise_ratio
         noise = self.options.noise_m * torch.randn_like(window.positions)
-        return Window(window.positions + noise * chosen[..., None], window.observed)
+        return BodyFrames(window.positions + noise * chosen[..., None], window.observed)
 
-    def _filled(self, window: Window) -> Tensor:
+    def _filled(self, window: BodyFrames) -> Tensor:
         """(N, T, J, 3) filled in again: values filled in from a hidden coordinate must go, too."""
         clean = torch.where(window.observed[..., None], window.positions, 0.0)
         return fill(clean, window.observed, self.rest, self.nearest)

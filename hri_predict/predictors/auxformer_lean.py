@@ -26,7 +26,7 @@ from hri_predict.predictors.auxformer_attention import (
     AuxFormerOptions,
     Layer,
 )
-from hri_predict.predictors.neural.network import Shape, Window
+from hri_predict.predictors.neural.network import BodyFrames, Shape
 
 _LARGEST = 60.0  # e^60 is 1e26 and e^-60 1e-26: far inside single precision, times any values
 
@@ -50,14 +50,14 @@ class Parts(Protocol):
     def order(self) -> list[tuple[Layer, bool]]:
         """Layers in order, and whether each attends to observed tokens only."""
 
-    def forward_filled(self, window: Window) -> Tensor:
+    def forward_filled(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) of a filled window."""
 
     def ahead_of(self, head: nn.Module, future: Tensor, filled: Tensor) -> Tensor:
         """(B, H, J, 3) metres of future tokens (B, future tokens, J, F)."""
 
 
-def lean(network: Parts) -> Callable[[Window], Tensor]:
+def lean(network: Parts) -> Callable[[BodyFrames], Tensor]:
     """The lean forward pass, where attention's products are small enough, or the plain one."""
     if max(_bound(a) for a in network.modules() if isinstance(a, Attention)) > _LARGEST:
         return network.forward_filled
@@ -155,7 +155,7 @@ class _Lean:
         self.places, self.ahead = places[:past], network.hidden + places[past:]
         self.hidden, self.velocity, self.past = network.hidden, o.velocity, past
 
-    def __call__(self, window: Window) -> Tensor:
+    def __call__(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3); the window is filled."""
         order, place, count = _seen_first(window.observed)
         filled, observed = window.positions[:, :, order], window.observed[:, :, order]

@@ -26,11 +26,11 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     NetworkOptions,
     Shape,
     Target,
-    Window,
     last_pose,
     mpjpe,
 )
@@ -94,16 +94,16 @@ class Mixer(Network):
         nn.init.zeros_(self.head.weight)  # an untrained network stands still
         nn.init.zeros_(self.head.bias)
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame."""
         if not self.mirrors or self.training:
             return self._ahead(window)
         positions = torch.cat([window.positions, self._mirrored(window.positions)])
         observed = torch.cat([window.observed, window.observed[:, :, self.mirror]])
-        own, other = self._ahead(Window(positions, observed)).chunk(2)
+        own, other = self._ahead(BodyFrames(positions, observed)).chunk(2)
         return 0.5 * (own + self._mirrored(other))
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """MPJPE, plus that of the velocities."""
         predicted = self(window)
         loss = mpjpe(predicted, target)
@@ -114,7 +114,7 @@ class Mixer(Network):
         wrong = mpjpe(predicted.diff(dim=1) * self.shape.rate_hz, velocity)
         return loss + self.options.velocity_weight * wrong
 
-    def _ahead(self, window: Window) -> Tensor:
+    def _ahead(self, window: BodyFrames) -> Tensor:
         last = last_pose(window)
         seen = window.observed.to(last.dtype)
         moved = (window.positions - last) * _DECIMETRES

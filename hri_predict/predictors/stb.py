@@ -29,11 +29,11 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     NetworkOptions,
     Shape,
     Target,
-    Window,
     last_pose,
     mpjpe,
 )
@@ -83,12 +83,12 @@ class STB(Network):
                 nodes=coordinates, inputs=kinds * frames, outputs=frames
             )
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame: the mean of the branches (Eq. 20)."""
         changes = torch.stack(list(self._changes(window).values())).mean(0)
         return last_pose(window) + changes[:, self.shape.history_steps :] / _DECIMETRES
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """Eq. 19, brought from decimetres to metres."""
         padded = self._padded(window)
         sequence = Target(
@@ -102,12 +102,12 @@ class STB(Network):
             losses.append(self.options.distillation * divergence)
         return torch.stack(losses).sum() / _DECIMETRES
 
-    def _padded(self, window: Window) -> Tensor:
+    def _padded(self, window: BodyFrames) -> Tensor:
         """X of Sec. 3.1: (B, T + H, J, 3) decimetres, the last pose repeated H times."""
         future = last_pose(window).expand(-1, self.shape.horizon_steps, -1, -1)
         return torch.cat([window.positions, future], dim=1) * _DECIMETRES
 
-    def _changes(self, window: Window) -> dict[str, Tensor]:
+    def _changes(self, window: BodyFrames) -> dict[str, Tensor]:
         """Return what each branch adds to the padded sequence, (B, T + H, J, 3) decimetres."""
         features = self._features(window)
         mask = window.observed.to(features[0].dtype)
@@ -119,7 +119,7 @@ class STB(Network):
             changes["spatial"] = self._by_space(features, mask)
         return changes
 
-    def _features(self, window: Window) -> list[Tensor]:
+    def _features(self, window: BodyFrames) -> list[Tensor]:
         """Return the features in the options, each (B, T + H, J, 3)."""
         padded = self._padded(window)
         if self.options.inputs == "positions":

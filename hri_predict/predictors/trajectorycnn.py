@@ -32,7 +32,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hri_predict.base.skeleton import Skeleton
-from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.predictors.neural.network import (
+    BodyFrames,
+    Network,
+    NetworkOptions,
+    Shape,
+    last_pose,
+)
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")
@@ -101,7 +107,7 @@ class TrajectoryCNN(Network):
             _convolution(outputs, outputs),
         )
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame: the last frame repeated, plus a change."""
         last = last_pose(window)
         observed = window.observed[:, :, self.order].to(last.dtype)

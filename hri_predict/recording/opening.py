@@ -9,7 +9,7 @@ from hri_predict.base.errors import ConfigError, RecordingError, UnusableRecordi
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.recording.format_table import ENDINGS, of_ending
 from hri_predict.recording.naming import check_known, with_map
-from hri_predict.recording.possible import PUBLISHED, check_possible
+from hri_predict.recording.plausibility import PUBLISHED, check_possible
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.refusing.relative import check_relative
 from hri_predict.recording.refusing.unseen import without_unseen

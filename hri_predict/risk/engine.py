@@ -23,11 +23,11 @@ from hri_predict.risk.levels.advice import Levels
 from hri_predict.risk.levels.grounds import grounds_of
 from hri_predict.risk.levels.modes import REASONS, admitted
 from hri_predict.risk.levels.near_miss import near_misses
-from hri_predict.risk.made_up import made_up_ticks
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, Separation
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
+from hri_predict.risk.warm_up_people import made_up_ticks
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.obedience import Obedience
 from hri_predict.robots.tracker import RobotNow, RobotTracker

@@ -37,7 +37,7 @@ def base_joints(base_from_robot: Floats) -> list[Joint]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class PartCourse:
     """Motion of one part, arm or base, as it moves on and stops: (..., K) at or before each time.
 
     Attributes:
@@ -55,7 +55,7 @@ class Course:
     @classmethod
     def of(
         cls, table: StoppingTable, speeds: Floats, times_s: Floats, reaction_s: float
-    ) -> "Course":
+    ) -> "PartCourse":
         """Of a part at ``speeds`` (..., 1), at ``times_s`` (K,), not falling."""
         stopping_s = table.times_s(speeds)
         hold = table.hold_s(speeds, stopping_s)
@@ -136,7 +136,7 @@ class MobileBase:
 
     def stopping_path(
         self,
-        arm: Course,
+        arm: PartCourse,
         *,
         q: Floats,
         qd: Floats,
@@ -154,7 +154,7 @@ class MobileBase:
             times_s: (K,) from 0, not falling.
             reaction_s: until both brake.
         """
-        base = Course.of(self.table, factor * float(self.speed(qd)), times_s, reaction_s)
+        base = PartCourse.of(self.table, factor * float(self.speed(qd)), times_s, reaction_s)
         lead = np.arange(len(qd)) < len(COORDINATES)
 
         def both(of_base: Floats, of_arm: Floats) -> Floats:

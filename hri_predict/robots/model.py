@@ -15,7 +15,13 @@ from hri_predict.robots.body.sweep import Pieces
 from hri_predict.robots.body.sweeping import capsules_of, ends_of, moving_capsules, swept_capsules
 from hri_predict.robots.file import RobotFile, read_robot_file
 from hri_predict.robots.kinematics import Chain
-from hri_predict.robots.mobile_base import COORDINATES, FARTHEST, Course, MobileBase, base_joints
+from hri_predict.robots.mobile_base import (
+    COORDINATES,
+    FARTHEST,
+    MobileBase,
+    PartCourse,
+    base_joints,
+)
 from hri_predict.robots.settings import (
     POSITION_TOLERANCE,
     MobileBaseSettings,
@@ -289,7 +295,7 @@ class RobotModel:
         if self.mobile is not None:
             at_s = np.maximum(np.asarray(times_s, float), 0.0)
             by_arm = factor * float(self.tip_speed(q, self._of_arm(qd)))
-            arm = Course.of(self.table, by_arm, at_s, reaction_s)
+            arm = PartCourse.of(self.table, by_arm, at_s, reaction_s)
             path = self.mobile.stopping_path(
                 arm, q=q, qd=qd, factor=factor, times_s=at_s, reaction_s=reaction_s
             )

@@ -11,7 +11,7 @@ from hri_predict.base.errors import RobotError
 from hri_predict.base.geometry import Capsules
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 from hri_predict.protocol.reasons import Reason
-from hri_predict.robots.asked import NOTHING_ASKED, Asked, AskedByLinks
+from hri_predict.robots.mode_request import NOTHING_ASKED, ModeRequest, ModeRequests
 from hri_predict.robots.model import (
     RobotModel,
     RobotSettings,
@@ -20,7 +20,7 @@ from hri_predict.robots.model import (
     TrajectoryMotion,
 )
 from hri_predict.robots.plan import OnPlan, Plan
-from hri_predict.robots.states.agreement import Place, apart_m, permitted_m
+from hri_predict.robots.states.agreement import RobotPlace, apart_m, permitted_m
 from hri_predict.robots.states.frozen import FrozenCheck
 from hri_predict.robots.states.line import Line, Received
 from hri_predict.robots.states.plausibility import HELD_S, StateCheck
@@ -76,7 +76,7 @@ class RobotNow:
     confirmed: bool = True
     proven: bool = True
     tool: int | None = None
-    asked: Asked = NOTHING_ASKED
+    asked: ModeRequest = NOTHING_ASKED
     place_s: float | None = None
 
     def without(self, reason: Reason) -> "RobotNow":
@@ -135,7 +135,7 @@ class RobotTracker:
         self.plan: Plan | None = None
         self._on_plan: OnPlan | None = None
         self._located_ns = 0
-        self._asked = AskedByLinks()
+        self._asked = ModeRequests()
         self._still = StillCheck(self._reported.still_s, model.dof - model.reported)
         self._place_s: float | None = None
         motion = settings.motion
@@ -220,7 +220,7 @@ class RobotTracker:
         states = [line.place(now_ns, self._reported) for line in self._fresh(now_ns)]
         assert now.q is not None  # a plan always says where it is
         assert now.qd is not None
-        off_m = self._off_m(Place(now.q, now.qd), now.speed_m_s, states, now_ns)
+        off_m = self._off_m(RobotPlace(now.q, now.qd), now.speed_m_s, states, now_ns)
         if off_m is None:
             return _nowhere((Reason.ROBOT_STATES_CONTRADICT,))
         return replace(now, uncertainty_m=off_m)
@@ -305,7 +305,7 @@ class RobotTracker:
         return float(self.model.tip_speed(line.state.q, line.state.qd))
 
     def _off_m(
-        self, place: Place, speed_m_s: float, others: Sequence[Place], now_ns: int
+        self, place: RobotPlace, speed_m_s: float, others: Sequence[RobotPlace], now_ns: int
     ) -> float | None:
         """Return the maximum distance of other states from a place; ``None``: too far.
 
@@ -360,7 +360,7 @@ class RobotTracker:
             None if found is None else replace(found, phase_s=found.phase_s + found.rate * ahead_s)
         )
 
-    def _placed(self, state: Received, asked: Asked) -> float | None:
+    def _placed(self, state: Received, asked: ModeRequest) -> float | None:
         """The phase of the newest state by its joints alone, near the last one that is known.
 
         A path that goes there and back has each place twice. A robot that backs out on the way

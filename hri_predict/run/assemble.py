@@ -25,7 +25,7 @@ from hri_predict.people.people import People
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.process.remote import Job
 from hri_predict.predictors.process.runner import ProcessRunner
-from hri_predict.predictors.runner import Prediction, PredictionRunner
+from hri_predict.predictors.thread_runner import Prediction, PredictionRunner
 from hri_predict.protocol.wire import StateShape
 from hri_predict.recording.played_link import played_links
 from hri_predict.risk.delay_budget import DelayBudget

@@ -11,7 +11,7 @@ from hri_predict.recording import RecordingInfo
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Clocks, SystemClocks, VirtualClocks
-from hri_predict.recording.mcap.places import OneFile, Place, beside
+from hri_predict.recording.mcap.places import OneFile, RecordingFiles, beside
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.coverage import zones_text
@@ -42,7 +42,7 @@ def record_settings(config: Config, asked: Path | None) -> RecordSettings | None
 
 def place_of(
     config: Config, settings: RecordSettings, asked: Path | None, overwrite: bool
-) -> Place:
+) -> RecordingFiles:
     """Return the place of the recording.
 
     A file that the configuration names and that is there is kept, and the next one gets a number:

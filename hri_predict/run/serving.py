@@ -13,7 +13,7 @@ from hri_predict.operation.service.server import MetricsServer
 from hri_predict.operation.service.settings import MetricsSettings
 from hri_predict.operation.service.watched import Watched
 from hri_predict.recording.folder.folder import Folder
-from hri_predict.recording.mcap.places import Place
+from hri_predict.recording.mcap.places import RecordingFiles
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config, NodeSettings
 from hri_predict.run.reload import Reload
@@ -52,7 +52,7 @@ class Serving:
         self,
         assembly: Assembly,
         others: Callable[[], Mapping[str, int]],
-        place: Place | None,
+        place: RecordingFiles | None,
         alerts: Alerts,
     ) -> list[Listener]:
         """Start; return what listens to the node, to be added after all other listeners.

@@ -22,14 +22,14 @@ from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.operation.monitoring.source_report import source_report
 from hri_predict.operation.monitoring.summary import LevelCounter, Summary, summarise
 from hri_predict.operation.service.notify import Notifier
-from hri_predict.predictors.runner import Prediction
+from hri_predict.predictors.thread_runner import Prediction
 from hri_predict.protocol.discovery.announcer import Announcer, node_properties
 from hri_predict.recording import Recorder, RecordingInfo
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Clocks
 from hri_predict.recording.mcap.items import Items
-from hri_predict.recording.mcap.places import Place
-from hri_predict.recording.mcap.told import counters_of
+from hri_predict.recording.mcap.places import RecordingFiles
+from hri_predict.recording.mcap.to_dict import counters_of
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.recording import clocks_of, info_of, place_of, record_settings
@@ -206,7 +206,7 @@ class _Session:
             listeners += self.serving.listeners(assembly, self.counters, place, self.alerts)
         return assembly
 
-    def _where_to_record(self) -> tuple[RecordSettings | None, Place | None]:
+    def _where_to_record(self) -> tuple[RecordSettings | None, RecordingFiles | None]:
         """Return what to record and where, if anywhere; see ``run.recording``."""
         asked = self.options.record
         settings = record_settings(self.config, asked)

@@ -40,9 +40,16 @@ from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.zones.human_speed import Velocities, velocities_in
-from hri_predict.zones.joint_spheres import spheres_by_arrays
+from hri_predict.zones.joint_zone_arrays import spheres_by_arrays
 from hri_predict.zones.learned_scale import Evidence
-from hri_predict.zones.loops.spheres import FRESH_S, LIMB_M, Ahead, Bodies, Rule, spheres_by_loops
+from hri_predict.zones.loops.spheres import (
+    FRESH_S,
+    LIMB_M,
+    Ahead,
+    CapturedBodies,
+    Rule,
+    spheres_by_loops,
+)
 from hri_predict.zones.motion_class import trunk_speed
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.reach import BodyReach
@@ -168,7 +175,7 @@ class JointZones:
         capture_ns: int | None,
         growth_m_s: Floats,
         unknown: Bools,
-    ) -> Bodies:
+    ) -> CapturedBodies:
         people, joints = len(snapshot.ids), len(self._rule.speed)
         here = np.zeros((people, joints))
         inferred = here if snapshot.inferred is None else snapshot.inferred.within_m
@@ -183,7 +190,7 @@ class JointZones:
             age_s = np.concatenate([age_s, gone])
             waited = np.concatenate([waited, np.maximum(0.0, (reference - seen_ns) * 1e-9)])
         last, joint_age, growth, limbs, within = map(plain, rows)
-        return Bodies(
+        return CapturedBodies(
             last=last.reshape(-1, joints, 3),
             joint_age=joint_age.reshape(-1, joints),
             growth=growth,

@@ -31,7 +31,7 @@ from hri_predict.zones.loops.scale import (
     MOST_M,
     MOST_SPEED,
     SPEED,
-    Seen,
+    EvidenceArrays,
     Tables,
     scale_by_loops,
 )
@@ -88,7 +88,7 @@ def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats
 
 
 def _inputs_now(
-    evidence: Evidence | Seen, rate_hz: float, in_trunk: Sequence[int] | Ints
+    evidence: Evidence | EvidenceArrays, rate_hz: float, in_trunk: Sequence[int] | Ints
 ) -> Floats:
     history, seen = evidence.history, evidence.observed
     people, joints = history.shape[0], history.shape[2]
@@ -127,7 +127,7 @@ def _inputs_now(
     return np.stack(columns, axis=-1)
 
 
-def inputs_ahead(evidence: Evidence | Seen, knots: Ints, rate_hz: float) -> Floats:
+def inputs_ahead(evidence: Evidence | EvidenceArrays, knots: Ints, rate_hz: float) -> Floats:
     """(P, K, J, ``AHEAD``) the inputs of the steps ``knots`` (K,), counted from 1."""
     last = evidence.history[:, -1:]
     seen = evidence.observed[:, -1:, :]
@@ -273,7 +273,7 @@ class LearnedScale:
 
     def __call__(self, evidence: Evidence) -> Floats:
         """(P, H, J) metres; never shrinks with the horizon; infinite for joints of no kind."""
-        seen = Seen(
+        seen = EvidenceArrays(
             history=plain(evidence.history),
             observed=plain_flags(evidence.observed),
             forecast=plain(evidence.forecast),
@@ -283,7 +283,7 @@ class LearnedScale:
         return _scale(seen, self._tables)
 
 
-def _scale_by_arrays(seen: Seen, tables: Tables) -> Floats:
+def _scale_by_arrays(seen: EvidenceArrays, tables: Tables) -> Floats:
     count = len(NOW)
     now = _normal(_inputs_now(seen, tables.rate_hz, tables.trunk), tables, slice(0, count))
     ahead = _normal(inputs_ahead(seen, tables.knots, tables.rate_hz), tables, slice(count, None))

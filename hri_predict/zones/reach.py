@@ -14,7 +14,7 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats, Ints
 from hri_predict.base.skeleton import Skeleton, generations
 from hri_predict.zones.settings import HumanLimits
-from hri_predict.zones.spheres import along, cut
+from hri_predict.zones.sphere_geometry import along, cut
 
 VELOCITY_STEPS = 2
 """Steps of history over which the velocity at capture is taken."""

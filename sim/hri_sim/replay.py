@@ -29,7 +29,7 @@ from hri_predict.contracts.source import SourceSettings
 from hri_predict.recording import Recording, open_recording, placed
 from hri_predict.recording.cutting import between, decimated
 from hri_predict.recording.format_table import ANY_ENDING
-from hri_predict.recording.possible import check_size
+from hri_predict.recording.plausibility import check_size
 from hri_predict.recording.recording import SELF_EXPLAINED
 
 log = logging.getLogger(__name__)

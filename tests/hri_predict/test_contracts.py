@@ -27,7 +27,6 @@ from hri_predict.contracts.link import (
 )
 from hri_predict.contracts.predictor import AnyPredictorClass, PredictorClass
 from hri_predict.contracts.source import AnySourceClass, SourceClass
-from hri_predict.predictors.aggregation import AggregatedPredictor
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
     ConstantVelocitySettings,
@@ -38,6 +37,7 @@ from hri_predict.predictors.kalman import ConstantAccelerationKalman, KalmanSett
 from hri_predict.predictors.kdformer.model import KDFormerPredictor
 from hri_predict.predictors.neural.network import Trained, network_class_of
 from hri_predict.predictors.neural.settings import NeuralSettings
+from hri_predict.predictors.temporal_aggregation import AggregatedPredictor
 from hri_predict.protocol.can import CanFrame
 from hri_sim.controllers.cell import MockCell
 from hri_sim.faults.injector import FaultySource, FaultyTransport, parse_fault

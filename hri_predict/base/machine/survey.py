@@ -18,7 +18,7 @@ SLACK_NS = 5_000  # a thread may be woken so much later, to save energy
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class MachineProperty:
     """One property of the machine.
 
     Attributes:
@@ -34,7 +34,7 @@ class Finding:
     refused: str = ""
 
 
-def survey(settings: RealtimeSettings, root: Path = Path("/")) -> list[Finding]:
+def survey(settings: RealtimeSettings, root: Path = Path("/")) -> list[MachineProperty]:
     """Look at the machine, with what ``settings`` ask for in mind.
 
     Args:
@@ -56,41 +56,41 @@ def survey(settings: RealtimeSettings, root: Path = Path("/")) -> list[Finding]:
     ]
 
 
-def _priority(settings: RealtimeSettings) -> Finding:
+def _priority(settings: RealtimeSettings) -> MachineProperty:
     wanted = settings.priority or 1
     problem = _in_thread(lambda: set_fifo(wanted))
     name = f"SCHED_FIFO {wanted}"
     if not problem:
         unused = "" if settings.priority else "to use it, set realtime.priority"
-        return Finding(name, "permitted", unused)
-    return Finding(name, "not permitted", problem, "priority" if settings.priority else "")
+        return MachineProperty(name, "permitted", unused)
+    return MachineProperty(name, "not permitted", problem, "priority" if settings.priority else "")
 
 
-def _locked(settings: RealtimeSettings) -> Finding:
+def _locked(settings: RealtimeSettings) -> MachineProperty:
     problem = lock_memory()
     if not problem:
         ctypes.CDLL(None).munlockall()
         unused = "" if settings.lock_memory else "to use it, set realtime.lock_memory"
-        return Finding("locked memory", "permitted", unused)
+        return MachineProperty("locked memory", "permitted", unused)
     refused = "lock_memory" if settings.lock_memory else ""
-    return Finding("locked memory", "not permitted", problem, refused)
+    return MachineProperty("locked memory", "not permitted", problem, refused)
 
 
-def _cores(settings: RealtimeSettings) -> list[Finding]:
+def _cores(settings: RealtimeSettings) -> list[MachineProperty]:
     usable, there = usable_cores(), os.cpu_count() or 1
     few = "" if len(usable) > 1 else "give the node a second core: inference then runs beside it"
-    found = [Finding("cores", f"{len(usable)} of {there} may be used", few)]
+    found = [MachineProperty("cores", f"{len(usable)} of {there} may be used", few)]
     for key in ("cpus", "inference_cpus"):
         missing = sorted(set(getattr(settings, key)) - usable)
         if missing:
             named = ", ".join(map(str, missing))
             may = ", ".join(map(str, sorted(usable)))
             remedy = f"this process may use {may}; name some of these, or widen its cpuset"
-            found.append(Finding(f"realtime.{key}", f"{named} cannot be had", remedy, key))
+            found.append(MachineProperty(f"realtime.{key}", f"{named} cannot be had", remedy, key))
     return found
 
 
-def _quota(root: Path) -> Finding:
+def _quota(root: Path) -> MachineProperty:
     """The share of processor time that the container or service may use."""
     lines = _read(root / "proc/self/cgroup").splitlines()
     own = next((line.removeprefix("0::/") for line in lines if line.startswith("0::/")), "")
@@ -105,8 +105,8 @@ def _quota(root: Path) -> Finding:
     if least is None and all(text.isdigit() for text in old):
         least = int(old[0]) / int(old[1])
     if least is None:
-        return Finding("processor quota", "none")
-    return Finding(
+        return MachineProperty("processor quota", "none")
+    return MachineProperty(
         "processor quota",
         f"{least:g} cores",
         "a node that has used it up stands still until the next period; take CPUQuota out of the "
@@ -114,20 +114,20 @@ def _quota(root: Path) -> Finding:
     )
 
 
-def _isolated(settings: RealtimeSettings, root: Path) -> Finding:
+def _isolated(settings: RealtimeSettings, root: Path) -> MachineProperty:
     isolated = _read(root / "sys/devices/system/cpu/isolated")
     if isolated:
         unused = "" if settings.cpus else f"to use them, set realtime.cpus: [{isolated}]"
-        return Finding("isolated cores", isolated, unused)
+        return MachineProperty("isolated cores", isolated, unused)
     remedy = "boot with isolcpus=N nohz_full=N and set realtime.cpus: [N]" * bool(settings.cpus)
-    return Finding("isolated cores", "none", remedy)
+    return MachineProperty("isolated cores", "none", remedy)
 
 
-def _kernel(root: Path) -> Finding:
+def _kernel(root: Path) -> MachineProperty:
     version = _read(root / "proc/version")
     if _read(root / "sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
-        return Finding("kernel", "PREEMPT_RT")
-    return Finding(
+        return MachineProperty("kernel", "PREEMPT_RT")
+    return MachineProperty(
         "kernel",
         "not PREEMPT_RT",
         "for wake-ups within 0.1 ms under load, install a kernel with PREEMPT_RT (Debian: "
@@ -135,56 +135,58 @@ def _kernel(root: Path) -> Finding:
     )
 
 
-def _throttled(root: Path) -> Finding:
+def _throttled(root: Path) -> MachineProperty:
     """The share of time after which the kernel halts threads with a priority."""
     runtime = _read(root / "proc/sys/kernel/sched_rt_runtime_us")
     period = _read(root / "proc/sys/kernel/sched_rt_period_us")
     if not (runtime.isdigit() and period.isdigit()):  # -1: no limit
-        return Finding("limit of SCHED_FIFO", "none" if runtime == "-1" else "not known")
-    return Finding("limit of SCHED_FIFO", f"{100 * int(runtime) / int(period):.0f} % of the time")
+        return MachineProperty("limit of SCHED_FIFO", "none" if runtime == "-1" else "not known")
+    return MachineProperty(
+        "limit of SCHED_FIFO", f"{100 * int(runtime) / int(period):.0f} % of the time"
+    )
 
 
-def _governor(root: Path) -> Finding:
+def _governor(root: Path) -> MachineProperty:
     pattern = "sys/devices/system/cpu/cpu[0-9]*/cpufreq/scaling_governor"
     found = sorted({_read(path) for path in root.glob(pattern)})
     if not found:
-        return Finding("frequency governor", "none is visible")
+        return MachineProperty("frequency governor", "none is visible")
     said = ", ".join(found)
     if found == ["performance"]:
-        return Finding("frequency governor", said)
-    return Finding("frequency governor", said, "cpupower frequency-set -g performance")
+        return MachineProperty("frequency governor", said)
+    return MachineProperty("frequency governor", said, "cpupower frequency-set -g performance")
 
 
-def _swap(settings: RealtimeSettings, root: Path) -> Finding:
+def _swap(settings: RealtimeSettings, root: Path) -> MachineProperty:
     swaps = len(_read(root / "proc/swaps").splitlines()) - 1
     if swaps < 1:
-        return Finding("swap", "none")
+        return MachineProperty("swap", "none")
     remedy = "swapoff -a, or set realtime.lock_memory" * (not settings.lock_memory)
-    return Finding("swap", "in use" if not settings.lock_memory else "there", remedy)
+    return MachineProperty("swap", "in use" if not settings.lock_memory else "there", remedy)
 
 
-def _pages(root: Path) -> Finding:
+def _pages(root: Path) -> MachineProperty:
     text = _read(root / "sys/kernel/mm/transparent_hugepage/enabled")
     chosen = text.partition("[")[2].partition("]")[0] or "not known"
     remedy = "echo madvise > /sys/kernel/mm/transparent_hugepage/enabled" * (chosen == "always")
-    return Finding("transparent huge pages", chosen, remedy)
+    return MachineProperty("transparent huge pages", chosen, remedy)
 
 
-def _slack(settings: RealtimeSettings, root: Path) -> Finding:
+def _slack(settings: RealtimeSettings, root: Path) -> MachineProperty:
     text = _read(root / "proc/self/timerslack_ns")
     if not text.isdigit():
-        return Finding("timer slack", "not known")
+        return MachineProperty("timer slack", "not known")
     needed = int(text) > SLACK_NS and settings.priority is None
     remedy = "TimerSlackNSec=1us in the service's unit; SCHED_FIFO has none" * needed
-    return Finding("timer slack", f"{int(text) / 1e3:g} µs", remedy)
+    return MachineProperty("timer slack", f"{int(text) / 1e3:g} µs", remedy)
 
 
-def _clock(root: Path) -> Finding:
+def _clock(root: Path) -> MachineProperty:
     name = _read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not name:
-        return Finding("clock source", "not known")
+        return MachineProperty("clock source", "not known")
     remedy = "reading it takes microseconds; boot with clocksource=tsc if the processor's is stable"
-    return Finding("clock source", name, remedy * (name not in _GOOD_CLOCKS))
+    return MachineProperty("clock source", name, remedy * (name not in _GOOD_CLOCKS))
 
 
 def _in_thread(work: Callable[[], str]) -> str:

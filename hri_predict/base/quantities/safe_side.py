@@ -40,7 +40,7 @@ def harmless(*keys: str) -> dict[str, LessSafe]:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class LessSafeSetting:
     """A setting on the less safe side of its default."""
 
     key: str
@@ -66,7 +66,7 @@ def less_safe(
     at: str,
     computed: Mapping[str, float],
     reference: BaseModel | None = None,
-) -> Iterator[Finding]:
+) -> Iterator[LessSafeSetting]:
     """The settings of a block, and of all blocks in it, that are less safe than their defaults.
 
     Args:
@@ -89,7 +89,9 @@ def less_safe(
         yield from _inside(key, value, default, computed)
 
 
-def _inside(key: str, value: Any, default: Any, computed: Mapping[str, float]) -> Iterator[Finding]:
+def _inside(
+    key: str, value: Any, default: Any, computed: Mapping[str, float]
+) -> Iterator[LessSafeSetting]:
     if isinstance(value, BaseModel):
         same = default if type(default) is type(value) else None
         yield from less_safe(value, key, computed, same)
@@ -102,7 +104,7 @@ def _inside(key: str, value: Any, default: Any, computed: Mapping[str, float]) -
             yield from _inside(f"{key}.{i}", each, None, computed)
 
 
-def _judged(key: str, value: Any, default: Any, mark: LessSafe) -> Iterator[Finding]:
+def _judged(key: str, value: Any, default: Any, mark: LessSafe) -> Iterator[LessSafeSetting]:
     if value == default:
         return
     numbers = [v for v in (value, default) if isinstance(v, int | float) and type(v) is not bool]
@@ -113,7 +115,7 @@ def _judged(key: str, value: Any, default: Any, mark: LessSafe) -> Iterator[Find
         permits, more = mark.other, 0.0
     if permits:
         said = permits.format(value=value, default=default, more=more)
-        yield Finding(key, shown(value), shown(default), said)
+        yield LessSafeSetting(key, shown(value), shown(default), said)
 
 
 def shown(value: Any) -> str:

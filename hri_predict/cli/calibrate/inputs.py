@@ -41,7 +41,7 @@ class Data(NamedTuple):
         Raises:
             ConfigError: the cluster cannot be used.
         """
-        from hri_predict.base.work.hiring import workers_for
+        from hri_predict.base.work.workers_for import workers_for
 
         weights = getattr(settings, "weights", None)
         reads = [] if weights is None else [Path(weights)]

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict.base.clock import MonotonicClock
-from hri_predict.base.quantities.safe_side import Finding
+from hri_predict.base.quantities.safe_side import LessSafeSetting
 from hri_predict.cli.alerts import hook_facts
 from hri_predict.cli.check.calibration import (
     calibration_facts,
@@ -161,7 +161,7 @@ def _print(found: dict[str, Any]) -> None:
     ):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     for each in found["less_safe"]:
-        console.print(f"less safe than the default: {Finding(**each)}")
+        console.print(f"less safe than the default: {LessSafeSetting(**each)}")
     for note in found["notes"]:
         console.print(f"note: {note}")
     as_commissioned = is_as_commissioned(found["commissioning"])

@@ -18,7 +18,7 @@ from rich.table import Table
 from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.settings import set_key, validated
 from hri_predict.contracts import registry
-from hri_predict.library.conformance.checks import NOTHING_CAME, Finding
+from hri_predict.library.conformance.checks import NOTHING_CAME, CheckResult
 from hri_predict.run import config as configuration
 
 KINDS: dict[str, registry.PartKind] = {
@@ -74,7 +74,7 @@ def conformance(
     return 1 if failed else 0
 
 
-def _verdict(findings: Sequence[Finding]) -> str:
+def _verdict(findings: Sequence[CheckResult]) -> str:
     """Return the outcome of all checks, in a line."""
     failed = sum(finding.verdict == "fail" for finding in findings)
     skipped = [finding.detail for finding in findings if finding.verdict == "skipped"]
@@ -151,7 +151,7 @@ def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any]
 
 def _checked(
     *, kind: str, name: str, data: dict[str, Any], base_dir: Path, seconds: float
-) -> list[Finding]:
+) -> list[CheckResult]:
     where = f"{kind} {name}"
     if kind == "predictor":
         from hri_predict.library.conformance.predictors import check_predictor
@@ -169,7 +169,7 @@ def _checked(
     return check_link(name, link.resolved(base_dir))
 
 
-def _table(title: str, findings: Sequence[Finding]) -> Table:
+def _table(title: str, findings: Sequence[CheckResult]) -> Table:
     table = Table(title=title, title_justify="left")
     table.add_column("check")
     table.add_column("result")

@@ -13,8 +13,8 @@ from hri_predict.base.settings import Pose
 from hri_predict.cli.commission.answers import RegistrationAnswers, ask_points
 from hri_predict.cli.register.register import Wizard, refuse_fallen
 from hri_predict.cli.register.sight import (
-    Place,
     Sensor,
+    SightedPoint,
     Sights,
     choose_joint,
     opened,
@@ -85,7 +85,7 @@ def judge_registration(found: Registration) -> list[str]:
     ]
 
 
-Touched = tuple[str, list[Place], list[Sights]]
+Touched = tuple[str, list[SightedPoint], list[Sights]]
 
 
 def _touched(config: Config, answers: RegistrationAnswers, known: list[Floats]) -> Touched:
@@ -125,7 +125,7 @@ def _compared(
     config: Config,
     *,
     joint: str,
-    places: list[Place],
+    places: list[SightedPoint],
     sights: list[Sights],
     points: Floats,
     write: bool,

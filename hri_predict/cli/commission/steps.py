@@ -130,7 +130,7 @@ def _stopping(task: Task) -> Found:
             "stopping.cell_is_clear: not confirmed; robots move in this step. Clear the cell, keep "
             "the emergency stop at hand, and say so; or skip the step with a note"
         )
-    plan = stopping.Plan(
+    plan = stopping.StoppingTrials(
         speeds_m_s=answers.speeds_m_s,
         repeats=answers.repeats,
         wait_s=answers.wait_s,

@@ -16,7 +16,7 @@ from hri_predict.explaining.explanation import explain as explained
 from hri_predict.explaining.explanation import is_slowed, listing, neighbours
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import Situation, nearest_episodes, situation
-from hri_predict.explaining.times import Asked, asked
+from hri_predict.explaining.times import AskedTime, asked
 from hri_predict.explaining.words import HEAD, line_of, told
 
 PICTURES = (".png", ".svg")
@@ -85,14 +85,14 @@ def _drawer() -> Any:
     return draw
 
 
-def _about(recordings: Recordings, at: Asked, robot: str | None, following: bool) -> Situation:
+def _about(recordings: Recordings, at: AskedTime, robot: str | None, following: bool) -> Situation:
     about = situation(recordings, at, robot)
     if not following or about.episode is not None:
         return about
     _, after = nearest_episodes(recordings, about.robot, about.advice.utc_ns)
     if after is None:
         raise ConfigError(f"--next: {about.robot} was not slowed or stopped after that time")
-    return situation(recordings, Asked(after.worst.first.utc_ns, 1), about.robot)
+    return situation(recordings, AskedTime(after.worst.first.utc_ns, 1), about.robot)
 
 
 def _width(most: int = 100) -> int:

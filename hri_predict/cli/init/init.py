@@ -12,7 +12,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import YAML_ENDINGS, load_yaml
 from hri_predict.base.settings import set_key
 from hri_predict.cli.common import tell, without_effect
-from hri_predict.cli.generated.config import write
+from hri_predict.cli.generate.config import write
 from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints
 from hri_predict.cli.init.questions import Asker, ask_all
 

@@ -18,8 +18,8 @@ from hri_predict.base.geometry import transform
 from hri_predict.cli.register.points import Tool, ask, point_from, say, tool_of
 from hri_predict.cli.register.sight import (
     FEET,
-    Place,
     Sensor,
+    SightedPoint,
     Sights,
     choose_joint,
     opened,
@@ -135,7 +135,7 @@ class Wizard:
     every_s: float | None
 
     def __post_init__(self) -> None:
-        self.places: list[Place] = []
+        self.places: list[SightedPoint] = []
         self.points: list[Floats] = []
         self.sights: list[Sights] = []
 

@@ -51,7 +51,7 @@ class Sights:
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Place:
+class SightedPoint:
     """Place of a joint: median (3,) metres, noise per axis (standard deviation), sights."""
 
     middle: Floats
@@ -171,7 +171,7 @@ def _flags(observed: list[Bools]) -> Bools:
     return np.array(observed, np.bool_).reshape(-1, len(JOINTS))
 
 
-def place_of(sensor: Sensor, sights: Sights, joint: str) -> Place:
+def place_of(sensor: Sensor, sights: Sights, joint: str) -> SightedPoint:
     """Return where ``joint`` was kept.
 
     The median bears noise and outliers. What it can't bear is a joint that moved meanwhile.
@@ -203,7 +203,7 @@ def place_of(sensor: Sensor, sights: Sights, joint: str) -> Place:
         )
     if moved > STILL_M + explained:
         raise ConfigError(f"{joint}: it moved by {moved * 1e3:.0f} mm; keep it still and repeat")
-    return Place(middle=middle, spread_m=spread, count=len(points))
+    return SightedPoint(middle=middle, spread_m=spread, count=len(points))
 
 
 def _points(sights: Sights, joint: str) -> Floats:

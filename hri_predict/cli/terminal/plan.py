@@ -39,7 +39,7 @@ class Extent:
             self.high = np.maximum(self.high, xy.max(0) + _MARGIN_M)
 
 
-class Plan:
+class CharacterPlan:
     """Characters that show an extent: x to the right, y up.
 
     A character is about twice as high as it is wide, so a row is twice as long as a column.

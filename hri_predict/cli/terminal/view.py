@@ -20,7 +20,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hri_predict.base.geometry import Capsules
-from hri_predict.cli.terminal.plan import Extent, Plan
+from hri_predict.cli.terminal.plan import CharacterPlan, Extent
 from hri_predict.contracts.source import SourceCounters, live_part
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Advice, Level
@@ -153,7 +153,7 @@ class TerminalView(View):
         people = [] if tick.snapshot is None else list(tick.snapshot.last_positions)
         for points in (*people, *(capsules.a for capsules in robots)):
             self._extent.include(points)
-        plan = Plan(self._extent, max(columns, 1), max(rows, 1))
+        plan = CharacterPlan(self._extent, max(columns, 1), max(rows, 1))
         if tick.assessment is not None and len(tick.assessment.zones.ids):
             zones = tick.assessment.zones
             middle, every = len(zones.times_s) // 2, zones.capsules

@@ -11,9 +11,9 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
 from hri_predict.base.markup import LEVEL_COLOURS
-from hri_predict.explaining.because import distance_of, needed_by
 from hri_predict.explaining.drawing.plan import plan
 from hri_predict.explaining.episodes import level_of
+from hri_predict.explaining.reason_clause import distance_of, needed_by
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import number

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_predict.explaining.because import part_of, person_of
+from hri_predict.explaining.reason_clause import part_of, person_of
 from hri_predict.explaining.situation import Situation
 from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.explaining.window import newest
@@ -17,7 +17,7 @@ AHEAD_S = 0.4
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Plan:
+class FloorPlan:
     """Capsules are (N, 7): ax ay az bx by bz r, metres.
 
     Attributes:
@@ -35,7 +35,7 @@ class Plan:
     line: tuple[Floats, Floats] | None
 
 
-def plan(about: Situation) -> Plan:
+def plan(about: Situation) -> FloorPlan:
     """The newest picture before a moment; what was not recorded is left out."""
     zones = newest(about.window.zones, about.advice.utc_ns, 1.0)
     bodies: dict[int, Floats] = {}
@@ -50,7 +50,7 @@ def plan(about: Situation) -> Plan:
             bodies[id_] = _capsules(zones, k, 0)
             ahead[id_] = _capsules(zones, k, step)
     robots = _robots(newest(about.window.views, about.advice.utc_ns, 1.0))
-    return Plan(
+    return FloorPlan(
         bodies=bodies,
         zones=ahead,
         ahead_s=ahead_s,

@@ -8,7 +8,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.skeleton import CANONICAL
-from hri_predict.explaining.bodies import Offset, Seen, people_of, place_at
+from hri_predict.explaining.bodies import Offset, SeenPerson, people_of, place_at
 from hri_predict.explaining.hindsight import HORIZONS_S, forecast_of
 from hri_predict.explaining.shift.spread import Spread
 from hri_predict.explaining.times import NS
@@ -103,8 +103,8 @@ class Foresight:
             check.ahead_s = horizon
             self._checks.append(check)
 
-    def _tracks(self) -> dict[int, list[Seen]]:
-        tracks: dict[int, list[Seen]] = {}
+    def _tracks(self) -> dict[int, list[SeenPerson]]:
+        tracks: dict[int, list[SeenPerson]] = {}
         for told, info in self._scenes:
             for seen in people_of(told, info.joint_map):
                 track = tracks.setdefault(seen.person, [])
@@ -112,7 +112,7 @@ class Foresight:
                     track.append(seen)
         return tracks
 
-    def _compare(self, check: _Check, track: list[Seen]) -> None:
+    def _compare(self, check: _Check, track: list[SeenPerson]) -> None:
         there = place_at(track, check.due_ns)
         if there is None:
             return

@@ -4,7 +4,6 @@ import heapq
 from dataclasses import dataclass, field
 from typing import Any
 
-from hri_predict.explaining.because import brief, link_of, part_of
 from hri_predict.explaining.episodes import (
     LEVEL_NAMES,
     Episode,
@@ -12,6 +11,7 @@ from hri_predict.explaining.episodes import (
     level_of,
     lost_s,
 )
+from hri_predict.explaining.reason_clause import brief, link_of, part_of
 from hri_predict.explaining.shift.spread import Spread
 from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import mapped, number

@@ -3,9 +3,9 @@
 from collections import Counter
 from typing import Any
 
-from hri_predict.explaining.because import reason_text
 from hri_predict.explaining.counters import rise
 from hri_predict.explaining.episodes import LEVEL_NAMES, robot_of
+from hri_predict.explaining.reason_clause import reason_text
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.foresight import Foresight
 from hri_predict.explaining.shift.robot import HOUR_NS, LONGEST, RobotShift

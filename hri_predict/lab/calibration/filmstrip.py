@@ -12,7 +12,7 @@ from hri_predict.base.skeleton import Skeleton
 from hri_predict.lab.calibration.scene import (
     BALL_M_S,
     SHOWN_MS,
-    View,
+    Projection,
     ZoneScene,
     outside,
     robot_beside,
@@ -105,7 +105,7 @@ def _where(axes: Any, scene: ZoneScene) -> None:
 
 
 def _cell(
-    *, axes: Any, view: View, scene: ZoneScene, robot: Capsules, skeleton: Skeleton, at: int
+    *, axes: Any, view: Projection, scene: ZoneScene, robot: Capsules, skeleton: Skeleton, at: int
 ) -> None:
     """One moment from one side."""
     low, high = axes.get_ylim()
@@ -167,7 +167,7 @@ def _body(skeleton: Skeleton, positions: Floats, known: Bools) -> Capsules:
     return Capsules(positions[a], positions[b], np.array([s[2] for s in own]))
 
 
-def _table(axes: Any, view: View, arm: Capsules, level: bool) -> None:
+def _table(axes: Any, view: Projection, arm: Capsules, level: bool) -> None:
     """The table that the robot stands on."""
     base = view.project(arm.a[:1])[0]
     bottom = 0.0 if level else base[1] - 0.2
@@ -175,7 +175,9 @@ def _table(axes: Any, view: View, arm: Capsules, level: bool) -> None:
     axes.bar(base[0], height, 0.4, bottom, color=_TABLE, zorder=1)
 
 
-def _bones(*, axes: Any, view: View, positions: Floats, seen: Bools, skeleton: Skeleton) -> None:
+def _bones(
+    *, axes: Any, view: Projection, positions: Floats, seen: Bools, skeleton: Skeleton
+) -> None:
     points = view.project(positions)
     for joint, parent in enumerate(skeleton.parents):
         if parent >= 0 and seen[joint] and seen[parent]:

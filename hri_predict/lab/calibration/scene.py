@@ -146,7 +146,7 @@ def _nearest(stamps: Any, wanted_ns: int) -> int:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class Projection:
     """A parallel projection along the third direction.
 
     Attributes:
@@ -164,7 +164,7 @@ class View:
         return np.stack([moved @ self.across, moved @ self.up], axis=-1)
 
 
-def outside(points: Floats, view: View, capsules: Capsules) -> Floats:
+def outside(points: Floats, view: Projection, capsules: Capsules) -> Floats:
     """Signed distance in the picture from the silhouette of capsules (S,): below 0 inside it.
 
     A ball's parallel projection is a disc, so a capsule's is a stadium: all points within its
@@ -184,7 +184,7 @@ def outside(points: Floats, view: View, capsules: Capsules) -> Floats:
     return result
 
 
-def views(scene: ZoneScene, skeleton: Skeleton) -> tuple[View, View]:
+def views(scene: ZoneScene, skeleton: Skeleton) -> tuple[Projection, Projection]:
     """From the person's right, and from above: both with *ahead* to the right of the picture."""
     now, seen = scene.true[0], scene.known[0]
     sides = [
@@ -199,10 +199,10 @@ def views(scene: ZoneScene, skeleton: Skeleton) -> tuple[View, View]:
     origin = now[seen].mean(0)
     feet = scene.known & np.array([n.endswith(("ankle", "foot")) for n in skeleton.joints])
     origin[2] = scene.true[feet][:, 2].min() if feet.any() else 0.0
-    return View(origin, ahead, np.array([0.0, 0.0, 1.0])), View(origin, ahead, to_left)
+    return Projection(origin, ahead, np.array([0.0, 0.0, 1.0])), Projection(origin, ahead, to_left)
 
 
-def robot_beside(scene: ZoneScene, side: View, above: View) -> Capsules:
+def robot_beside(scene: ZoneScene, side: Projection, above: Projection) -> Capsules:
     """(K, C) capsules of a robot on its trajectory; the constants give robot and place."""
     known = scene.known[-1]
     there = scene.true[-1][known].mean(0) if known.any() else side.origin

@@ -19,7 +19,7 @@ from hri_predict.lab.training.processes import Processes
 from hri_predict.lab.training.provenance import commit, fingerprint
 from hri_predict.lab.training.validation import Validation, validate
 from hri_predict.lab.training.windows.samples import SampleSource
-from hri_predict.predictors.neural.network import Network, Target, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network, Target
 from hri_predict.predictors.neural.weights import save_weights
 
 Ending = Literal["epochs done", "no better validation", "out of time", "interrupted"]
@@ -57,7 +57,7 @@ class Result:
         return asdict(self) | {"weights": str(self.weights)}
 
 
-class View(Protocol):
+class RunObserver(Protocol):
     """An observer of a run."""
 
     def started(self, step: int, total_steps: int) -> None:
@@ -87,7 +87,7 @@ def train(
     config: TrainingConfig,
     source: SampleSource,
     network: Network,
-    view: View,
+    view: RunObserver,
     *,
     resume: bool = False,
     stop: Callable[[], bool] = lambda: False,
@@ -129,7 +129,7 @@ class _Run:
         config: TrainingConfig,
         source: SampleSource,
         network: Network,
-        view: View,
+        view: RunObserver,
         stop: Callable[[], bool],
         processes: Processes,
     ) -> None:
@@ -199,7 +199,7 @@ class _Run:
         window, target = mine.entered(self.entry)
         device = self.optimisation.network.rest.device
         if device.type != "cpu":
-            window = Window(window.positions.to(device), window.observed.to(device))
+            window = BodyFrames(window.positions.to(device), window.observed.to(device))
             target = Target(target.positions.to(device), target.observed.to(device))
         progress = self.progress
         loss = float(self.optimisation.step(window, target, share, progress.step))

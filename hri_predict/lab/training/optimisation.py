@@ -10,7 +10,7 @@ from torch.optim.swa_utils import AveragedModel
 from hri_predict.base.errors import PredictorError
 from hri_predict.lab.training.config import TrainSettings
 from hri_predict.lab.training.processes import Processes
-from hri_predict.predictors.neural.network import Network, Target, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network, Target
 
 
 class Optimisation:
@@ -42,7 +42,7 @@ class Optimisation:
             self._average = _averaged(network, settings.ema_decay)
             self.averaged = cast(Network, self._average.module).eval()
 
-    def step(self, window: Window, target: Target, share: float, number: int) -> Tensor:
+    def step(self, window: BodyFrames, target: Target, share: float, number: int) -> Tensor:
         """Take step ``number`` (from 0) on this process's windows; returns the batch's loss.
 
         Args:

@@ -28,7 +28,7 @@ class Skipped(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CheckResult:
     """Result of one check.
 
     Attributes:
@@ -45,7 +45,7 @@ class Finding:
 Check = Callable[[T], str]
 
 
-def run_checks(checks: Sequence[Check[T]], part: T) -> list[Finding]:
+def run_checks(checks: Sequence[Check[T]], part: T) -> list[CheckResult]:
     """Run all checks on one part; one that raises has failed, and the next one runs.
 
     Nothing is logged meanwhile: the checks make the trouble that parts would warn of.
@@ -57,17 +57,17 @@ def run_checks(checks: Sequence[Check[T]], part: T) -> list[Finding]:
         logging.disable(logging.NOTSET)
 
 
-def _judged(check: Check[T], part: T) -> Finding:
+def _judged(check: Check[T], part: T) -> CheckResult:
     name = check.__name__.replace("_", " ")
     try:
-        return Finding(name, "pass", check(part))
+        return CheckResult(name, "pass", check(part))
     except Broken as error:
-        return Finding(name, "fail", str(error))
+        return CheckResult(name, "fail", str(error))
     except Skipped as error:
-        return Finding(name, "skipped", str(error))
+        return CheckResult(name, "skipped", str(error))
     except (Exception, SystemExit) as error:  # a third party's code may fail in any way
         lines = str(error).splitlines() or [""]
-        return Finding(name, "fail", f"raised {type(error).__name__}: {lines[0]}")
+        return CheckResult(name, "fail", f"raised {type(error).__name__}: {lines[0]}")
 
 
 def demand(holds: bool, otherwise: str) -> None:

@@ -14,7 +14,7 @@ from hri_predict.base.clock import MonotonicClock, VirtualClock
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import AnyLinkClass, Link, LinkCounters, LinkSettings, check_load
 from hri_predict.library.conformance.checks import (
-    Finding,
+    CheckResult,
     Skipped,
     demand,
     demand_soon,
@@ -71,7 +71,7 @@ class LinkPart:
         return units_of(self.cls, self.settings, self.clock, message)
 
 
-def check_link(name: str, settings: LinkSettings) -> list[Finding]:
+def check_link(name: str, settings: LinkSettings) -> list[CheckResult]:
     """Run all checks on the link registered as ``name``.
 
     Raises:

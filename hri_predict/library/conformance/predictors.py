@@ -25,7 +25,7 @@ from hri_predict.contracts.predictor import (
 )
 from hri_predict.library.conformance.checks import (
     Broken,
-    Finding,
+    CheckResult,
     demand,
     refuses_nonsense,
     run_checks,
@@ -63,7 +63,7 @@ class PredictorPart:
         return checked(self.predictor.predict(history, observed), len(history), self.predictor)
 
 
-def check_predictor(name: str, settings: PredictorSettings) -> list[Finding]:
+def check_predictor(name: str, settings: PredictorSettings) -> list[CheckResult]:
     """Run all checks on the predictor registered as ``name``.
 
     Raises:

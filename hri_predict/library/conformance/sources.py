@@ -32,7 +32,7 @@ from hri_predict.contracts.source import (
 from hri_predict.library.conformance.checks import (
     NOTHING_CAME,
     Broken,
-    Finding,
+    CheckResult,
     Skipped,
     demand,
     demand_soon,
@@ -127,7 +127,7 @@ class SourcePart:
 
 def check_source(
     name: str, settings: SourceSettings, base_dir: Path, seconds: float
-) -> list[Finding]:
+) -> list[CheckResult]:
     """Run all checks on the source registered as ``name``; ``seconds`` as in ``SourcePart``.
 
     Raises:

@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import Field
 
 from hri_predict.operation.alerting.alert import AnyAlert, payload
-from hri_predict.operation.alerting.sender import Place, Sender, SendError
+from hri_predict.operation.alerting.sender import HookContext, Sender, SendError
 from hri_predict.operation.alerting.settings import HookSettings
 
 LONGEST_STOP_S = 5.0
@@ -28,7 +28,7 @@ class CommandHook(HookSettings):
     )
     timeout_s: float = Field(5.0, ge=0.1, le=600, description="end the program after this time")
 
-    def create_sender(self, place: Place) -> Sender:
+    def create_sender(self, place: HookContext) -> Sender:
         """See the base class."""
         return CommandSender(self, place)
 
@@ -46,7 +46,7 @@ class CommandHook(HookSettings):
 class CommandSender(Sender):
     """Runs the program, one at a time, without a shell, in a process group of its own."""
 
-    def __init__(self, settings: CommandHook, place: Place) -> None:
+    def __init__(self, settings: CommandHook, place: HookContext) -> None:
         self._settings, self._place = settings, place
         self._process: subprocess.Popen[bytes] | None = None
 

@@ -9,7 +9,7 @@ from typing import Any
 from hri_predict.operation.alerting.alert import AnyAlert
 from hri_predict.operation.alerting.hook import Hook
 from hri_predict.operation.alerting.kinds import hooks_of
-from hri_predict.operation.alerting.sender import Place
+from hri_predict.operation.alerting.sender import HookContext
 from hri_predict.operation.alerting.settings import HookSettings
 
 
@@ -20,7 +20,7 @@ class Hooks:
         ConfigError: a hook cannot be used.
     """
 
-    def __init__(self, settings: Sequence[HookSettings], place: Place) -> None:
+    def __init__(self, settings: Sequence[HookSettings], place: HookContext) -> None:
         self._place = place
         self._live = hooks_of(settings, place)
         self._ending: list[Hook] = []

@@ -10,7 +10,7 @@ from hri_predict.operation.alerting.command import CommandHook
 from hri_predict.operation.alerting.hook import Hook
 from hri_predict.operation.alerting.mail import MailHook
 from hri_predict.operation.alerting.mqtt import MqttHook
-from hri_predict.operation.alerting.sender import Place, Sender
+from hri_predict.operation.alerting.sender import HookContext, Sender
 from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.operation.alerting.syslog import SyslogHook
 from hri_predict.operation.alerting.webhook import WebhookHook
@@ -27,7 +27,7 @@ KINDS = tuple(get_args(hook.model_fields["kind"].annotation)[0] for hook in get_
 """Their names."""
 
 
-def sender_of(settings: HookSettings, place: Place) -> Sender:
+def sender_of(settings: HookSettings, place: HookContext) -> Sender:
     """Return the sender of a hook's alerts; open no connection.
 
     Raises:
@@ -39,7 +39,7 @@ def sender_of(settings: HookSettings, place: Place) -> Sender:
         raise ConfigError(f"alert hook {settings.label}: {error}") from error
 
 
-def hooks_of(settings: Sequence[HookSettings], place: Place) -> list[Hook]:
+def hooks_of(settings: Sequence[HookSettings], place: HookContext) -> list[Hook]:
     """The hooks, not yet started.
 
     Raises:

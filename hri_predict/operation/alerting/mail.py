@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from hri_predict.operation.alerting.alert import AnyAlert, more, payload
 from hri_predict.operation.alerting.sender import (
     Answer,
-    Place,
+    HookContext,
     Sender,
     SendError,
     cut_after,
@@ -88,7 +88,7 @@ class MailHook(HookSettings):
             raise ValueError("security: none would send the password in clear; use starttls or tls")
         return self
 
-    def create_sender(self, place: Place) -> Sender:
+    def create_sender(self, place: HookContext) -> Sender:
         """See the base class."""
         return MailSender(self, place)
 
@@ -129,7 +129,7 @@ class _TlsClient(_Bounded, smtplib.SMTP_SSL):
 class MailSender(Sender):
     """Sends each alert over a connection of its own."""
 
-    def __init__(self, settings: MailHook, place: Place) -> None:
+    def __init__(self, settings: MailHook, place: HookContext) -> None:
         self._settings, self._place = settings, place
         self._password = settings.secret("password", place.base_dir)
         self.secrets = () if self._password is None else (self._password,)

@@ -20,7 +20,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert, payload
 from hri_predict.operation.alerting.sender import (
     ANSWER_BYTES,
-    Place,
+    HookContext,
     Sender,
     SendError,
     said,
@@ -95,7 +95,7 @@ class MqttHook(HookSettings):
             raise ValueError("a password needs 'username'")
         return self
 
-    def create_sender(self, place: Place) -> Sender:
+    def create_sender(self, place: HookContext) -> Sender:
         """See the base class."""
         return MqttSender(self, place)
 
@@ -130,7 +130,7 @@ class MqttSender(Sender):
 
     tend_s = 5.0
 
-    def __init__(self, settings: MqttHook, place: Place) -> None:
+    def __init__(self, settings: MqttHook, place: HookContext) -> None:
         _paho()
         self._settings, self._place = settings, place
         self._password = settings.secret("password", place.base_dir)

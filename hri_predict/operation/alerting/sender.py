@@ -31,7 +31,7 @@ class SendError(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class HookContext:
     """Environment of hooks.
 
     Attributes:

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from hri_predict.base.settings import Settings
 from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert
 from hri_predict.operation.alerting.secret import read_secret
-from hri_predict.operation.alerting.sender import Place, Sender
+from hri_predict.operation.alerting.sender import HookContext, Sender
 
 LevelName = Literal["unknown", "clear", "warn", "slow", "stop", "fault"]
 Text = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]+$")]
@@ -52,7 +52,7 @@ class HookSettings(Settings):
         """The receiver as text, without a secret."""
         raise NotImplementedError
 
-    def create_sender(self, place: Place) -> Sender:
+    def create_sender(self, place: HookContext) -> Sender:
         """Create what sends the alerts of this hook; opens no connection.
 
         Raises:

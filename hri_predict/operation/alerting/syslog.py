@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from hri_predict.operation.alerting.alert import Alert, AnyAlert, ZoneAlert, more
 from hri_predict.operation.alerting.sender import (
-    Place,
+    HookContext,
     Sender,
     SendError,
     cut_after,
@@ -69,7 +69,7 @@ class SyslogHook(HookSettings):
             raise ValueError("ca_file has no effect without protocol: tls; remove it")
         return self
 
-    def create_sender(self, place: Place) -> Sender:
+    def create_sender(self, place: HookContext) -> Sender:
         """See the base class."""
         return SyslogSender(self, place)
 
@@ -97,7 +97,7 @@ class SyslogHook(HookSettings):
 class SyslogSender(Sender):
     """Sends each alert over a socket of its own."""
 
-    def __init__(self, settings: SyslogHook, place: Place) -> None:
+    def __init__(self, settings: SyslogHook, place: HookContext) -> None:
         self._settings, self._place = settings, place
         tls = settings.protocol == "tls"
         self._tls = tls_context(settings.ca_file, place.base_dir) if tls else None

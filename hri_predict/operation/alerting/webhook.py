@@ -18,7 +18,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.operation.alerting.alert import AnyAlert, payload
 from hri_predict.operation.alerting.sender import (
     Answer,
-    Place,
+    HookContext,
     Sender,
     SendError,
     cut_after,
@@ -70,7 +70,7 @@ class WebhookHook(HookSettings):
             raise ValueError("give one of: url, url_file, url_env")
         return self
 
-    def create_sender(self, place: Place) -> Sender:
+    def create_sender(self, place: HookContext) -> Sender:
         """See the base class."""
         return WebhookSender(self, place)
 
@@ -133,7 +133,7 @@ class _Response(http.client.HTTPResponse):
 class WebhookSender(Sender):
     """Posts each alert over a connection of its own."""
 
-    def __init__(self, settings: WebhookHook, place: Place) -> None:
+    def __init__(self, settings: WebhookHook, place: HookContext) -> None:
         self._settings, self._place = settings, place
         url = settings.url or settings.secret("url", place.base_dir) or ""
         try:

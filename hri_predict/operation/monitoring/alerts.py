@@ -26,7 +26,7 @@ from hri_predict.operation.alerting.alert import Alert, ZoneAlert, as_data, more
 from hri_predict.operation.alerting.command import CommandHook
 from hri_predict.operation.alerting.hooks import Hooks
 from hri_predict.operation.alerting.kinds import KINDS, AnyHook
-from hri_predict.operation.alerting.sender import Place
+from hri_predict.operation.alerting.sender import HookContext
 from hri_predict.operation.alerting.settings import HookSettings
 from hri_predict.operation.monitoring.flapping import Change, Flapping
 from hri_predict.operation.monitoring.remote import WATCH_S, Remote
@@ -112,7 +112,7 @@ class Alerts:
         self._queue = queue.Queue(maxsize=256)
         self._file = alert_file(settings, base_dir)
         self._thread: threading.Thread | None = None
-        place = Place(base_dir=base_dir, cell=cell)
+        place = HookContext(base_dir=base_dir, cell=cell)
         self._base_dir = base_dir
         self._hooks = Hooks(settings.hooks if threaded else [], place)
         self.count = self.dropped = self._write_failures = 0

@@ -16,7 +16,7 @@ _WHY = {SILENT: "no advice for this robot", UNKNOWN: "its capture is too old"}
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class CellLevel:
     """A level and its reason; ``robot`` is ``None`` if it is of the whole cell."""
 
     robot: int | None
@@ -25,24 +25,24 @@ class Finding:
     limit_m_s: float | None = None
 
 
-def findings(row: CellRow) -> list[Finding]:
+def findings(row: CellRow) -> list[CellLevel]:
     """Return the known state of a cell and each of its robots; at least one.
 
     Of a cell whose report is not trusted, only that: its robots' levels are not known.
     """
     if row.state == SILENT:
-        return [Finding(None, GONE, row.why)]
+        return [CellLevel(None, GONE, row.why)]
     if row.state == UNKNOWN:
-        return [Finding(None, "UNKNOWN", row.why or "the node's state is unknown")]
+        return [CellLevel(None, "UNKNOWN", row.why or "the node's state is unknown")]
     found = [_of(robot) for robot in row.robots]
     if row.state not in _LIVE:
         is_fault = row.state == "fault"
         why = "the node reports a fault" if is_fault else f"the node is {row.state}"
-        found.insert(0, Finding(None, "FAULT" if is_fault else "UNKNOWN", row.why or why))
-    return found or [Finding(None, "UNKNOWN", "no advice for any robot yet")]
+        found.insert(0, CellLevel(None, "FAULT" if is_fault else "UNKNOWN", row.why or why))
+    return found or [CellLevel(None, "UNKNOWN", "no advice for any robot yet")]
 
 
-def worst(found: Sequence[Finding]) -> Finding:
+def worst(found: Sequence[CellLevel]) -> CellLevel:
     """The finding that asks most; the first of several."""
     return min(found, key=lambda each: WORST_FIRST.index(each.level))
 
@@ -79,7 +79,7 @@ def _details(robot: RobotRow) -> dict[str, Any]:
     }
 
 
-def _of(robot: RobotRow) -> Finding:
+def _of(robot: RobotRow) -> CellLevel:
     level = GONE if robot.level == SILENT else robot.level.upper()
     reason = _WHY.get(robot.reason, robot.reason)
-    return Finding(robot.robot, level, reason, robot.speed_limit_m_s)
+    return CellLevel(robot.robot, level, reason, robot.speed_limit_m_s)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any, TextIO, cast
 
-from hri_predict.operation.service.unhurried import Unhurried
+from hri_predict.operation.service.nonblocking_stderr import Unhurried
 
 LINES_A_MINUTE = 30
 WINDOW_S = 60.0

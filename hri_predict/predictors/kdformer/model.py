@@ -36,11 +36,11 @@ from hri_predict.predictors.kdformer.rotations import KinematicTree, quaternion,
 from hri_predict.predictors.kdformer.transformer import CrossLayer, PositionEmbedding, SelfLayer
 from hri_predict.predictors.neural.cmu_skeleton import CMU38, OFFSETS
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     NetworkOptions,
     Shape,
     Target,
-    Window,
     mpjpe,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
@@ -226,13 +226,13 @@ class KDFormer(Network):
             self.dynamic_spatial = Spatial(tokens, o)
             self.dynamic_temporal = Temporal(shape.history_steps, width, o)
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3): positions in the body frame, metres, or exponential maps."""
         if self.options.space == "rotations":
             return self._predict_rotations(window)
         return self._predict(window)[1]
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """The quaternion loss (Eq. 28), in position space with the position error beside it."""
         if self.options.space == "rotations":
             return self._rotation_loss(self._predict_rotations(window), target, target.observed)
@@ -285,7 +285,7 @@ class KDFormer(Network):
             future.append(pose)
         return torch.cat(future, 1)
 
-    def _predict(self, window: Window) -> tuple[Tensor, Tensor]:
+    def _predict(self, window: BodyFrames) -> tuple[Tensor, Tensor]:
         """Future rotations (B, H, J, 3) and positions (B, H, J, 3) of a window of positions."""
         tree, root = self.tree, self.tree.root
         with torch.no_grad():
@@ -300,7 +300,7 @@ class KDFormer(Network):
         turned, moved = future[:, :, :-1], future[:, :, -1]
         return turned, tree.positions(turned, self.rest, lengths, here[:, -1:] + moved)
 
-    def _predict_rotations(self, window: Window) -> Tensor:
+    def _predict_rotations(self, window: BodyFrames) -> Tensor:
         """Future exponential maps (B, H, J, 3) of a window of them."""
         with torch.no_grad():
             rotations = shortest(window.positions)

@@ -23,7 +23,7 @@ from torch import Tensor, nn
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, PredictorError
 from hri_predict.base.machine.cache import cached, forget
-from hri_predict.predictors.neural.network import Network, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network
 from hri_predict.predictors.neural.settings import EngineName
 
 log = logging.getLogger(__name__)
@@ -49,7 +49,7 @@ class Engine:
     """
 
     name: EngineName
-    forward: Callable[[Window], Tensor]
+    forward: Callable[[BodyFrames], Tensor]
     differs_m: float = 0.0
     why: str = ""
 
@@ -147,7 +147,7 @@ class _Session:
         # a network that does not read the mask has no such input
         self._inputs = frozenset(entry.name for entry in self._session.get_inputs())
 
-    def __call__(self, window: Window) -> Tensor:
+    def __call__(self, window: BodyFrames) -> Tensor:
         inputs = {
             "positions": window.positions.contiguous().numpy(),
             "observed": window.observed.contiguous().numpy(),
@@ -171,7 +171,7 @@ class _Traced(nn.Module):
         self.lean = network.lean()
 
     def forward(self, positions: Tensor, observed: Tensor) -> Tensor:
-        return self.lean(Window(positions, observed))
+        return self.lean(BodyFrames(positions, observed))
 
 
 def _exported(network: Network) -> bytes:
@@ -220,7 +220,7 @@ def _quiet() -> Iterator[None]:
             cast(Any, torch._C)._jit_onnx_log = said
 
 
-def _difference(network: Network, engine: Callable[[Window], Tensor]) -> float:
+def _difference(network: Network, engine: Callable[[BodyFrames], Tensor]) -> float:
     """Largest difference from torch on the probes, in metres: together, two, and one by one.
 
     A branch may ask about all people of a window, or how many they are.
@@ -232,7 +232,7 @@ def _difference(network: Network, engine: Callable[[Window], Tensor]) -> float:
     some = [slice(None), slice(0, 2), *(slice(i, i + 1) for i in range(_PROBES))]
     largest = 0.0
     for people in some:
-        window = Window(everybody.positions[people], everybody.observed[people])
+        window = BodyFrames(everybody.positions[people], everybody.observed[people])
         with torch.inference_mode():
             wanted = network(window)  # the plain forward pass, which has no shortcut
         try:
@@ -244,7 +244,7 @@ def _difference(network: Network, engine: Callable[[Window], Tensor]) -> float:
     return largest
 
 
-def _probe(network: Network) -> Window:
+def _probe(network: Network) -> BodyFrames:
     """Windows of people who move at up to some metres a second, seen in several ways.
 
     All the time; with gaps; without a joint; not of late; never; and only at first.

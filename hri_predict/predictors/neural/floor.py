@@ -9,7 +9,7 @@ import time
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from hri_predict.predictors.neural.network import Network, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network
 
 _SIZE = 512  # three such matrices take 3 MiB: larger than a first cache, within a core's second
 _TRIALS = 20
@@ -18,7 +18,7 @@ _TRIALS = 20
 def products(network: Network, people: int) -> int:
     """Multiplications and additions, as pairs, of a lean forecast for ``people``."""
     steps, joints = network.shape.history_steps, network.shape.joints
-    window = Window(
+    window = BodyFrames(
         torch.zeros(people, steps, joints, 3), torch.ones(people, steps, joints, dtype=torch.bool)
     )
     lean = network.lean()

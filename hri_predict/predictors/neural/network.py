@@ -46,7 +46,7 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
+class BodyFrames:
     """A batch of histories in the body frame.
 
     Attributes:
@@ -103,11 +103,11 @@ class Network(nn.Module):
         self.register_buffer("rest", torch.zeros(shape.joints, 3))
         self.register_buffer("nearest", neighbour_table(shape.skeleton), persistent=False)
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) in the body frame."""
         raise NotImplementedError
 
-    def lean(self) -> Callable[[Window], Tensor]:
+    def lean(self) -> Callable[[BodyFrames], Tensor]:
         """Return the engines' result: ``forward`` of a window that ``enter`` has filled, but
         leaner.
 
@@ -116,7 +116,7 @@ class Network(nn.Module):
         """
         return self
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """Training loss of a batch, a scalar.
 
         Args:
@@ -126,7 +126,7 @@ class Network(nn.Module):
         """
         return mpjpe(self(window), target)
 
-    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+    def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """Loss of the adversary, or ``None``; it changes only the adversary's parameters."""
         return None
 
@@ -139,7 +139,7 @@ class Network(nn.Module):
         critic = {id(p) for p in self.critic_parameters()}
         return (p for p in self.parameters() if id(p) not in critic)
 
-    def enter(self, positions: Tensor, observed: Tensor) -> tuple[Window, BodyFrame]:
+    def enter(self, positions: Tensor, observed: Tensor) -> tuple[BodyFrames, BodyFrame]:
         """Bring histories (B, T, J, 3) in the room, and ``observed`` (B, T, J), into body frames.
 
         Computed in the type of ``positions``; the window is in the network's.
@@ -150,7 +150,7 @@ class Network(nn.Module):
             frame = body_frame(positions, observed, self.shape.skeleton)
         clean = torch.where(observed[..., None], frame.enter(positions), 0.0)
         filled = fill(clean, observed, self.rest.to(clean.dtype), self.nearest)
-        return Window(filled.to(self.rest.dtype), observed), frame
+        return BodyFrames(filled.to(self.rest.dtype), observed), frame
 
 
 class NetworkClass(Protocol):
@@ -187,7 +187,7 @@ def network_class_of(predictor: str) -> NetworkClass | None:
     return cls.network_class if isinstance(cls, Trained) else None
 
 
-def last_pose(window: Window) -> Tensor:
+def last_pose(window: BodyFrames) -> Tensor:
     """(B, 1, J, 3) the newest step of the window."""
     return window.positions[:, -1:]
 

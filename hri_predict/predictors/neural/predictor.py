@@ -20,7 +20,7 @@ from hri_predict.predictors.masked import steps_to_cover
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
 from hri_predict.predictors.neural.entering import Histories, enter, leave, tables
-from hri_predict.predictors.neural.network import NetworkClass, Window
+from hri_predict.predictors.neural.network import BodyFrames, NetworkClass
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights, read_header
 
@@ -105,7 +105,9 @@ class NeuralPredictor:
         )
         entered = enter(histories, self._tables)
         with torch.inference_mode():
-            window = Window(torch.from_numpy(entered.window), torch.from_numpy(entered.observed))
+            window = BodyFrames(
+                torch.from_numpy(entered.window), torch.from_numpy(entered.observed)
+            )
             predicted = self.engine.forward(window)[:, : self.horizon_steps].contiguous().numpy()
         return Forecast(leave(predicted, entered, histories, self._tables), None)
 

@@ -40,14 +40,13 @@ import torch.nn.functional as F
 from pydantic import Field, model_validator
 from torch import Tensor, nn
 
-from hri_predict.predictors.aggregation import aggregate
 from hri_predict.predictors.neural.body_frame import fill
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     NetworkOptions,
     Shape,
     Target,
-    Window,
     last_pose,
     mpjpe,
 )
@@ -62,6 +61,7 @@ from hri_predict.predictors.sinn.symplectic import (
     Representation,
     momentum_error,
 )
+from hri_predict.predictors.temporal_aggregation import aggregate
 
 _START_UNITS = 64  # as many as suffice for a few numbers of one joint
 
@@ -148,32 +148,32 @@ class SINN(Network):
         )
         per_step = shape.joints * (2 + self.representation.channels)
         self.critic = Critic(options.critic_steps * per_step, options.hidden)
-        self._rolled: tuple[Window, Tensor, Tensor, Tensor] | None = None
+        self._rolled: tuple[BodyFrames, Tensor, Tensor, Tensor] | None = None
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame, integrated from the last pose."""
         return self._roll(window, self.shape.horizon_steps)[0]
 
-    def lean(self) -> Callable[[Window], Tensor]:
+    def lean(self) -> Callable[[BodyFrames], Tensor]:
         """The readings side by side, where the options allow that."""
         if not fits(self.operator, self.options.representation, self.shape.history_steps):
             return self
         root = None if self.shape.framed else self.shape.skeleton.parents.index(-1)
         rolled = SideBySide(self.operator, self.shape.history_steps, self.shape.rate_hz, root)
 
-        def ahead(window: Window) -> Tensor:
+        def ahead(window: BodyFrames) -> Tensor:
             window, last, first, logits = self._started(window)
             positions = rolled(window.positions, window.observed, first, self.shape.horizon_steps)
             return positions if logits is None else gated(last, positions, logits)
 
         return ahead
 
-    def _roll(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
+    def _roll(self, window: BodyFrames, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
         """Positions (B, H, J, 3); their momenta (B, H, J, 3, C); the pose they start from."""
         zetas: list[Tensor] = []
         window, last, first, logits = self._started(window)
 
-        def operate(current: Window) -> Tensor:
+        def operate(current: BodyFrames) -> Tensor:
             read = self.representation.read(current)
             begin = None if zetas else first
             zetas.append(self.operator(read, current.observed, self._pose(current), begin))
@@ -184,22 +184,24 @@ class SINN(Network):
             positions = gated(last, positions, logits)
         return positions, torch.cat(zetas, 1)[:, :horizon_steps], last
 
-    def _started(self, window: Window) -> tuple[Window, Tensor, Tensor | None, Tensor | None]:
+    def _started(
+        self, window: BodyFrames
+    ) -> tuple[BodyFrames, Tensor, Tensor | None, Tensor | None]:
         """The window with its last pose filtered, that pose, the first momentum, and the gate."""
         if self.start is None:
             return window, last_pose(window), None, None
         last, velocity, logits = self.start(window, self.shape.rate_hz)
         first = self.representation.of_velocity(velocity)
-        window = Window(torch.cat([window.positions[:, :-1], last], 1), window.observed)
+        window = BodyFrames(torch.cat([window.positions[:, :-1], last], 1), window.observed)
         return window, last, first, logits
 
-    def _pose(self, window: Window) -> Tensor:
+    def _pose(self, window: BodyFrames) -> Tensor:
         if self.shape.framed:
             return window.positions
         root = self.shape.skeleton.parents.index(-1)
         return window.positions - window.positions[:, :, root : root + 1]
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """L_so over the operator's steps, later L_g over all; both with the position error."""
         pretraining = progress < self.options.pretraining
         if pretraining:
@@ -214,7 +216,7 @@ class SINN(Network):
         score = self.critic(self._motion(zeta, known), frozen=True).mean()
         return loss + self.options.adversarial_weight * score
 
-    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+    def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """L_c (Eq. 12) with a gradient penalty; ``None`` while the operator alone learns."""
         if progress < self.options.pretraining or self.options.adversarial_weight == 0:
             return None
@@ -232,14 +234,16 @@ class SINN(Network):
         """Yield the parameters of the critic."""
         return self.critic.parameters()
 
-    def _rolled_out(self, window: Window, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
+    def _rolled_out(self, window: BodyFrames, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
         """``_roll``, or the rollout that ``critic_loss`` has already made for this window."""
         rolled, self._rolled = self._rolled, None
         if rolled is not None and rolled[0] is window:
             return rolled[1:]
         return self._roll(window, horizon_steps)
 
-    def _anywhere(self, window: Window, target: Target, progress: float) -> tuple[Window, Target]:
+    def _anywhere(
+        self, window: BodyFrames, target: Target, progress: float
+    ) -> tuple[BodyFrames, Target]:
         """A window that starts anywhere in history and future, and the operator's next steps."""
         positions = torch.cat([window.positions, target.positions], 1)
         observed = torch.cat([window.observed, target.observed], 1)
@@ -254,11 +258,11 @@ class SINN(Network):
         ).to(positions.device)
         ahead = slice(end, end + self.steps)
         return (
-            Window(filled, observed[:, start:end]),
+            BodyFrames(filled, observed[:, start:end]),
             Target(positions[:, ahead], observed[:, ahead]),
         )
 
-    def _truth(self, window: Window, last: Tensor, target: Target) -> tuple[Tensor, Tensor]:
+    def _truth(self, window: BodyFrames, last: Tensor, target: Target) -> tuple[Tensor, Tensor]:
         """The true momenta from the pose ``last`` on, and (B, H, J) where they are known."""
         truth = self.representation.truth(last.detach(), target.positions)
         before = torch.cat([window.observed[:, -1:], target.observed[:, :-1]], 1)

@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from hri_predict.predictors.neural.network import Window
+from hri_predict.predictors.neural.network import BodyFrames
 
 _REST_SPEED = 0.05  # m/s; as in ``symplectic``
 _GATED_STEPS = 25.0  # the far gate holds from here on
@@ -47,7 +47,7 @@ class Start(nn.Module):
         self.gate = gate
         self.register_buffer("slope", least_squares_slope(frames), persistent=False)
 
-    def forward(self, window: Window, rate_hz: float) -> tuple[Tensor, Tensor, Tensor | None]:
+    def forward(self, window: BodyFrames, rate_hz: float) -> tuple[Tensor, Tensor, Tensor | None]:
         """Filter the end of a window.
 
         Returns:
@@ -63,7 +63,7 @@ class Start(nn.Module):
         last = window.positions[:, -1:] + back[:, None]
         return last, ahead[:, None], weights[..., -2:] if self.gate else None
 
-    def _weights(self, window: Window, rate_hz: float) -> tuple[Tensor, Tensor]:
+    def _weights(self, window: BodyFrames, rate_hz: float) -> tuple[Tensor, Tensor]:
         """The last velocities (B, K, J, 3), oldest first, and all outputs (B, J, 2 K [+ 2])."""
         count = self.velocities
         recent = window.positions[:, -count - 1 :]

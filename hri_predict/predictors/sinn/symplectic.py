@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from hri_predict.predictors.neural.network import Window
+from hri_predict.predictors.neural.network import BodyFrames
 
 REST_SPEED = 0.05  # m/s; the momentum of a joint at rest; about the size of sensor noise
 Kind = Literal["symplectic", "displacement", "position"]
@@ -54,7 +54,7 @@ class Representation(nn.Module):
         self.rate_hz = rate_hz
         self.channels = 2 if kind == "symplectic" else 1
 
-    def read(self, window: Window) -> Tensor:
+    def read(self, window: BodyFrames) -> Tensor:
         """(B, T, J, 3, C) of a window."""
         if self.kind == "position":
             return (window.positions - window.positions[:, -1:])[..., None] * 10.0

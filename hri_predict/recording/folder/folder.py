@@ -29,7 +29,7 @@ def free_bytes(folder: Path) -> int:
 class Folder:
     """Gives a recorder files by cell and UTC, and removes the cell's oldest.
 
-    See ``hri_predict.recording.mcap.places.Place``.
+    See ``hri_predict.recording.mcap.places.RecordingFiles``.
 
     Args:
         folder: its path; it is created.

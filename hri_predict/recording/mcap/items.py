@@ -25,7 +25,7 @@ from hri_predict.recording.mcap.format import (
 )
 from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.schemas import advice_topic
-from hri_predict.recording.mcap.told import advice_to_dict, status_to_dict
+from hri_predict.recording.mcap.to_dict import advice_to_dict, status_to_dict
 from hri_predict.risk.types import Grounds
 from hri_predict.zones.types import Zones
 

@@ -11,7 +11,7 @@ from hri_predict.recording.mcap.clocks import Reading
 from hri_predict.recording.mcap.file import McapFile
 
 
-class Place(Protocol):
+class RecordingFiles(Protocol):
     """Gives files to a recorder; only the recorder's own thread calls it, after the start."""
 
     @property

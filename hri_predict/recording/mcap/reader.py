@@ -17,7 +17,7 @@ from hri_predict.contracts.link import Received
 from hri_predict.contracts.scene import Scene
 from hri_predict.recording.mcap.format import received_from_dict, scene_from_dict, whole
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
-from hri_predict.recording.mcap.within import Unpacker, within
+from hri_predict.recording.mcap.time_range import Unpacker, within
 from hri_predict.recording.recording import Recording, check_gaps
 
 _RECORD_LIMIT = 64 * 1024 * 1024  # ours have 64 KiB; a damaged length must not fill the memory

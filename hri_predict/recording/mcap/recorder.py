@@ -22,7 +22,7 @@ from hri_predict.recording.mcap.clocks import STEP_NS, Clocks, Reading, VirtualC
 from hri_predict.recording.mcap.file import McapFile
 from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.items import Counters, Item, Items, Rates
-from hri_predict.recording.mcap.places import OneFile, Place
+from hri_predict.recording.mcap.places import OneFile, RecordingFiles
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +49,7 @@ class Recorder(Items):
 
     def __init__(
         self,
-        where: Path | Place,
+        where: Path | RecordingFiles,
         info: RecordingInfo,
         *,
         threaded: bool,
@@ -61,7 +61,7 @@ class Recorder(Items):
         """Create the first file.
 
         Args:
-            where: the file to write, which must not exist, or a ``Place``.
+            where: the file to write, which must not exist, or a ``RecordingFiles``.
             info: facts that a replay needs.
             threaded: write in a thread (real time) or at once (virtual clock).
             rates: rates of bulky data.
@@ -75,7 +75,7 @@ class Recorder(Items):
         super().__init__(info, rates, counters)
         self.dropped = self.written = self.failures = self.files = 0
         self.error: str | None = None
-        self._place: Place = OneFile(where) if isinstance(where, Path) else where
+        self._place: RecordingFiles = OneFile(where) if isinstance(where, Path) else where
         self._info, self._threaded = info, threaded
         self._clocks = clocks or VirtualClocks()
         self._file: McapFile | None = None

@@ -14,7 +14,7 @@ from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.levels.muted_time import MutedTime
-from hri_predict.robots.asked import Asked
+from hri_predict.robots.mode_request import ModeRequest
 from hri_predict.robots.modes import ModeSettings
 from hri_predict.robots.tracker import RobotNow
 
@@ -54,7 +54,7 @@ class Situation:
         not_backing_out: why it would not recede from each person on its way back; "" if it would.
     """
 
-    asked: Asked
+    asked: ModeRequest
     demand: Demand
     is_known: bool
     beside_unseen: bool = False
@@ -70,7 +70,7 @@ class Decision:
     note: str = ""
 
 
-def why_no_teaching(settings: ModeSettings, asked: Asked) -> str:
+def why_no_teaching(settings: ModeSettings, asked: ModeRequest) -> str:
     """Why a robot may not be taught now; "" if it may."""
     if settings.teach is None:
         return _not_allowed(OperatingMode.TEACH)

@@ -18,7 +18,7 @@ from hri_predict.robots.stopping import StoppingCurve
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class DistanceCourse:
     """Distances of one hazard over the zones' K steps after now.
 
     Attributes:
@@ -90,7 +90,7 @@ class TimeByTime:
     margins_m: Sequence[float]
     farthest_m: Floats
 
-    def judged(self, course: Course) -> Finding:
+    def judged(self, course: DistanceCourse) -> Finding:
         """Both steps, of one course."""
         any_way = self.any_way(course.standing, course.at_speeds is not None)
         ahead = None

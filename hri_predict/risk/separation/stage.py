@@ -29,7 +29,7 @@ from hri_predict.risk.separation.warm_up import warm_up
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding, worst_of
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.robots.asked import NOTHING_ASKED, Asked
+from hri_predict.robots.mode_request import NOTHING_ASKED, ModeRequest
 from hri_predict.robots.motion import RobotMotion
 from hri_predict.robots.tracker import RobotNow
 from hri_predict.zones.body_zones import BodyZones
@@ -66,7 +66,7 @@ class RobotFindings:
     unseen: Finding | None = None
     speed_m_s: float = 0.0
     tool: int | None = None
-    asked: Asked = NOTHING_ASKED
+    asked: ModeRequest = NOTHING_ASKED
     not_backing_out: str = ""
     motion: RobotMotion | None = field(default=None, compare=False)
 

@@ -5,7 +5,7 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.robot_constants import RobotConstants
-from hri_predict.risk.separation.in_time import Course, TimeByTime
+from hri_predict.risk.separation.in_time import DistanceCourse, TimeByTime
 from hri_predict.risk.separation.nearest import NearestInTime
 from hri_predict.risk.separation.now import at_distance
 from hri_predict.risk.terms import Finding
@@ -43,7 +43,7 @@ def beside_view(
         return _nobody(np.minimum(np.where(counts, outside, np.inf).min(1), enough_m))
 
     ahead = at_speeds if motion.is_foreseen else None
-    return judging.judged(Course(distance_m, _nobody(distance_m - come_m), ahead))
+    return judging.judged(DistanceCourse(distance_m, _nobody(distance_m - come_m), ahead))
 
 
 def _nobody(distance_m: Floats) -> NearestInTime:

@@ -20,7 +20,7 @@ JITTER_S = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class RobotPlace:
     """Place of a robot at a moment, by one controller or a plan.
 
     Attributes:
@@ -35,7 +35,7 @@ class Place:
     delay_s: float = 0.0
 
 
-def apart_m(model: RobotModel, a: Place, b: Place) -> float:
+def apart_m(model: RobotModel, a: RobotPlace, b: RobotPlace) -> float:
     """Return the maximum distance of any robot point between two places, metres: an upper bound to
     first order."""
     off = a.q - b.q
@@ -45,7 +45,7 @@ def apart_m(model: RobotModel, a: Place, b: Place) -> float:
 
 
 def permitted_m(
-    model: RobotModel, a: Place, b: Place, *, speed_m_s: float, acceleration_m_s2: float
+    model: RobotModel, a: RobotPlace, b: RobotPlace, *, speed_m_s: float, acceleration_m_s2: float
 ) -> float:
     """Return the maximum distance between two places if both are true, metres.
 

@@ -8,7 +8,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.protocol.messages import RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotModel, StateMotion
-from hri_predict.robots.states.agreement import Place
+from hri_predict.robots.states.agreement import RobotPlace
 from hri_predict.robots.states.plausibility import StateCheck
 
 
@@ -70,7 +70,7 @@ class Line:
         found = (self.refused if is_refused else None, self.check.reason(now_ns))
         return [reason for reason in found if reason is not None]
 
-    def place(self, now_ns: int, motion: StateMotion) -> Place:
+    def place(self, now_ns: int, motion: StateMotion) -> RobotPlace:
         """Return the place at ``now_ns`` by the newest state: carried on, but not past limits."""
         state, model = self.state, self._model
         assert state is not None  # the caller has seen it
@@ -84,4 +84,4 @@ class Line:
         lowest = np.minimum(model.position_min, state.q)
         highest = np.maximum(model.position_max, state.q)
         q = np.minimum(np.maximum(state.q + state.qd * ahead_s, lowest), highest)
-        return Place(q, state.qd, longest_s, self.check.jitter_s + motion.delay_s / 2)
+        return RobotPlace(q, state.qd, longest_s, self.check.jitter_s + motion.delay_s / 2)

@@ -27,7 +27,7 @@ CIRCLE = 48  # corners of the polygon around a cylinder's circle: 0.2 % wider
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class LinkBody:
     """A URDF link's collision geometry, as spheres whose convex hull contains it.
 
     Attributes:
@@ -41,7 +41,7 @@ class Body:
     radii: Floats
 
 
-def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[str, Body]]:
+def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[str, LinkBody]]:
     """The joints in a robot file's form, and every URDF link with collision geometry.
 
     Raises:
@@ -83,9 +83,9 @@ def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[
     return joints, _bodies(model, geometry, carriers)
 
 
-def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Body]:
+def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, LinkBody]:
     """Geometry by URDF link; ``carriers``: the link that each of Pinocchio's joints moves."""
-    bodies: dict[str, Body] = {}
+    bodies: dict[str, LinkBody] = {}
     for item in geometry.geometryObjects:
         name = model.frames[item.parentFrame].name
         points, radii = _spheres(item.geometry, name)
@@ -108,7 +108,7 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Bo
         if name in bodies:
             points = np.vstack([bodies[name].points, points])
             radii = np.concatenate([bodies[name].radii, radii])
-        bodies[name] = Body(carriers[item.parentJoint], points, radii)
+        bodies[name] = LinkBody(carriers[item.parentJoint], points, radii)
     covered = {body.carrier for body in bodies.values()}
     bare = [link for link in carriers.values() if link not in covered]
     if bare:

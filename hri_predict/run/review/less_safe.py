@@ -1,6 +1,6 @@
 """The settings of a cell that are less safe than their defaults, with what each permits."""
 
-from hri_predict.base.quantities.safe_side import Finding, less_safe
+from hri_predict.base.quantities.safe_side import LessSafeSetting, less_safe
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.robots.file import read_robot_file
 from hri_predict.robots.settings import StateMotion
@@ -11,7 +11,7 @@ NEGLIGIBLE_S = 0.01 + 1e-9
 """Maximum amount by which ``motion.delay_s`` may be below the delay of its link: 1 cm at 1 m/s."""
 
 
-def less_safe_settings(config: Config) -> list[Finding]:
+def less_safe_settings(config: Config) -> list[LessSafeSetting]:
     """All that differ from their defaults in the less safe direction, in the order of the keys.
 
     Raises:

@@ -26,7 +26,7 @@ _LEAST_LOG, _MOST_LOG = log(LEAST_M), log(MOST_M)
 _SHORT, _STEPS, _LONG = BACK
 
 
-class Seen(NamedTuple):
+class EvidenceArrays(NamedTuple):
     """``learned_scale.Evidence`` as loops take it."""
 
     history: Floats
@@ -66,7 +66,7 @@ class Tables(NamedTuple):
     other: Bools
 
 
-def scale_by_loops(seen: Seen, tables: Tables) -> Floats:
+def scale_by_loops(seen: EvidenceArrays, tables: Tables) -> Floats:
     """(P, H, J) metres; see ``LearnedScale``."""
     people, joints = seen.observed.shape[0], seen.observed.shape[2]
     scale = np.empty((people, len(tables.below), joints))

@@ -23,7 +23,7 @@ Spheres = tuple[Floats, Floats, Floats, Floats, Floats]
 """``mid``, ``radius``, ``path``, ``inflation`` and ``joint_age`` of ``JointSpheres``."""
 
 
-class Bodies(NamedTuple):
+class CapturedBodies(NamedTuple):
     """N people at their captures, P of them here and then the lost ones. J joints.
 
     Attributes:
@@ -89,7 +89,7 @@ class Rule(NamedTuple):
     reach: BodyReach
 
 
-def spheres_by_loops(bodies: Bodies, ahead: Ahead, rule: Rule) -> Spheres:
+def spheres_by_loops(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Spheres:
     """See ``JointSpheres``."""
     count, joints = bodies.joint_age.shape
     here, entries = len(bodies.unknown), len(rule.times_s)
@@ -147,7 +147,7 @@ def spheres_by_loops(bodies: Bodies, ahead: Ahead, rule: Rule) -> Spheres:
 
 
 @part
-def _clean(bodies: Bodies, last: Floats, joint_age: Floats) -> None:
+def _clean(bodies: CapturedBodies, last: Floats, joint_age: Floats) -> None:
     """Fill in where and when joints were seen: those in no room never were."""
     for n in range(len(last)):
         for j in range(last.shape[1]):
@@ -268,7 +268,7 @@ def _cut(mid: _Xyz, radius: float, centre: _Xyz, bound: float) -> tuple[_Xyz, fl
 
 @part
 def _cut_by_motion(
-    person: tuple[Bodies, Rule, int],
+    person: tuple[CapturedBodies, Rule, int],
     seen: tuple[Floats, Floats, Bools],
     until: Floats,
     spheres: tuple[Floats, Floats],

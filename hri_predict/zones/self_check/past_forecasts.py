@@ -188,10 +188,10 @@ class PastForecasts:
             truth: (Q, J, 3) metres.
             observed: (Q, J) at that very capture.
         """
-        return judge_all(self.ring, Asked(slots, capture_ns, truth, observed))
+        return judge_all(self.ring, NewestCaptures(slots, capture_ns, truth, observed))
 
 
-class Asked(NamedTuple):
+class NewestCaptures(NamedTuple):
     """The newest captures of Q people, see ``PastForecasts.judge``."""
 
     slots: Ints
@@ -200,7 +200,7 @@ class Asked(NamedTuple):
     observed: Bools
 
 
-def judge_all(ring: Ring, asked: Asked) -> Judged:
+def judge_all(ring: Ring, asked: NewestCaptures) -> Judged:
     """See ``PastForecasts.judge``."""
     slots, capture_ns, truth, observed = asked
     size, horizon, joints = ring.stamps.shape[1], ring.horizon_steps, ring.seen.shape[2]

@@ -37,7 +37,7 @@ from hri_predict.zones.learned_scale import LEADS_S
 from hri_predict.zones.motion_class import RESIDUAL_S
 from hri_predict.zones.motion_ranges import MotionRanges, is_out_of_range
 from hri_predict.zones.self_check.drift import Drift
-from hri_predict.zones.self_check.past_forecasts import Asked, PastForecasts
+from hri_predict.zones.self_check.past_forecasts import NewestCaptures, PastForecasts
 from hri_predict.zones.self_check.report import Tally
 from hri_predict.zones.self_check.verdict import Terms, verdict
 from hri_predict.zones.self_check.widening import AdaptiveWidening
@@ -238,7 +238,7 @@ class SelfCheck:
         fresh = (snapshot.joint_age_s[new] < _FRESH_S) & snapshot.delivered
         sums, residual, error, wrong = verdict(
             self._past.ring,
-            Asked(slots, capture, plain(snapshot.last_positions[new]), fresh),
+            NewestCaptures(slots, capture, plain(snapshot.last_positions[new]), fresh),
             self._terms,
             self._widening.own(slots),
         )

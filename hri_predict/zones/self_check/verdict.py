@@ -15,7 +15,13 @@ from hri_predict.people.ring_buffer import NEVER
 from hri_predict.zones.learned_scale import LEAD_TOLERANCE_S, LEADS_S
 from hri_predict.zones.motion_class import RESIDUAL_S
 from hri_predict.zones.motion_ranges import SHORT_S, short_ratio
-from hri_predict.zones.self_check.past_forecasts import Asked, Judged, Ring, judge_all, mean_error
+from hri_predict.zones.self_check.past_forecasts import (
+    Judged,
+    NewestCaptures,
+    Ring,
+    judge_all,
+    mean_error,
+)
 
 MOST_ERROR_M = 1e6
 """An error that is not finite counts as this, so that the sums stay finite."""
@@ -38,7 +44,7 @@ mean errors); (Q,) residuals, NaN if unknown; (Q, 2, J) errors of the forecasts 
 ago, NaN if unknown; (Q,) the largest ``short_ratio``, minus infinity without any."""
 
 
-def _by_arrays(ring: Ring, asked: Asked, terms: Terms, factor: Floats) -> Verdict:
+def _by_arrays(ring: Ring, asked: NewestCaptures, terms: Terms, factor: Floats) -> Verdict:
     judged = judge_all(ring, asked)
     people = len(asked.slots)
     wrong = np.full(people, -np.inf)
@@ -107,7 +113,7 @@ def _errors(judged: Judged, people: int) -> Floats:
 # -- the same as loops -----------------------------------------------------------------------------
 
 
-def _by_loops(ring: Ring, asked: Asked, terms: Terms, factor: Floats) -> Verdict:
+def _by_loops(ring: Ring, asked: NewestCaptures, terms: Terms, factor: Floats) -> Verdict:
     people, joints = asked.observed.shape
     sums, wrong = np.zeros((6, people, terms.bands)), np.full(people, -inf)
     residual, errors = np.full(people, nan), np.full((people, 2, joints), nan)
@@ -150,7 +156,10 @@ def _by_loops(ring: Ring, asked: Asked, terms: Terms, factor: Floats) -> Verdict
 
 @part
 def _compare(
-    ring: Ring, asked: Asked, which: tuple[int, int, int], into: tuple[Floats, Floats, Bools, Bools]
+    ring: Ring,
+    asked: NewestCaptures,
+    which: tuple[int, int, int],
+    into: tuple[Floats, Floats, Bools, Bools],
 ) -> int:
     """As a row of ``Judged``: fill (J,) errors, ratios, seen and claimed; return the step."""
     p, slot, at = which

@@ -67,7 +67,7 @@ class Stance:
     target: Floats | None = None
 
 
-class Body:
+class SimulatedBody:
     """A body of one stature."""
 
     def __init__(self, height_m: float) -> None:

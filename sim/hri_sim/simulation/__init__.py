@@ -11,11 +11,11 @@ import numpy as np
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import ConfigError, UnusableRecordingError
 from hri_predict.base.files import YAML_ENDINGS, read_text
-from hri_predict.base.work.hiring import workers_for
 from hri_predict.base.work.identity import code_digest
+from hri_predict.base.work.workers_for import workers_for
 from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.recording.recording import names_of
-from hri_predict.run.asked import basis_of, demand_use
+from hri_predict.run.compared_predictors import basis_of, demand_use
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.zone_basis import ZoneBasis
@@ -29,7 +29,7 @@ from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.store import Store
-from hri_sim.simulation.work import ALONE, Plan, blocks, episodes, run_block
+from hri_sim.simulation.work import ALONE, SimulationPlan, blocks, episodes, run_block
 
 __all__ = ["Result", "report", "run", "simulate"]
 
@@ -76,14 +76,14 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
     return _result(plan, store, left_out)
 
 
-def _plan(request: SimulationRequest) -> Plan:
+def _plan(request: SimulationRequest) -> SimulationPlan:
     if not request.motions:
         raise ConfigError("--data: name at least one recording")
     names = tuple(request.predictors) or (None,)
     per = max(CHECKED_LEAST, round(CHECKED_SHARE * request.episodes))
     rng = np.random.default_rng([request.seed, 1])
     chosen = rng.choice(request.episodes, min(per, request.episodes), replace=False)
-    return Plan(
+    return SimulationPlan(
         config=str(request.config),
         predictors=names,
         modes=request.modes,
@@ -99,7 +99,7 @@ def _plan(request: SimulationRequest) -> Plan:
     )
 
 
-def _decided_by(plan: Plan) -> dict[str, Any]:
+def _decided_by(plan: SimulationPlan) -> dict[str, Any]:
     """Return everything that decides the results; recordings by name, not by folder."""
     return {
         "config": plan.loaded(None).text,
@@ -120,7 +120,7 @@ def _settings(config: Config) -> PredictorSettings:
     return config.predictor.resolved(config.base_dir)
 
 
-def _decides(plan: Plan, predictor: str | None) -> list[Any]:
+def _decides(plan: SimulationPlan, predictor: str | None) -> list[Any]:
     """Return what decides a predictor's results: its name, settings, weights and calibration."""
     config = plan.loaded(predictor)
     beside = config.node.risk.coverage.calibration
@@ -128,7 +128,7 @@ def _decides(plan: Plan, predictor: str | None) -> list[Any]:
     return [plan.asked(predictor).label, config.predictor.name, identity(_settings(config)), text]
 
 
-def _basis(plan: Plan, predictor: str | None) -> ZoneBasis:
+def _basis(plan: SimulationPlan, predictor: str | None) -> ZoneBasis:
     """Return the basis of one predictor's zones."""
     config = plan.loaded(predictor)
     coverage = config.node.risk.coverage
@@ -151,7 +151,7 @@ def _text(joint_map: str | None) -> str | None:
     return read_text(Path(joint_map), "joint map") if own and joint_map else joint_map
 
 
-def _reads(plan: Plan) -> list[Path]:
+def _reads(plan: SimulationPlan) -> list[Path]:
     """The files that decide an episode, but for those of the installation."""
     config = plan.loaded(None)
     beside = [config.node.risk.coverage.calibration, plan.joint_map, *dict(plan.seen).values()]
@@ -163,7 +163,9 @@ def _reads(plan: Plan) -> list[Path]:
     return [*paths, *map(Path, recorded), *weights, *map(Path, plan.calibrations)]
 
 
-def _usable(plan: Plan, cell: Cell, modes: Sequence[Variant]) -> tuple[Plan, list[str]]:
+def _usable(
+    plan: SimulationPlan, cell: Cell, modes: Sequence[Variant]
+) -> tuple[SimulationPlan, list[str]]:
     """The plan with the recordings that can be played, and a line for each of the others.
 
     Raises:
@@ -230,7 +232,7 @@ def _demand_fast(motion: Motion, cell: Cell, modes: Sequence[Variant]) -> None:
         ) from error
 
 
-def _result(plan: Plan, store: Store, left_out: Sequence[str]) -> Result:
+def _result(plan: SimulationPlan, store: Store, left_out: Sequence[str]) -> Result:
     results, predictions, checks, disagreements = [], {}, 0, []
     alone: Judged | None = None
     for number, predictor in enumerate(plan.predictors):

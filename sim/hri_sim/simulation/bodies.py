@@ -16,7 +16,7 @@ from hri_predict.base.clock import VirtualClock
 from hri_predict.base.geometry import Capsules, transform
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
@@ -29,7 +29,7 @@ from hri_sim.simulation.foreknown import TrueFuture, foreknown
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
+class MotionTicks:
     """K ticks of one motion or of several together.
 
     Attributes:
@@ -52,7 +52,7 @@ def compute(
     lead_in_s: float,
     variants: Sequence[Variant],
     places: Sequence[Sequence[float]] | None = None,
-) -> Bodies:
+) -> MotionTicks:
     """Run people, predictor and zones over motions, as the node would.
 
     Args:
@@ -73,7 +73,7 @@ def compute(
     runner = PredictionRunner(cell.predictor, deadline_s=None)
     engines = engines_of(cell, source, clock, variants)
     (empty,) = engines_of(cell, source, clock, variants[:1]).values()
-    found = Bodies([], [], {name: [] for name in engines})
+    found = MotionTicks([], [], {name: [] for name in engines})
     ticks = ticks_of(config.node, source.rate_hz, VIRTUAL_START_NS)
     for tick_ns in _ticks(source, people, ticks):
         snapshot = people.snapshot(tick_ns)
@@ -144,9 +144,9 @@ def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
     )
 
 
-def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:
+def moved(bodies: MotionTicks, matrix: Floats, person: int) -> MotionTicks:
     """Return the bodies after a rigid motion (4, 4), with every id raised by ``person``."""
-    return Bodies(
+    return MotionTicks(
         [_moved_snapshot(s, matrix, person) for s in bodies.snapshots],
         [None if f is None else transform(matrix, f) for f in bodies.forecasts],
         {name: [_moved_zones(z, matrix, person) for z in zs] for name, zs in bodies.zones.items()},
@@ -154,12 +154,12 @@ def moved(bodies: Bodies, matrix: Floats, person: int) -> Bodies:
     )
 
 
-def joined(parts: Sequence[Bodies]) -> Bodies:
+def joined(parts: Sequence[MotionTicks]) -> MotionTicks:
     """Join people who were computed alone into one room, up to the end of the shortest."""
     if len(parts) == 1:
         return parts[0]
     count = min(len(part.snapshots) for part in parts)
-    return Bodies(
+    return MotionTicks(
         [_joined_snapshots([part.snapshots[k] for part in parts]) for k in range(count)],
         [_joined_forecasts([part.forecasts[k] for part in parts]) for k in range(count)],
         {

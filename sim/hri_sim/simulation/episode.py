@@ -2,7 +2,7 @@
 
 Levels, publisher, link, wire, controller, arm and referee are those of the node and the cell,
 stepped as in ``hri-predict run --speed max``. People, predictor and zones are played from
-``Bodies``.
+``MotionTicks``.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from hri_predict.node.publisher import Publisher
 from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.protocol.messages import Advice, Level, Message, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
@@ -35,7 +35,7 @@ from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Bodies as BodiesNow
 from hri_sim.referee import TruePeople
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
-from hri_sim.simulation.bodies import Bodies, without_people
+from hri_sim.simulation.bodies import MotionTicks, without_people
 from hri_sim.simulation.cell import Cell, Variant, with_scenario
 from hri_sim.simulation.course import Course, CourseReferee, SharedTruth
 from hri_sim.simulation.harm import Bearable, Harm
@@ -83,7 +83,7 @@ def run_episode(
     cell: Cell,
     scenario: Scenario,
     variant: Variant,
-    bodies: Bodies,
+    bodies: MotionTicks,
     truth: SharedTruth | None = None,
     nobody: bool = False,
 ) -> Log:
@@ -184,7 +184,7 @@ def cell_settings(config: Config) -> ApproachSettings:
 class _Played:
     """The stages' results by the tick's time."""
 
-    def __init__(self, bodies: Bodies, variant: str, nobody: bool) -> None:
+    def __init__(self, bodies: MotionTicks, variant: str, nobody: bool) -> None:
         self._bodies = bodies
         self._zones = bodies.nobody if nobody else bodies.zones[variant]
         self._at = {snapshot.now_ns: k for k, snapshot in enumerate(bodies.snapshots)}

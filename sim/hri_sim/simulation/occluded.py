@@ -16,7 +16,7 @@ import numpy as np
 
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.settings import validated
-from hri_predict.base.work.hiring import workers_for
+from hri_predict.base.work.workers_for import workers_for
 from hri_predict.node.listeners import Tick
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.messages import Level

@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 
 from hri_predict.run import config as configuration
-from hri_predict.run.asked import Asked, asked_predictors, demand_weights, fitting
+from hri_predict.run.compared_predictors import (
+    ComparedPredictor,
+    asked_predictors,
+    demand_weights,
+    fitting,
+)
 from hri_predict.run.config import Config
 from hri_sim.simulation import bodies as stages
 from hri_sim.simulation.approach import over_floor
-from hri_sim.simulation.bodies import Bodies
+from hri_sim.simulation.bodies import MotionTicks
 from hri_sim.simulation.cell import Cell, Variant, variants
 from hri_sim.simulation.episode import run_episode, truth_of
 from hri_sim.simulation.motion import load_motion
@@ -27,7 +32,7 @@ BLOCK = 20
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class SimulationPlan:
     """Everything that decides the results, for the worker processes.
 
     Attributes:
@@ -71,11 +76,11 @@ class Plan:
             config = _with_predictor(config, predictor)
         return self._with_calibration(config, own=own)
 
-    def asked(self, predictor: str | None) -> Asked:
+    def asked(self, predictor: str | None) -> ComparedPredictor:
         """Return one of the predictors with its label in tables."""
         if predictor is None:
             name = configuration.load(Path(self.config)).predictor.name
-            return Asked(name=name, weights=None, label=name)
+            return ComparedPredictor(name=name, weights=None, label=name)
         named = [text for text in self.predictors if text is not None]
         return asked_predictors(named)[named.index(predictor)]
 
@@ -125,7 +130,7 @@ class Block:
         return f"{self.predictor}/{self.motion}/{self.part}"
 
 
-def blocks(plan: Plan) -> list[Block]:
+def blocks(plan: SimulationPlan) -> list[Block]:
     """Return all blocks, in the order in which they start."""
     count = len(plan.motions)
     return [
@@ -136,14 +141,14 @@ def blocks(plan: Plan) -> list[Block]:
     ]
 
 
-def episodes(plan: Plan, block: Block) -> list[int]:
+def episodes(plan: SimulationPlan, block: Block) -> list[int]:
     """Return the numbers of the block's episodes: approaches take the recordings in turn."""
     count = len(plan.motions)
     mine = range(block.motion, plan.episodes, count)
     return list(mine[block.part * BLOCK : (block.part + 1) * BLOCK])
 
 
-def run_block(plan: Plan, block: Block) -> dict[str, Any]:
+def run_block(plan: SimulationPlan, block: Block) -> dict[str, Any]:
     """Run every variant of each episode of a block; return plain data."""
     cell, modes = _cell(plan, block.predictor)
     motions = _company(plan, block)
@@ -185,7 +190,7 @@ def run_block(plan: Plan, block: Block) -> dict[str, Any]:
     return rows
 
 
-def scenario_of(plan: Plan, cell: Cell, index: int, motions: Sequence[str]) -> Scenario:
+def scenario_of(plan: SimulationPlan, cell: Cell, index: int, motions: Sequence[str]) -> Scenario:
     """Return the scenario of one episode."""
     source, base_dir = cell.source, cell.config.base_dir
     read = [load_motion(name, source.rate_hz, base_dir, source.joint_map) for name in motions]
@@ -198,14 +203,14 @@ def scenario_of(plan: Plan, cell: Cell, index: int, motions: Sequence[str]) -> S
     )
 
 
-def _company(plan: Plan, block: Block) -> list[str]:
+def _company(plan: SimulationPlan, block: Block) -> list[str]:
     """Return the motions of this block's people: its own recording, and others drawn at random."""
     rng = np.random.default_rng([plan.seed, block.motion, block.part])
     others = rng.choice(plan.motions, plan.people - 1)
     return [plan.motions[block.motion], *(str(name) for name in others)]
 
 
-def _bodies(plan: Plan, predictor: int, scenario: Scenario) -> Bodies:
+def _bodies(plan: SimulationPlan, predictor: int, scenario: Scenario) -> MotionTicks:
     parts = [
         stages.moved(_computed(plan, predictor, name, scenario.lead_in_s), over_floor(at), p)
         for p, (name, at) in enumerate(zip(scenario.motions, scenario.places, strict=True))
@@ -214,12 +219,12 @@ def _bodies(plan: Plan, predictor: int, scenario: Scenario) -> Bodies:
 
 
 @lru_cache(maxsize=2)
-def _cell(plan: Plan, predictor: int) -> tuple[Cell, list[Variant]]:
+def _cell(plan: SimulationPlan, predictor: int) -> tuple[Cell, list[Variant]]:
     config = plan.loaded(plan.predictors[predictor])
     return Cell(config), variants(config, plan.modes, plan.coverages)
 
 
 @lru_cache(maxsize=8)
-def _computed(plan: Plan, predictor: int, motion: str, lead_in_s: float) -> Bodies:
+def _computed(plan: SimulationPlan, predictor: int, motion: str, lead_in_s: float) -> MotionTicks:
     cell, modes = _cell(plan, predictor)
     return stages.compute(cell=cell, motions=[motion], lead_in_s=lead_in_s, variants=modes)

@@ -8,7 +8,7 @@ from hri_predict.base.clock import VirtualClock
 from hri_predict.commissioning import stopping
 from hri_predict.commissioning.stopping import (
     MeasuredStop,
-    Plan,
+    StoppingTrials,
     StopTest,
     judge_stops,
     measure_stops,
@@ -21,7 +21,7 @@ from hri_predict.run import assemble
 from tests.hri_predict.commissioning.cells import cell_data, load_cell
 
 S, MS = 1_000_000_000, 1_000_000
-PLAN = Plan(speeds_m_s=[0.5], repeats=1, wait_s=2.0)
+PLAN = StoppingTrials(speeds_m_s=[0.5], repeats=1, wait_s=2.0)
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +67,7 @@ def test_a_robot_that_may_not_move_is_missing_and_the_test_ends(tmp_path):
     data = cell_data()
     stands = {"start": [0.9, 0.3], "script": [{"do": "wait", "seconds": 60}]}
     data["source"]["people"] = [stands]  # beside the robot
-    plan = Plan(speeds_m_s=[0.5], repeats=1, wait_s=0.5)
+    plan = StoppingTrials(speeds_m_s=[0.5], repeats=1, wait_s=0.5)
     found, missing = measure_stops(load_cell(tmp_path, data), plan, VirtualClock(S))
     assert found.stops == []
     assert missing[0].startswith("robot arm: never reached 0.5 m/s; the fastest was")
@@ -169,7 +169,7 @@ def test_what_the_integrator_measured_is_compared_with_the_table(tmp_path):
 def test_each_robot_is_stopped_at_parts_of_its_own_speed(tmp_path):
     (arm,) = empty_cell(tmp_path).node.robots
     fast = arm.model_copy(update={"max_speed_m_s": 2.0})
-    plan = Plan(speeds_m_s=[], repeats=1, wait_s=1.0)
+    plan = StoppingTrials(speeds_m_s=[], repeats=1, wait_s=1.0)
     assert [plan.speeds_of(robot) for robot in (arm, fast)] == [
         [0.25, 0.5, 0.75, 1.0],
         [0.5, 1.0, 1.5, 2.0],

@@ -10,7 +10,7 @@ from hri_predict.cli.commands import app
 from hri_predict.explaining.explanation import explain
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import situation
-from hri_predict.explaining.times import Asked
+from hri_predict.explaining.times import AskedTime
 from tests.hri_predict.explaining.causes import CAUSES, record
 from tests.hri_predict.explaining.made_up import SECOND, told, written
 
@@ -42,5 +42,7 @@ def test_a_clock_that_only_drifts_was_not_set(
     clock = (0.3, "/clock", {"utc_moved_s": moved_s})
     messages = sorted([*told("CXXXXXX"), clock], key=lambda message: message[0])
     recordings = Recordings([written(tmp_path / "a.mcap", messages)])
-    found = explain(situation(recordings, Asked(recordings.start_ns + SECOND // 2, SECOND), None))
+    found = explain(
+        situation(recordings, AskedTime(recordings.start_ns + SECOND // 2, SECOND), None)
+    )
     assert found["clock_moved_s"] == told_s

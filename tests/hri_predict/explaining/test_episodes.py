@@ -2,13 +2,13 @@
 
 import pytest
 
-from hri_predict.explaining.because import because
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.explanation import listing
+from hri_predict.explaining.reason_clause import because
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.shift.tally import tally
 from hri_predict.explaining.situation import situation
-from hri_predict.explaining.times import Asked
+from hri_predict.explaining.times import AskedTime
 from hri_predict.protocol.reasons import CLEARED, RISING
 from tests.hri_predict.explaining.made_up import SECOND, advice, told, written
 
@@ -133,7 +133,7 @@ def test_a_robot_that_only_waits_is_not_explained_by_who_is_near(tmp_path, level
     """The reason is kept for some captures; the detail is of the moment."""
     said = advice(level, "PERSON_APPROACHING", detail=f"arm: {detail}; person 1", speed_m_s=0.2)
     recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", said) for k in range(5)])
-    assert answer in because(situation(recordings, Asked(recordings.start_ns, SECOND), "arm"))
+    assert answer in because(situation(recordings, AskedTime(recordings.start_ns, SECOND), "arm"))
 
 
 def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
@@ -143,7 +143,7 @@ def test_a_cause_that_comes_and_goes_is_named_not_the_wait_between(tmp_path):
     recordings, _ = found(tmp_path, [(0.1 * k, "/advice/arm", each) for k, each in enumerate(told)])
 
     def answer(after_s: float, width_s: float) -> str:
-        asked = Asked(recordings.start_ns + round(after_s * SECOND), round(width_s * SECOND))
+        asked = AskedTime(recordings.start_ns + round(after_s * SECOND), round(width_s * SECOND))
         return because(situation(recordings, asked, "arm"))
 
     assert answer(0.1, 1.0).startswith("a person was 0.50 m")

@@ -8,7 +8,7 @@ from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.explaining.episodes import episodes
 from hri_predict.explaining.recordings import Recordings
 from hri_predict.explaining.situation import situation
-from hri_predict.explaining.times import Asked, asked
+from hri_predict.explaining.times import AskedTime, asked
 from tests.hri_predict.explaining.made_up import NOON, SECOND, told, written
 
 
@@ -114,8 +114,8 @@ def test_files_of_the_same_time_are_told_and_their_episodes_stay_apart(tmp_path)
     assert len(found.twice) == 1
     assert "a.mcap and b.mcap are of the same time" in found.notes[0]
     with pytest.raises(ConfigError, match=r"recorded twice.*name one file, .*a\.mcap or .*b\.mcap"):
-        situation(found, Asked(NOON + 64 * SECOND, SECOND), None)
-    one = situation(Recordings([tmp_path / "a.mcap"]), Asked(NOON + 64 * SECOND, SECOND), None)
+        situation(found, AskedTime(NOON + 64 * SECOND, SECOND), None)
+    one = situation(Recordings([tmp_path / "a.mcap"]), AskedTime(NOON + 64 * SECOND, SECOND), None)
     assert one.episode is not None
 
 

@@ -10,7 +10,7 @@ from hri_predict.base.settings import validated
 from hri_predict.predictors.auxformer import AuxFormer
 from hri_predict.predictors.auxformer_attention import Attention, AuxFormerOptions
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Shape, Target, Window, mpjpe
+from hri_predict.predictors.neural.network import BodyFrames, Shape, Target, mpjpe
 
 HISTORY, HORIZON, JOINTS = 6, 7, len(BODY.joints)
 SMALL = {
@@ -36,11 +36,11 @@ def _network(**options: object) -> AuxFormer:
     return network
 
 
-def _window(count: int, missing: float = 0.3) -> Window:
+def _window(count: int, missing: float = 0.3) -> BodyFrames:
     generator = torch.Generator().manual_seed(1)
     positions = torch.randn(count, HISTORY, JOINTS, 3, generator=generator)
     observed = torch.rand(count, HISTORY, JOINTS, generator=generator) >= missing
-    return Window(positions, observed)
+    return BodyFrames(positions, observed)
 
 
 def _target(count: int) -> Target:
@@ -49,9 +49,11 @@ def _target(count: int) -> Target:
     return Target(positions, torch.rand(count, HORIZON, JOINTS, generator=generator) >= 0.1)
 
 
-def _scrambled(window: Window) -> Window:
+def _scrambled(window: BodyFrames) -> BodyFrames:
     other = 100 * torch.randn(window.positions.shape)
-    return Window(torch.where(window.observed[..., None], window.positions, other), window.observed)
+    return BodyFrames(
+        torch.where(window.observed[..., None], window.positions, other), window.observed
+    )
 
 
 def test_forecast_has_the_contract_s_shape() -> None:
@@ -96,7 +98,7 @@ def test_unknown_future_does_not_matter_to_the_loss() -> None:
 def test_each_observed_value_matters() -> None:
     network, window = _network(), _window(1)
     positions = window.positions.clone().requires_grad_()
-    network(Window(positions, window.observed)).sum().backward()
+    network(BodyFrames(positions, window.observed)).sum().backward()
     assert positions.grad is not None
     assert torch.equal((positions.grad != 0).any(-1), window.observed)
 
@@ -107,7 +109,7 @@ def test_people_are_independent_of_their_batch() -> None:
     window.observed[3] = False
     together = network(window)
     for i in range(4):
-        alone = network(Window(window.positions[i : i + 1], window.observed[i : i + 1]))
+        alone = network(BodyFrames(window.positions[i : i + 1], window.observed[i : i + 1]))
         torch.testing.assert_close(alone[0], together[i], atol=1e-5, rtol=0)
 
 
@@ -118,7 +120,7 @@ def test_same_batch_same_bytes() -> None:
 
 def test_nobody_observed_is_finite_with_finite_gradients() -> None:
     network, target = _network(), _target(2)
-    nobody = Window(torch.randn(2, HISTORY, JOINTS, 3), torch.zeros(2, HISTORY, JOINTS).bool())
+    nobody = BodyFrames(torch.randn(2, HISTORY, JOINTS, 3), torch.zeros(2, HISTORY, JOINTS).bool())
     assert network(nobody).isfinite().all()
     network.loss(nobody, target, 0.0).backward()
     assert all(p.grad is None or p.grad.isfinite().all() for p in network.parameters())
@@ -186,7 +188,7 @@ def test_hidden_coordinates_are_hidden_from_the_masking_task() -> None:
 
 
 def test_ratios_and_noise_are_as_set() -> None:
-    window = Window(torch.zeros(40, HISTORY, JOINTS, 3), torch.ones(40, HISTORY, JOINTS).bool())
+    window = BodyFrames(torch.zeros(40, HISTORY, JOINTS, 3), torch.ones(40, HISTORY, JOINTS).bool())
     torch.manual_seed(0)
     network = _network()
     assert network._masked(window).observed.float().mean() == pytest.approx(0.5, abs=0.03)
@@ -293,7 +295,7 @@ def test_a_few_steps_fit_a_swing() -> None:
     swing = 0.3 * torch.stack([phase.sin(), phase.cos(), 0 * phase], -1)
     motion = torch.randn(JOINTS, 3) * 0.3 + swing[:, :, None] * torch.rand(JOINTS, 1)
     seen = torch.ones(motion.shape[:3], dtype=torch.bool)
-    window = Window(motion[:, :HISTORY], seen[:, :HISTORY])
+    window = BodyFrames(motion[:, :HISTORY], seen[:, :HISTORY])
     target = Target(motion[:, HISTORY:], seen[:, HISTORY:])
     network = AuxFormer(SHAPE, AuxFormerOptions.model_validate(SMALL | {"layers": 1}))
     standing = mpjpe(network(window), target)

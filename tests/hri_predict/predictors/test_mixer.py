@@ -9,7 +9,7 @@ import torch
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.mixer import Mixer, MixerOptions, cosine_matrix
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose, mpjpe
+from hri_predict.predictors.neural.network import BodyFrames, Shape, Target, last_pose, mpjpe
 
 SHAPE = Shape(skeleton=BODY, history_steps=12, horizon_steps=9, rate_hz=25.0)
 SMALL: dict[str, Any] = {"width": 16, "blocks": 1}
@@ -27,11 +27,11 @@ def stirred(shape: Shape = SHAPE, **options: Any) -> Mixer:
     return net.eval()
 
 
-def window(people: int = 3, shape: Shape = SHAPE) -> Window:
+def window(people: int = 3, shape: Shape = SHAPE) -> BodyFrames:
     generator = torch.Generator().manual_seed(1)
     size = (people, shape.history_steps, shape.joints)
     positions = torch.randn(*size, 3, generator=generator)
-    return Window(positions, torch.rand(*size, generator=generator) > 0.1)
+    return BodyFrames(positions, torch.rand(*size, generator=generator) > 0.1)
 
 
 def mirrored(positions: torch.Tensor) -> torch.Tensor:
@@ -71,7 +71,7 @@ def test_a_factor_of_one_carries_the_velocity_on() -> None:
         net.head.bias.view(28, 6)[:, 0] = 1.0  # the factor of the velocity over one step
     step = torch.tensor([0.01, -0.02, 0.005])
     positions = torch.arange(12.0)[None, :, None, None] * step + torch.randn(1, 1, 28, 3)
-    found = net(Window(positions, torch.ones(1, 12, 28, dtype=torch.bool)))
+    found = net(BodyFrames(positions, torch.ones(1, 12, 28, dtype=torch.bool)))
     ahead = torch.arange(1.0, 10.0)[None, :, None, None] * step
     torch.testing.assert_close(found, positions[:, -1:] + ahead, rtol=0, atol=1e-5)
 
@@ -79,7 +79,7 @@ def test_a_factor_of_one_carries_the_velocity_on() -> None:
 def test_left_and_right_are_alike() -> None:
     net, given = stirred(**SMALL), window()
     order = [int(i) for i in net.mirror]
-    other = Window(mirrored(given.positions), given.observed[:, :, order])
+    other = BodyFrames(mirrored(given.positions), given.observed[:, :, order])
     forecast = net(given)
     assert (forecast - last_pose(given)).abs().max() > 0.01
     torch.testing.assert_close(net(other), mirrored(forecast), rtol=1e-5, atol=1e-5)
@@ -117,7 +117,7 @@ def test_it_learns() -> None:
     velocity = 0.02 * torch.randn(16, 1, 28, 3, generator=generator)
     steps = torch.arange(-11.0, 10.0)[None, :, None, None]
     track = torch.randn(16, 1, 28, 3, generator=generator) + steps * velocity
-    given = Window(track[:, :12], torch.ones(16, 12, 28, dtype=torch.bool))
+    given = BodyFrames(track[:, :12], torch.ones(16, 12, 28, dtype=torch.bool))
     truth = Target(track[:, 12:], torch.ones(16, 9, 28, dtype=torch.bool))
     adam = torch.optim.Adam(net.parameters(), 3e-3)
     before = float(mpjpe(net(given), truth).detach())

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
+from hri_predict.predictors.neural.network import BodyFrames, Shape, Target, last_pose
 from hri_predict.predictors.stb import STB, GraphLayer, STBOptions, distillation
 
 CHAIN = make_skeleton("chain", list("abcd"), [-1, 0, 1, 2])
@@ -36,10 +36,10 @@ def test_untrained_it_predicts_the_last_pose() -> None:
     assert torch.equal(untrained()(given), last_pose(given).expand(-1, 3, -1, -1))
 
 
-def window(people: int = 3) -> Window:
+def window(people: int = 3) -> BodyFrames:
     generator = torch.Generator().manual_seed(1)
     positions = torch.randn(people, 5, 4, 3, generator=generator)
-    return Window(positions, torch.rand(people, 5, 4, generator=generator) > 0.2)
+    return BodyFrames(positions, torch.rand(people, 5, 4, generator=generator) > 0.2)
 
 
 def target(people: int = 3) -> Target:
@@ -81,7 +81,7 @@ def test_increments_are_causal_and_nothing_in_the_future() -> None:
 )
 def test_increments_alone_do_not_tell_where_a_person_is(inputs: str, blind: bool) -> None:
     net, given = network(inputs=inputs).eval(), window()
-    moved = Window(given.positions + 2.0, given.observed)
+    moved = BodyFrames(given.positions + 2.0, given.observed)
     difference = net(moved) - net(given) - 2.0
     assert (difference.abs().max() < 1e-5) == blind
 
@@ -169,7 +169,7 @@ def test_lambda_weighs_the_distillation() -> None:
 
 def test_mask_matters_where_positions_are_the_same() -> None:
     net, given = network().eval(), window()
-    seen = Window(given.positions, torch.ones_like(given.observed))
+    seen = BodyFrames(given.positions, torch.ones_like(given.observed))
     assert (net(seen) - net(given)).abs().max() > 1e-4
 
 
@@ -178,7 +178,7 @@ def test_each_branch_lets_one_joint_move_all(branch: str) -> None:
     net, given = network(branches=branch).eval(), window()
     moved = given.positions.clone()
     moved[:, 1, 2, 0] += 1.0
-    difference = net(Window(moved, given.observed)) - net(given)
+    difference = net(BodyFrames(moved, given.observed)) - net(given)
     assert (difference.abs().amax((0, 1, 3)) > 1e-6).all()
 
 
@@ -222,7 +222,7 @@ def test_learns_a_constant_velocity() -> None:
         start = torch.randn(32, 1, 4, 3, generator=generator)
         speed = torch.randn(32, 1, 1, 3, generator=generator) * 0.1
         path = start + speed * torch.arange(8).view(1, -1, 1, 1)
-        given, wanted = Window(path[:, :5], known[:, :5]), Target(path[:, 5:], known[:, 5:])
+        given, wanted = BodyFrames(path[:, :5], known[:, :5]), Target(path[:, 5:], known[:, 5:])
         optimizer.zero_grad()
         net.loss(given, wanted, 0.0).backward()
         optimizer.step()
@@ -236,7 +236,7 @@ def test_same_bytes_and_independent_of_the_batch() -> None:
     net, given = network().eval(), window(5)
     predicted = net(given)
     assert torch.equal(net(given), predicted)
-    alone = net(Window(given.positions[2:3], given.observed[2:3]))
+    alone = net(BodyFrames(given.positions[2:3], given.observed[2:3]))
     torch.testing.assert_close(alone, predicted[2:3], rtol=0, atol=1e-5)
 
 

@@ -10,7 +10,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
+from hri_predict.predictors.neural.network import BodyFrames, Shape, Target, last_pose
 from hri_predict.predictors.trajectorycnn import (
     PART_ORDER,
     NestedBlock,
@@ -29,11 +29,11 @@ def network(shape: Shape = SHAPE, **options: Any) -> TrajectoryCNN:
     return TrajectoryCNN(shape, TrajectoryCNNOptions(**options))
 
 
-def window(people: int = 3, shape: Shape = SHAPE) -> Window:
+def window(people: int = 3, shape: Shape = SHAPE) -> BodyFrames:
     generator = torch.Generator().manual_seed(1)
     size = (people, shape.history_steps, shape.joints)
     positions = torch.randn(*size, 3, generator=generator)
-    return Window(positions, torch.rand(*size, generator=generator) > 0.1)
+    return BodyFrames(positions, torch.rand(*size, generator=generator) > 0.1)
 
 
 def target(people: int = 3) -> Target:
@@ -48,7 +48,7 @@ def changed(net: TrajectoryCNN, coordinate: int) -> torch.Tensor:
     before = window(1)
     moved = before.positions.clone()
     moved[:, :-1, ELBOW, coordinate] += 1.0
-    after = Window(moved, before.observed)
+    after = BodyFrames(moved, before.observed)
     return ((net(after) - net(before)).abs().amax((0, 1)) > 1e-7).detach()
 
 
@@ -138,7 +138,7 @@ def test_displacements_feed_the_same_network_as_raw_positions() -> None:
 
 def test_mask_matters_where_positions_are_the_same() -> None:
     net, given = network(**SMALL).eval(), window()
-    seen = Window(given.positions, torch.ones_like(given.observed))
+    seen = BodyFrames(given.positions, torch.ones_like(given.observed))
     assert (net(seen) - net(given)).abs().max() > 1e-4
 
 
@@ -151,7 +151,7 @@ def test_pose_layout_takes_any_history(steps: int) -> None:
     assert predicted.shape == (2, 9, 28, 3)
     moved = given.positions.clone()
     moved[:, -2, ELBOW] += 1.0
-    assert (net(Window(moved, given.observed)) - predicted).abs().max() > 1e-4
+    assert (net(BodyFrames(moved, given.observed)) - predicted).abs().max() > 1e-4
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_learns_a_constant_velocity() -> None:
         speed = torch.randn(16, 1, 1, 3, generator=generator) * 0.05
         path = start + speed * torch.arange(15).view(1, -1, 1, 1)
         known = torch.ones(16, 15, 28, dtype=torch.bool)
-        given = Window(path[:, :6], known[:, :6])
+        given = BodyFrames(path[:, :6], known[:, :6])
         loss = net.loss(given, Target(path[:, 6:], known[:, 6:]), 0.0)
         optimizer.zero_grad()
         loss.backward()
@@ -203,7 +203,7 @@ def test_same_bytes_and_independent_of_the_batch() -> None:
     net, given = network(**SMALL).eval(), window(5)
     predicted = net(given)
     assert torch.equal(net(given), predicted)
-    alone = net(Window(given.positions[2:3], given.observed[2:3]))
+    alone = net(BodyFrames(given.positions[2:3], given.observed[2:3]))
     torch.testing.assert_close(alone, predicted[2:3], rtol=0, atol=1e-5)
 
 

@@ -12,12 +12,12 @@ from hri_predict.run import config as configuration
 from hri_predict.zones.calibration import shipped_calibration
 from hri_sim.simulation import report, simulate
 from hri_sim.simulation.request import SimulationRequest
-from hri_sim.simulation.work import BLOCK, Plan, blocks, episodes
+from hri_sim.simulation.work import BLOCK, SimulationPlan, blocks, episodes
 from tests.hri_predict.base.machine.dask_processes import scheduler, worker
 
 
 def plan(motions, count):
-    return Plan(
+    return SimulationPlan(
         config="",
         predictors=(None, "b"),
         modes=(),

@@ -72,7 +72,7 @@ class Datagram:
 
 
 @dataclass(slots=True)
-class Pose:
+class MvnPose:
     """One character in one sample, in the stream's own units and axes.
 
     Attributes:
@@ -90,7 +90,7 @@ class Sample:
 
     counter: int
     time_code_ms: int
-    poses: dict[int, Pose]
+    poses: dict[int, MvnPose]
 
 
 def parse(data: bytes) -> Datagram:
@@ -121,7 +121,7 @@ def parse(data: bytes) -> Datagram:
     )
 
 
-def add_segments(datagram: Datagram, pose: Pose) -> None:
+def add_segments(datagram: Datagram, pose: MvnPose) -> None:
     """Put the body segments of a datagram of type 01 or 02 into ``pose``; skip props and fingers.
 
     A segment with an invalid position or rotation stays unobserved.
@@ -182,7 +182,7 @@ class StreamSplitter:
 class _Part:
     """The datagrams of one character's sample so far."""
 
-    pose: Pose = field(default_factory=Pose)
+    pose: MvnPose = field(default_factory=MvnPose)
     indices: set[int] = field(default_factory=set)
     last: int | None = None
 

@@ -26,7 +26,7 @@ from hri_drivers.sources.mvn.codec import (
     SEGMENTS,
     Assembler,
     MalformedDatagram,
-    Pose,
+    MvnPose,
     Sample,
     StreamSplitter,
     parse,
@@ -181,7 +181,7 @@ class MvnDecoder:
         return True
 
 
-def longest_limb(pose: Pose) -> float:
+def longest_limb(pose: MvnPose) -> float:
     """Length of the longest arm or leg, in the stream's units; NaN if MVN sent none."""
     with np.errstate(all="ignore"):
         bones = np.linalg.norm(np.diff(pose.positions[LIMBS], axis=1), axis=2)

@@ -51,7 +51,7 @@ class BodySettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Bodies:
+class DrawnBodies:
     """One drawn body for each window.
 
     Attributes:
@@ -109,7 +109,7 @@ _LEVEL = np.array([1, 1, 0], np.float32)
 _UP = np.array([0, 0, 1], np.float32)
 
 
-def draw_bodies(settings: BodySettings, rng: np.random.Generator, count: int) -> Bodies:
+def draw_bodies(settings: BodySettings, rng: np.random.Generator, count: int) -> DrawnBodies:
     """Draw ``count`` bodies; ``1 - share`` of them as they were recorded."""
     other = (rng.random(count) < settings.share).astype(np.float32)[:, None]
     log = settings.bones * rng.standard_normal((count, len(BODY.joints)), np.float32)
@@ -123,7 +123,7 @@ def draw_bodies(settings: BodySettings, rng: np.random.Generator, count: int) ->
         log[:, right] = log[:, left]
         joints[:, right] = joints[:, left] * [1, -1, 1]
     bones = np.exp((log + own) * other)
-    return Bodies(bones, settings.joints * other[..., None] * joints)
+    return DrawnBodies(bones, settings.joints * other[..., None] * joints)
 
 
 def _kind(joint: str) -> str:

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from torch import Tensor
 
-from hri_predict.predictors.neural.network import Network, Shape, Target, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network, Shape, Target
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,7 +28,7 @@ class Samples:
     known: Tensor
     actions: Tensor
 
-    def entered(self, network: Network) -> tuple[Window, Target]:
+    def entered(self, network: Network) -> tuple[BodyFrames, Target]:
         """Return the batch in each person's own frame, as the network reads it."""
         window, frame = network.enter(self.history, self.observed)
         return window, Target(frame.enter(self.future), self.known)

@@ -25,7 +25,7 @@ from hri_predict.cli.common import (
 from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
-from hri_predict.run.asked import asked_predictors
+from hri_predict.run.compared_predictors import asked_predictors
 from hri_sim.simulation.command.occlude import occluded
 from hri_sim.simulation.request import OcclusionRequest, SimulationReport, SimulationRequest
 

@@ -15,7 +15,7 @@ from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol.messages import Level
 from hri_predict.robots.model import RobotModel
 from hri_sim.referee import body_capsules
-from hri_sim.simulation.bodies import Bodies
+from hri_sim.simulation.bodies import MotionTicks
 from hri_sim.simulation.cell import Cell
 from hri_sim.simulation.episode import Log
 from hri_sim.simulation.scenario import Scenario
@@ -232,7 +232,7 @@ class Prediction:
 
 
 def prediction(
-    *, cell: Cell, scenario: Scenario, alone: Log, truth: Truth, bodies: Bodies
+    *, cell: Cell, scenario: Scenario, alone: Log, truth: Truth, bodies: MotionTicks
 ) -> Prediction:
     """Compare predicted touches of bodies (not zones) and planned robot with the true ones.
 

@@ -14,7 +14,7 @@ from hri_drivers.sources.mvn.codec import (
     SEGMENTS,
     Assembler,
     MalformedDatagram,
-    Pose,
+    MvnPose,
     Sample,
     StreamSplitter,
     add_segments,
@@ -54,7 +54,7 @@ def test_a_datagram_worked_by_hand() -> None:
     datagram = parse(BY_HAND)
     assert (datagram.type, datagram.sample, datagram.index, datagram.last) == (2, 42, 0, True)
     assert (datagram.items, datagram.time_code_ms, datagram.character) == (1, 1000, 3)
-    pose = Pose()
+    pose = MvnPose()
     add_segments(datagram, pose)
     assert pose.positions[1].tolist() == [1.0, -2.0, 3.0]
     assert np.flatnonzero(pose.observed).tolist() == [1]
@@ -71,7 +71,7 @@ def test_a_datagram_worked_by_hand() -> None:
     ],
 )
 def test_a_segment_without_a_sound_rotation_is_unobserved(quaternion: str, sound: bool) -> None:
-    pose = Pose()
+    pose = MvnPose()
     add_segments(parse(BY_HAND[:40] + bytes.fromhex(quaternion)), pose)
     assert bool(pose.observed[1]) is sound
 
@@ -238,7 +238,7 @@ def test_no_bytes_break_the_decoder(data: bytes, at: int, byte: int) -> None:
 @given(st.binary(min_size=SEGMENTS * 32, max_size=SEGMENTS * 32))
 @settings(max_examples=20)
 def test_any_numbers_are_positions_or_unobserved(payload: bytes) -> None:
-    pose = Pose()
+    pose = MvnPose()
     add_segments(
         parse(
             mvn_sender.datagram(

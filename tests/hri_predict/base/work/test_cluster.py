@@ -12,7 +12,7 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.work import cluster as module
 from hri_predict.base.work.cluster import Cluster
-from hri_predict.base.work.hiring import workers_for
+from hri_predict.base.work.workers_for import workers_for
 from tests.hri_predict.base.machine import jobs
 from tests.hri_predict.base.machine.dask_processes import scheduler, worker
 

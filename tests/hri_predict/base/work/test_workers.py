@@ -6,8 +6,8 @@ import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.work import workers as module
-from hri_predict.base.work.hiring import workers_for
 from hri_predict.base.work.workers import Processes, ThisProcess
+from hri_predict.base.work.workers_for import workers_for
 from tests.hri_predict.base.machine import jobs
 
 TASKS = [(n,) for n in range(7)]

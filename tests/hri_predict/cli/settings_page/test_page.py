@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hri_predict.cli.generated.config import DOCUMENT
+from hri_predict.cli.generate.config import DOCUMENT
 from hri_predict.cli.settings_page.page import page
 from hri_predict.cli.settings_page.schema import schema
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from hri_predict.base.geometry import Capsules
-from hri_predict.cli.terminal.plan import FARTHEST_M, Extent, Plan
+from hri_predict.cli.terminal.plan import FARTHEST_M, CharacterPlan, Extent
 
 
 def rows_of(plan):
@@ -22,7 +22,7 @@ def test_every_point_of_the_room_is_on_the_plan(points, columns, rows):
     extent = Extent(np.zeros((1, 2)))
     extent.include(points)
     for point in points:
-        plan = Plan(extent, columns, rows)
+        plan = CharacterPlan(extent, columns, rows)
         plan.dots(point[None], "o", "")
         lines = rows_of(plan)
         assert [len(line) for line in lines] == [columns] * rows
@@ -30,7 +30,7 @@ def test_every_point_of_the_room_is_on_the_plan(points, columns, rows):
 
 
 def test_x_points_right_and_y_points_up():
-    plan = Plan(Extent(np.zeros((1, 2))), 41, 21)
+    plan = CharacterPlan(Extent(np.zeros((1, 2))), 41, 21)
     plan.dots(np.array([[1.5, 0.0, 1.0]]), "x", "")
     plan.dots(np.array([[0.0, 1.5, 1.0]]), "y", "")
     plan.dots(np.zeros((1, 3)), "0", "")
@@ -61,7 +61,7 @@ def test_the_plan_only_grows():
 
 
 def test_a_zone_covers_what_lies_under_it():
-    plan = Plan(Extent(np.zeros((1, 2))), 40, 20)
+    plan = CharacterPlan(Extent(np.zeros((1, 2))), 40, 20)
     plan.capsules(
         Capsules(np.array([[-1.0, 0.0, 1.0]]), np.array([[1.0, 0.0, 1.0]]), np.array([0.3])),
         "·",

@@ -17,7 +17,7 @@ from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.conformal import calibrate
 from hri_predict.lab.calibration.filmstrip import write_zone_filmstrip, zone_filmstrip
 from hri_predict.lab.calibration.scene import (
-    View,
+    Projection,
     middle_window,
     outside,
     robot_beside,
@@ -193,7 +193,7 @@ shares = st.floats(0, 1)
 def a_view(angle, tilt):
     across = np.array([np.cos(angle), np.sin(angle), 0.0])
     up = np.array([-np.sin(angle) * np.cos(tilt), np.cos(angle) * np.cos(tilt), np.sin(tilt)])
-    return View(np.array([0.3, -0.2, 0.1]), across, up)
+    return Projection(np.array([0.3, -0.2, 0.1]), across, up)
 
 
 def one(a, b, radius):
@@ -235,7 +235,7 @@ def test_silhouettes_of_more_and_larger_capsules_hold_more(a, b, radius, more, p
 def test_a_silhouette_by_hand():
     # seen along z, a capsule from (0, 0) to (2, 0) of radius 0.5: a point 3 m up is 2.5 m off,
     # one at (5, 4) is at a distance of sqrt(9 + 16) - 0.5 from its end, one on it 0.5 m inside
-    view = View(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
+    view = Projection(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]))
     capsule = one(np.array([0.0, 0, 7]), np.array([2.0, 0, -4]), 0.5)
     points = np.array([[1.0, 3.0], [5.0, 4.0], [1.0, 0.0]])
     assert outside(points, view, capsule) == pytest.approx([2.5, 4.5, -0.5])

@@ -10,7 +10,7 @@ from hri_predict.lab.training.config import TrainSettings
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Network, Shape, Target, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network, Shape, Target
 
 
 class Line(Network):
@@ -35,7 +35,7 @@ def settings(**changes):
 def batch():
     generator = torch.Generator().manual_seed(1)
     past, future = (torch.randn(8, n, 28, 3, generator=generator) for n in (4, 3))
-    return Window(past, past[..., 0] < 9), Target(future, future[..., 0] < 0.5)
+    return BodyFrames(past, past[..., 0] < 9), Target(future, future[..., 0] < 0.5)
 
 
 def test_the_average_follows_its_recurrence():

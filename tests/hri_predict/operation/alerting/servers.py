@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.operation.alerting.alert import Alert
-from hri_predict.operation.alerting.sender import Place
+from hri_predict.operation.alerting.sender import HookContext
 
 
 def alert(level="stop", robot="arm", **changes: Any) -> Alert:
@@ -32,8 +32,8 @@ def alert(level="stop", robot="arm", **changes: Any) -> Alert:
     return Alert(**(values | changes))
 
 
-def place(folder: Path, *, live: bool = True) -> Place:
-    return Place(base_dir=folder, cell="cell7", live=live)
+def place(folder: Path, *, live: bool = True) -> HookContext:
+    return HookContext(base_dir=folder, cell="cell7", live=live)
 
 
 def eventually(happens: Callable[[], Any], seconds: float = 15.0) -> Any:

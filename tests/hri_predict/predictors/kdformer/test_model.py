@@ -13,7 +13,7 @@ from hri_predict.predictors.kdformer.rotations import matrix
 from hri_predict.predictors.kdformer.transformer import Attention, scalar_attention
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.cmu_skeleton import CMU38
-from hri_predict.predictors.neural.network import Shape, Target, Window, last_pose
+from hri_predict.predictors.neural.network import BodyFrames, Shape, Target, last_pose
 
 T, H = 6, 3
 POSITIONS = Shape(skeleton=BODY, history_steps=T, horizon_steps=H, rate_hz=25.0)
@@ -35,7 +35,7 @@ def stirred(net: KDFormer) -> KDFormer:
     return net
 
 
-def motion(net: KDFormer, people: int = 2, whole: bool = False) -> tuple[Window, Target]:
+def motion(net: KDFormer, people: int = 2, whole: bool = False) -> tuple[BodyFrames, Target]:
     generator = torch.Generator().manual_seed(1)
     joints = net.shape.joints
     steps = 0.03 * torch.randn(people, T + H, joints, 3, generator=generator).cumsum(1)
@@ -43,7 +43,7 @@ def motion(net: KDFormer, people: int = 2, whole: bool = False) -> tuple[Window,
     observed = torch.rand(people, T, joints, generator=generator) > (0.0 if whole else 0.2)
     observed[0, : T // 2] &= whole  # left-padded
     known = torch.rand(people, H, joints, generator=generator) > 0.1
-    return Window(values[:, :T], observed), Target(values[:, T:], known)
+    return BodyFrames(values[:, :T], observed), Target(values[:, T:], known)
 
 
 SWITCHES: list[dict[str, Any]] = [
@@ -97,7 +97,7 @@ def test_it_learns_to_travel():
     track = torch.arange(T + H)[:, None, None] * torch.tensor([0.1, 0.05, 0.0])
     walk = (net.rest + track)[None]
     seen = torch.ones(1, T + H, 28, dtype=torch.bool)
-    window, target = Window(walk[:, :T], seen[:, :T]), Target(walk[:, T:], seen[:, T:])
+    window, target = BodyFrames(walk[:, :T], seen[:, :T]), Target(walk[:, T:], seen[:, T:])
     # steps so small that the loss falls to a sixth, whatever order float32 sums are taken in
     optimiser = torch.optim.Adam(net.model_parameters(), 3e-3)
     losses = []
@@ -113,7 +113,7 @@ def test_it_learns_to_travel():
 def test_untrained_it_repeats_the_last_pose():
     net = network()
     still = net.rest.expand(2, T, 28, 3)
-    window = Window(still, torch.ones(2, T, 28, dtype=torch.bool))
+    window = BodyFrames(still, torch.ones(2, T, 28, dtype=torch.bool))
     expected = last_pose(window).expand(-1, H, -1, -1)
     torch.testing.assert_close(net(window), expected, atol=1e-5, rtol=0)
 
@@ -136,7 +136,7 @@ def test_bones_keep_the_persons_length():
 def test_travel_is_a_token():
     net = stirred(network())
     window, _ = motion(net, whole=True)
-    there = Window(window.positions + torch.tensor([3.0, -2.0, 0.5]), window.observed)
+    there = BodyFrames(window.positions + torch.tensor([3.0, -2.0, 0.5]), window.observed)
     torch.testing.assert_close(  # it does not matter where the body is
         net(there) - there.positions[:, -1:, :1],
         net(window) - window.positions[:, -1:, :1],
@@ -144,7 +144,7 @@ def test_travel_is_a_token():
         rtol=0,
     )
     drift = window.positions + torch.linspace(-1, 0, T)[:, None, None]
-    assert not torch.allclose(net(Window(drift, window.observed)), net(window), atol=1e-3)
+    assert not torch.allclose(net(BodyFrames(drift, window.observed)), net(window), atol=1e-3)
 
 
 def test_steps_without_any_observed_joint_are_not_read():
@@ -169,20 +169,20 @@ def test_a_joint_not_observed_is_told_apart():
     window, _ = motion(net, whole=True)
     observed = window.observed.clone()
     observed[:, 2:, 9] = False
-    assert not torch.allclose(net(Window(window.positions, observed)), net(window), atol=1e-4)
+    assert not torch.allclose(net(BodyFrames(window.positions, observed)), net(window), atol=1e-4)
 
 
 def test_nobody_observed_gives_finite_numbers():
     net = stirred(network())
     window, _ = motion(net)
-    assert net(Window(window.positions, torch.zeros_like(window.observed))).isfinite().all()
+    assert net(BodyFrames(window.positions, torch.zeros_like(window.observed))).isfinite().all()
 
 
 def test_people_do_not_mix():
     net = stirred(network()).eval()
     window, _ = motion(net, people=3)
     for i in range(3):
-        alone = net(Window(window.positions[i : i + 1], window.observed[i : i + 1]))
+        alone = net(BodyFrames(window.positions[i : i + 1], window.observed[i : i + 1]))
         torch.testing.assert_close(alone[0], net(window)[i], atol=1e-5, rtol=0)
 
 
@@ -192,7 +192,7 @@ def test_wraps_in_the_history_do_not_matter():
     e = window.positions.clone()
     length = e.norm(dim=-1, keepdim=True)
     e[:, 2:5] = (e * (1 - 2 * torch.pi / length))[:, 2:5]
-    wrapped = Window(e, window.observed)
+    wrapped = BodyFrames(e, window.observed)
     torch.testing.assert_close(matrix(net(wrapped)), matrix(net(window)), atol=1e-3, rtol=0)
     future = target.positions
     around = future * (1 - 2 * torch.pi / future.norm(dim=-1, keepdim=True))

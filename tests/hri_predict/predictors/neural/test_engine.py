@@ -16,10 +16,10 @@ from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     NetworkOptions,
     Shape,
-    Window,
     last_pose,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
@@ -115,7 +115,7 @@ def test_the_copy_of_kdformer_turns_a_bone_that_points_the_other_way():
     skeleton, body = copy.network.shape.skeleton, copy.network.rest.clone()
     hand = skeleton.joints.index("l_hand")
     body[hand] = 2 * body[skeleton.parents[hand]] - body[hand]
-    window = Window(
+    window = BodyFrames(
         body.expand(1, copy.history_steps, -1, -1), torch.ones(1, copy.history_steps, 28).bool()
     )
     with torch.inference_mode():
@@ -152,7 +152,7 @@ def test_an_answer_of_another_shape_or_type_is_an_error(monkeypatch, given):
     import onnxruntime
 
     engine = engine_for(Leaning().eval(), "auto", 1)
-    window = Window(torch.zeros(2, 5, 28, 3), torch.ones(2, 5, 28, dtype=torch.bool))
+    window = BodyFrames(torch.zeros(2, 5, 28, 3), torch.ones(2, 5, 28, dtype=torch.bool))
     assert engine.forward(window).shape == (2, 3, 28, 3)
     monkeypatch.setattr(onnxruntime.InferenceSession, "run", lambda *_: [given])
     with pytest.raises(PredictorError, match=r"not float32 \(2, 3, 28, 3\); set predictor\.engine"):

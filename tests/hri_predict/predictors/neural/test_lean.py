@@ -8,7 +8,7 @@ from hri_predict.predictors.auxformer import AuxFormer
 from hri_predict.predictors.auxformer_attention import AuxFormerOptions
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import _probe
-from hri_predict.predictors.neural.network import Network, Shape, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network, Shape
 from hri_predict.predictors.neural.predictor import shipped_weights
 from hri_predict.predictors.neural.weights import load_weights
 
@@ -17,7 +17,7 @@ ROUNDING_M = 1e-5
 SHIPPED = ["sinn", "trajectorycnn", "stb", "auxformer", "kdformer", "mixer"]
 
 
-def agree(network: Network, window: Window, within_m: float = ROUNDING_M) -> None:
+def agree(network: Network, window: BodyFrames, within_m: float = ROUNDING_M) -> None:
     with torch.inference_mode():
         plain, found = network(window), network.lean()(window)
     torch.testing.assert_close(found, plain, rtol=0, atol=within_m)
@@ -30,7 +30,7 @@ def test_shipped_weights_forecast_the_same(name):
     agree(network, everybody)
     for person in range(len(everybody.observed)):
         only = slice(person, person + 1)
-        agree(network, Window(everybody.positions[only], everybody.observed[only]))
+        agree(network, BodyFrames(everybody.positions[only], everybody.observed[only]))
 
 
 @pytest.mark.parametrize(
@@ -84,6 +84,6 @@ def auxformer(**options: object) -> AuxFormer:
     return network.double().eval().requires_grad_(False)
 
 
-def _probe_of(network: Network) -> Window:
+def _probe_of(network: Network) -> BodyFrames:
     window = _probe(network)
-    return Window(window.positions.double(), window.observed)
+    return BodyFrames(window.positions.double(), window.observed)

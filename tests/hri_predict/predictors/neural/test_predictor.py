@@ -19,7 +19,13 @@ from hri_predict.cli.check import predictors as listing
 from hri_predict.contracts import registry
 from hri_predict.predictors.neural import settings as neural
 from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONICAL, from_canonical
-from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.predictors.neural.network import (
+    BodyFrames,
+    Network,
+    NetworkOptions,
+    Shape,
+    last_pose,
+)
 from hri_predict.predictors.neural.predictor import NeuralPredictor
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
@@ -39,7 +45,7 @@ class Drift(Network):
         self.options = options
         self.mix = nn.Linear(shape.joints * 4, shape.joints * 3)
 
-    def forward(self, window: Window) -> torch.Tensor:
+    def forward(self, window: BodyFrames) -> torch.Tensor:
         Drift.calls += 1
         seen = window.observed[..., None].to(window.positions.dtype)
         features = torch.cat([window.positions, seen], -1).mean(1).flatten(1)
@@ -203,7 +209,7 @@ def test_weights_that_give_no_finite_forecast_are_refused_at_the_start(
     tmp_path, random_network, monkeypatch
 ):
     class Runaway(Drift):
-        def forward(self, window: Window) -> torch.Tensor:
+        def forward(self, window: BodyFrames) -> torch.Tensor:
             return super().forward(window) * torch.inf
 
     path = tmp_path / "runaway.safetensors"

@@ -15,7 +15,13 @@ from hri_predict.base.errors import ConfigError, HriPredictError, PredictorError
 from hri_predict.base.skeleton import CANONICAL, make_skeleton
 from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Network, NetworkOptions, Shape, Window, last_pose
+from hri_predict.predictors.neural.network import (
+    BodyFrames,
+    Network,
+    NetworkOptions,
+    Shape,
+    last_pose,
+)
 from hri_predict.predictors.neural.weights import load_weights, read_header, save_weights
 
 CARD = {"data": "of this test", "validation_mm": [1.5, 2.5]}
@@ -38,7 +44,7 @@ class Small(Network):
         self.decode = nn.Linear(options.width, 3)
         self.critic = nn.Linear(3, 1)
 
-    def forward(self, window: Window) -> torch.Tensor:
+    def forward(self, window: BodyFrames) -> torch.Tensor:
         heights = self.norm(window.positions[..., 2].mT)
         moved = self.decode(torch.tanh(self.encode(heights)))
         return last_pose(window) + moved[:, None].expand(-1, self.shape.horizon_steps, -1, -1)
@@ -141,7 +147,7 @@ def test_a_skeleton_of_its_own_comes_back(tmp_path):
 def test_horizon_can_be_asked_for(path):
     network = load_weights(path, horizon_steps=50).network
     positions = torch.zeros(2, 15, 28, 3)
-    assert network(Window(positions, positions[..., 0] == 0)).shape == (2, 50, 28, 3)
+    assert network(BodyFrames(positions, positions[..., 0] == 0)).shape == (2, 50, 28, 3)
 
 
 def test_header_is_read_without_the_tensors(path):

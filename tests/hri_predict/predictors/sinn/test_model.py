@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Network, Shape, Target, Window
+from hri_predict.predictors.neural.network import BodyFrames, Network, Shape, Target
 from hri_predict.predictors.neural.settings import NeuralSettings
 from hri_predict.predictors.neural.weights import save_weights
 from hri_predict.predictors.sinn.model import SINN, SINNOptions, SINNPredictor
@@ -28,11 +28,11 @@ def stirred(network: SINN) -> SINN:
     return network
 
 
-def motion(batch: int = 3, seen: float = 0.8) -> tuple[Window, Target]:
+def motion(batch: int = 3, seen: float = 0.8) -> tuple[BodyFrames, Target]:
     generator = torch.Generator().manual_seed(3)
     walk = torch.randn(batch, 22, 28, 3, generator=generator).cumsum(1) * 0.02
     observed = torch.rand(batch, 22, 28, generator=generator) < seen
-    return Window(walk[:, :12], observed[:, :12]), Target(walk[:, 12:], observed[:, 12:])
+    return BodyFrames(walk[:, :12], observed[:, :12]), Target(walk[:, 12:], observed[:, 12:])
 
 
 metres_per_second = st.floats(-20, 20, allow_nan=False, width=32)
@@ -84,7 +84,7 @@ def test_what_is_read_of_a_motion_integrates_back_to_it(kind):
 def test_untrained_it_keeps_the_last_velocity():
     start, step = torch.randn(2, 1, 28, 3), torch.randn(2, 1, 28, 3) * 0.03
     line = start + step * torch.arange(22).view(1, -1, 1, 1)
-    window = Window(line[:, :12], torch.ones(2, 12, 28, dtype=torch.bool))
+    window = BodyFrames(line[:, :12], torch.ones(2, 12, 28, dtype=torch.bool))
     torch.testing.assert_close(small()(window), line[:, 12:], rtol=0, atol=1e-4)
 
 
@@ -92,21 +92,21 @@ def test_moves_with_the_person():
     network = stirred(small())
     window, _ = motion()
     away = torch.tensor([3.0, -2.0, 0.5])
-    moved = Window(window.positions + away, window.observed)
+    moved = BodyFrames(window.positions + away, window.observed)
     torch.testing.assert_close(network(moved), network(window) + away, rtol=0, atol=1e-4)
 
 
 def test_directions_are_told_apart():
     network = stirred(small(pose="none"))
     window, _ = motion(seen=1.1)
-    turned = Window(window.positions.roll(1, -1), window.observed)
+    turned = BodyFrames(window.positions.roll(1, -1), window.observed)
     assert not torch.allclose(network(turned), network(window).roll(1, -1), atol=1e-4)
 
 
 def test_the_mask_is_read():
     network = stirred(small())
     window, _ = motion(seen=1.1)
-    hidden = Window(window.positions, window.observed.clone())
+    hidden = BodyFrames(window.positions, window.observed.clone())
     hidden.observed[:, -3:, 5] = False
     assert not torch.equal(network(hidden), network(window))
 
@@ -263,6 +263,6 @@ def test_is_a_network_of_the_contract():
     window, target = motion()
     first, second = network(window), network(window)
     assert first.numpy(force=True).tobytes() == second.numpy(force=True).tobytes()
-    part = network(Window(window.positions[:1], window.observed[:1]))
+    part = network(BodyFrames(window.positions[:1], window.observed[:1]))
     torch.testing.assert_close(part, first[:1], rtol=0, atol=1e-5)
     assert first.shape == target.positions.shape

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Shape, Window
+from hri_predict.predictors.neural.network import BodyFrames, Shape
 from hri_predict.predictors.neural.predictor import shipped_weights
 from hri_predict.predictors.neural.weights import load_weights
 from hri_predict.predictors.sinn.model import SINN, SINNOptions
@@ -16,10 +16,10 @@ ROUNDING_M = 2e-5
 """Metres: single precision at 3 m, 2.4e-7, through some forty steps that feed one another."""
 
 
-def walk(people: int, steps: int, seen: float) -> Window:
+def walk(people: int, steps: int, seen: float) -> BodyFrames:
     generator = torch.Generator().manual_seed(people)
     positions = torch.randn(people, steps, 28, 3, generator=generator).mul(0.02).cumsum(1)
-    return Window(
+    return BodyFrames(
         positions + torch.randn(people, 1, 28, 3, generator=generator) * 0.3,
         torch.rand(people, steps, 28, generator=generator) < seen,
     )
@@ -29,9 +29,9 @@ EXACT_M = 1e-9
 """The same in double precision, 2e-15 at ten metres: untrained heads drift that far."""
 
 
-def agree(network: SINN, window: Window) -> None:
+def agree(network: SINN, window: BodyFrames) -> None:
     whole = network.rest.dtype == torch.float64
-    window = Window(window.positions.to(network.rest.dtype), window.observed)
+    window = BodyFrames(window.positions.to(network.rest.dtype), window.observed)
     with torch.inference_mode():
         plain, found = network(window), network.lean()(window)
     assert found.shape == plain.shape
@@ -75,7 +75,7 @@ def test_other_options_are_computed_one_after_the_other(options):
     network = stirred(shape, **options)
     assert not fits(network.operator, network.options.representation, 12)
     drawn = walk(2, 12, 0.8)
-    window = Window(drawn.positions.double(), drawn.observed)
+    window = BodyFrames(drawn.positions.double(), drawn.observed)
     assert torch.equal(network(window), network.lean()(window))
 
 

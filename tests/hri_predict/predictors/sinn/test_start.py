@@ -8,15 +8,15 @@ from hypothesis import strategies as st
 from hri_predict.base.errors import HriPredictError
 from hri_predict.base.settings import validated
 from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import Shape, Window
+from hri_predict.predictors.neural.network import BodyFrames, Shape
 from hri_predict.predictors.sinn.model import SINN, SINNOptions
 from hri_predict.predictors.sinn.start import Start, gated, least_squares_slope
 
 SHAPE = Shape(skeleton=BODY, history_steps=12, horizon_steps=10, rate_hz=25.0)
 
 
-def window(positions: torch.Tensor) -> Window:
-    return Window(positions, torch.ones(positions.shape[:3], dtype=torch.bool))
+def window(positions: torch.Tensor) -> BodyFrames:
+    return BodyFrames(positions, torch.ones(positions.shape[:3], dtype=torch.bool))
 
 
 @given(st.integers(2, 25))

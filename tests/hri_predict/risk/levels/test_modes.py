@@ -10,7 +10,7 @@ from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
-from hri_predict.robots.asked import NOTHING_ASKED, Asked
+from hri_predict.robots.mode_request import NOTHING_ASKED, ModeRequest
 from hri_predict.robots.modes import ModeSettings
 
 AUTOMATIC, TEACH, RECOVERY, MUTED = OperatingMode
@@ -20,10 +20,10 @@ NEAR = replace(Demand.unknown(Reason.PERSON_NEAR), level=Level.STOP, release=Lev
 FREE = Demand.nothing(1.0)
 BLIND = Demand.unknown(Reason.SOURCE_BLIND)
 ASKED = {
-    AUTOMATIC: Asked(heard=True),
-    TEACH: Asked(RobotMode.MANUAL, TEACH, enabling=True, heard=True),
-    RECOVERY: Asked(request=RECOVERY, heard=True),
-    MUTED: Asked(request=MUTED, heard=True),
+    AUTOMATIC: ModeRequest(heard=True),
+    TEACH: ModeRequest(RobotMode.MANUAL, TEACH, enabling=True, heard=True),
+    RECOVERY: ModeRequest(request=RECOVERY, heard=True),
+    MUTED: ModeRequest(request=MUTED, heard=True),
 }
 SPEED = {TEACH: 0.25, RECOVERY: 0.1, MUTED: 1.0}
 LEVEL = {TEACH: Level.SLOW, RECOVERY: Level.SLOW, MUTED: Level.WARN}
@@ -38,7 +38,7 @@ class Robot:
         self.modes = Modes(settings, "arm", 1.0)
         self.now_ns = 10**9
 
-    def tick(self, asked: Asked, ticks: int = 1, **changes: Any) -> Decision:
+    def tick(self, asked: ModeRequest, ticks: int = 1, **changes: Any) -> Decision:
         for _ in range(ticks):
             self.now_ns += TICK_NS
             situation = Situation(asked=asked, demand=NEAR, is_known=True)
@@ -152,7 +152,7 @@ def test_each_missing_condition_refuses_it_and_ends_it(
 
 @WANTED
 @pytest.mark.parametrize("asked", [ASKED[AUTOMATIC], NOTHING_ASKED])
-def test_the_unknown_always_wins(mode: OperatingMode, asked: Asked) -> None:
+def test_the_unknown_always_wins(mode: OperatingMode, asked: ModeRequest) -> None:
     robot = Robot().ready()
     robot.tick(ASKED[mode])
     for each in (asked, ASKED[mode]):
@@ -162,7 +162,7 @@ def test_the_unknown_always_wins(mode: OperatingMode, asked: Asked) -> None:
 
 def test_a_robot_in_manual_mode_that_is_not_taught_is_never_advised_to_run() -> None:
     """The situation is known then: the scene is, and the robot only lacks the automatic mode."""
-    for asked in (Asked(RobotMode.MANUAL, heard=True), replace(ASKED[TEACH], enabling=False)):
+    for asked in (ModeRequest(RobotMode.MANUAL, heard=True), replace(ASKED[TEACH], enabling=False)):
         decision = Robot().ready().tick(asked, demand=FREE)
         assert decision.demand == Demand.unknown(Reason.ROBOT_NOT_AUTOMATIC)
 
@@ -235,9 +235,9 @@ def test_part_of_the_time_may_be_used_at_once_and_all_of_it_only_after_the_rest(
 
 
 @pytest.mark.parametrize(
-    "asked", [NOTHING_ASKED, Asked(heard=True, agreed=False), ASKED[MUTED]], ids=str
+    "asked", [NOTHING_ASKED, ModeRequest(heard=True, agreed=False), ASKED[MUTED]], ids=str
 )
-def test_the_time_recovers_only_while_the_request_is_seen_released(asked: Asked) -> None:
+def test_the_time_recovers_only_while_the_request_is_seen_released(asked: ModeRequest) -> None:
     robot = Robot().ready()
     robot.tick(ASKED[MUTED], 130)
     robot.tick(asked, 3000)

@@ -5,7 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
-from hri_predict.risk.separation.in_time import Course, TimeByTime, farthest
+from hri_predict.risk.separation.in_time import DistanceCourse, TimeByTime, farthest
 from hri_predict.risk.separation.nearest import (
     NearestInTime,
 )
@@ -34,25 +34,25 @@ def along(distance: float, approach: float, v: float, a: float, reaction_s: floa
 
 def course(
     distance: float, approach: float, a: float, reaction_s: float, direction: float
-) -> Course:
+) -> DistanceCourse:
     def nearest(least: Floats) -> NearestInTime:
         nobody = np.full(least.shape, -1)
         return NearestInTime(least, nobody, nobody, nobody)
 
     standing = nearest(distance - approach * TIMES[1:])
     if direction == 0:
-        return Course(distance, standing)
+        return DistanceCourse(distance, standing)
 
     def at_speeds(speeds: Floats, enough: Floats) -> NearestInTime:
         rows = [along(distance, approach, direction * v, a, reaction_s) for v in speeds]
         counts = TIMES[:-1] <= (reaction_s + speeds / a)[:, None]
         return nearest(np.minimum(np.where(counts, rows, np.inf).min(1), enough))
 
-    return Course(distance, standing, at_speeds)
+    return DistanceCourse(distance, standing, at_speeds)
 
 
 def judged_in_time(
-    of: Course,
+    of: DistanceCourse,
     v: float,
     curve: StoppingCurve,
     reaction_s: float,

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
-from hri_predict.robots.asked import NOTHING_ASKED, Asked, AskedByLinks
+from hri_predict.robots.mode_request import NOTHING_ASKED, ModeRequest, ModeRequests
 
 MS = 1_000_000
 TEACH = RobotState(
@@ -15,12 +15,12 @@ TEACH = RobotState(
     request=OperatingMode.TEACH,
     enabling=True,
 )
-TAUGHT = Asked(RobotMode.MANUAL, OperatingMode.TEACH, enabling=True, heard=True)
+TAUGHT = ModeRequest(RobotMode.MANUAL, OperatingMode.TEACH, enabling=True, heard=True)
 
 
-def asked(*states: tuple[RobotState, int], now_ms: int = 100) -> Asked:
+def asked(*states: tuple[RobotState, int], now_ms: int = 100) -> ModeRequest:
     """Each state on a link of its own, at its time in ms."""
-    links = AskedByLinks()
+    links = ModeRequests()
     for i, (state, at_ms) in enumerate(states):
         links.take(state, at_ms * MS, f"link {i}")
     return links.at(now_ms * MS, 0.1)

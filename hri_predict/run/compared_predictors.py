@@ -23,7 +23,7 @@ from hri_predict.zones.settings import CoverageSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked:
+class ComparedPredictor:
     """One predictor of a comparison.
 
     Attributes:
@@ -37,7 +37,7 @@ class Asked:
     label: str
 
 
-def asked_predictors(texts: Sequence[str]) -> list[Asked]:
+def asked_predictors(texts: Sequence[str]) -> list[ComparedPredictor]:
     """Read ``NAME`` or ``NAME=WEIGHTS`` of each; the same name may occur with other weights.
 
     Raises:
@@ -63,11 +63,11 @@ def asked_predictors(texts: Sequence[str]) -> list[Asked]:
             own = next(labels).removesuffix(weights.suffix)
             if [other for other, _ in pairs].count(name) > 1:
                 label = f"{name}={own}"
-        asked.append(Asked(name=name, weights=weights, label=label))
+        asked.append(ComparedPredictor(name=name, weights=weights, label=label))
     return asked
 
 
-def demand_weights(asked: Asked) -> None:
+def demand_weights(asked: ComparedPredictor) -> None:
     """Check that a predictor takes the weights that it is given.
 
     Raises:
@@ -110,7 +110,10 @@ def demand_use(calibrations: Sequence[Path], asked: Mapping[str, PredictorSettin
 
 
 def basis_of(
-    asked: Asked, settings: PredictorSettings, coverage: CoverageSettings, base_dir: Path
+    asked: ComparedPredictor,
+    settings: PredictorSettings,
+    coverage: CoverageSettings,
+    base_dir: Path,
 ) -> ZoneBasis:
     """Return the basis of the zones of a predictor with these settings.
 

@@ -10,7 +10,7 @@ from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ModeRequest:
     """Requests at one moment.
 
     Attributes:
@@ -28,21 +28,21 @@ class Asked:
     agreed: bool = True
 
 
-NOTHING_ASKED = Asked()
+NOTHING_ASKED = ModeRequest()
 
 
-class AskedByLinks:
+class ModeRequests:
     """Keeps what the newest RobotState of each link asks."""
 
     def __init__(self) -> None:
-        self._newest: dict[str, tuple[Asked, int]] = {}
+        self._newest: dict[str, tuple[ModeRequest, int]] = {}
 
     def take(self, state: RobotState, received_ns: int, link: str) -> None:
         """Take an acceptable RobotState."""
-        asked = Asked(state.mode, state.request, state.enabling is True, heard=True)
+        asked = ModeRequest(state.mode, state.request, state.enabling is True, heard=True)
         self._newest[link] = (asked, received_ns)
 
-    def at(self, now_ns: int, stale_s: float) -> Asked:
+    def at(self, now_ns: int, stale_s: float) -> ModeRequest:
         """Return the requests at ``now_ns`` of all links that were heard within ``stale_s``."""
         fresh = [a for a, at_ns in self._newest.values() if now_ns - at_ns <= stale_s * 1e9]
         if not fresh:
@@ -53,7 +53,7 @@ class AskedByLinks:
         return first
 
 
-def _both(a: Asked, b: Asked) -> Asked:
+def _both(a: ModeRequest, b: ModeRequest) -> ModeRequest:
     return replace(
         a,
         mode=a.mode if a.mode is b.mode else RobotMode.UNKNOWN,

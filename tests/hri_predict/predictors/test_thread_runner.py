@@ -7,7 +7,7 @@ import pytest
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.runner import PredictionRunner
+from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.protocol.reasons import Reason
 
 T, H, J = 5, 4, len(CANONICAL.joints)

@@ -10,14 +10,14 @@ from hri_predict.zones.loops.spheres import (
     NEVER_S,
     UNBOUNDED_M,
     Ahead,
-    Bodies,
+    CapturedBodies,
     Rule,
     Spheres,
 )
-from hri_predict.zones.spheres import enclosed
+from hri_predict.zones.sphere_geometry import enclosed
 
 
-def spheres_by_arrays(bodies: Bodies, ahead: Ahead, rule: Rule) -> Spheres:
+def spheres_by_arrays(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Spheres:
     """See ``JointSpheres``."""
     people = len(bodies.unknown)
     seen = (np.abs(bodies.last) < FAR_M).all(-1) & (bodies.joint_age >= 0)  # false for NaN too
@@ -51,7 +51,7 @@ def spheres_by_arrays(bodies: Bodies, ahead: Ahead, rule: Rule) -> Spheres:
     return mid, radius, path, inflation + inferred, joint_age
 
 
-def _followed(bodies: Bodies, ahead: Ahead, rule: Rule) -> Bools:
+def _followed(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Bools:
     """(N, J) whether a joint follows the forecast."""
     people = len(bodies.unknown)
     follows = bodies.joint_age < FRESH_S
@@ -111,7 +111,10 @@ def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
 
 
 def _cut(
-    spheres: tuple[Floats, Floats], bodies: Bodies, follows: Bools, when: tuple[Floats, Rule]
+    spheres: tuple[Floats, Floats],
+    bodies: CapturedBodies,
+    follows: Bools,
+    when: tuple[Floats, Rule],
 ) -> tuple[Floats, Floats]:
     """Cut to what a body can do; entry 0 stays as captured.
 

@@ -5,7 +5,7 @@ import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
-from hri_predict.predictors.average import AveragePredictor, AverageSettings
+from hri_predict.predictors.ensemble import AveragePredictor, AverageSettings
 from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.run.config import predictor_settings
 

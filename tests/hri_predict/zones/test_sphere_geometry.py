@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hri_predict.zones.spheres import cut
+from hri_predict.zones.sphere_geometry import cut
 
 COORDINATE = st.floats(-5, 5)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE).map(np.array)

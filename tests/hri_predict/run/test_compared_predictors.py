@@ -8,7 +8,13 @@ import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.predictors.baselines import ConstantVelocitySettings, ZeroVelocitySettings
-from hri_predict.run.asked import asked_predictors, basis_of, demand_use, demand_weights, fitting
+from hri_predict.run.compared_predictors import (
+    asked_predictors,
+    basis_of,
+    demand_use,
+    demand_weights,
+    fitting,
+)
 from hri_predict.run.zone_basis import ZoneBasis
 from hri_predict.zones.calibration import shipped_calibration
 from hri_predict.zones.settings import CoverageSettings

@@ -8,7 +8,7 @@ from hri_predict.base.skeleton import CANONICAL, in_words
 from hri_predict.explaining.counters import DAMAGE
 from hri_predict.explaining.episodes import WAITING, robot_of, slows, waits
 from hri_predict.explaining.situation import Situation, situation
-from hri_predict.explaining.times import NS, Asked
+from hri_predict.explaining.times import NS, AskedTime
 from hri_predict.explaining.values import listed, mapped, metres, number, text, whole
 from hri_predict.protocol.reasons import RISING, Reason
 from hri_predict.recording import RecordingInfo, Told
@@ -125,7 +125,7 @@ def _released(about: Situation) -> str:
     causes = [told for told in causes if not waits(told.data)]
     if not causes:
         return f"{waited}; {_whereabouts(about)}"
-    then = situation(about.recordings, Asked(causes[-1].utc_ns, 1), about.robot)
+    then = situation(about.recordings, AskedTime(causes[-1].utc_ns, 1), about.robot)
     return f"{waited}; before that: {because(then)} (until {about.clock(causes[-1].utc_ns)})"
 
 
@@ -279,7 +279,7 @@ def _origin(about: Situation) -> str:
     phase = None if about.episode is None else about.episode.cause_before(about.advice.utc_ns)
     if phase is None:
         return "nothing else was recorded"
-    then = situation(about.recordings, Asked(phase.first.utc_ns, 1), about.robot)
+    then = situation(about.recordings, AskedTime(phase.first.utc_ns, 1), about.robot)
     return f"{because(then)} (until {about.clock(phase.last_ns)})"
 
 

@@ -9,7 +9,19 @@ from torch import Tensor, nn
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
-from hri_predict.predictors.aggregation import (
+from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.network import (
+    BodyFrames,
+    Network,
+    NetworkOptions,
+    Shape,
+    Target,
+    last_pose,
+    mpjpe,
+    network_class_of,
+)
+from hri_predict.predictors.neural.weights import load_weights, save_weights
+from hri_predict.predictors.temporal_aggregation import (
     Aggregated,
     AggregatedOptions,
     AggregatedPredictor,
@@ -17,18 +29,6 @@ from hri_predict.predictors.aggregation import (
     aggregate,
     forget,
 )
-from hri_predict.predictors.neural.body import BODY
-from hri_predict.predictors.neural.network import (
-    Network,
-    NetworkOptions,
-    Shape,
-    Target,
-    Window,
-    last_pose,
-    mpjpe,
-    network_class_of,
-)
-from hri_predict.predictors.neural.weights import load_weights, save_weights
 
 
 class GoesOn(Network):
@@ -39,16 +39,16 @@ class GoesOn(Network):
         self.options = NetworkOptions()
         self.factor = nn.Parameter(torch.tensor(0.5))
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         mean = window.positions.diff(dim=1).mean(1, keepdim=True)
         count = torch.arange(1, self.shape.horizon_steps + 1).view(1, -1, 1, 1)
         return last_pose(window) + self.factor * count * mean
 
 
-def window(steps: int = 6, batch: int = 2, seed: int = 0) -> Window:
+def window(steps: int = 6, batch: int = 2, seed: int = 0) -> BodyFrames:
     generator = torch.Generator().manual_seed(seed)
     positions = torch.randn(batch, steps, 28, 3, generator=generator)
-    return Window(positions, torch.rand(batch, steps, 28, generator=generator) < 0.7)
+    return BodyFrames(positions, torch.rand(batch, steps, 28, generator=generator) < 0.7)
 
 
 def test_forget_unit_drops_the_oldest_and_appends_what_was_predicted():
@@ -82,7 +82,7 @@ def test_equals_applying_the_network_by_hand_and_cuts_at_the_horizon():
 def test_operator_is_applied_no_more_often_than_needed():
     calls = []
 
-    def stay(current: Window) -> Tensor:
+    def stay(current: BodyFrames) -> Tensor:
         calls.append(current)
         return last_pose(current).expand(-1, 5, -1, -1)
 

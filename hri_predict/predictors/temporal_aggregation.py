@@ -21,11 +21,11 @@ from torch import Tensor, nn
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.predictors.neural.network import (
+    BodyFrames,
     Network,
     NetworkOptions,
     Shape,
     Target,
-    Window,
     mpjpe,
     network_class_of,
 )
@@ -34,20 +34,22 @@ from hri_predict.predictors.neural.settings import AggregatedSettings, NeuralSet
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights
 
 
-def forget(window: Window, predicted: Tensor) -> Window:
+def forget(window: BodyFrames, predicted: Tensor) -> BodyFrames:
     """Drop the t oldest steps, and append those ``predicted`` (B, t, J, 3).
 
     Predicted joints count as observed: nothing better is known about them.
     """
     steps = window.positions.shape[1]
     seen = window.observed.new_ones(predicted.shape[:3])
-    return Window(
+    return BodyFrames(
         torch.cat([window.positions, predicted], 1)[:, -steps:],
         torch.cat([window.observed, seen], 1)[:, -steps:],
     )
 
 
-def aggregate(operator: Callable[[Window], Tensor], window: Window, horizon_steps: int) -> Tensor:
+def aggregate(
+    operator: Callable[[BodyFrames], Tensor], window: BodyFrames, horizon_steps: int
+) -> Tensor:
     """Apply ``operator``, a window to (B, t, J, 3), until (B, horizon_steps, J, 3) are predicted.
 
     If the horizon is not a multiple of t, only the start of the last application is used.
@@ -119,21 +121,21 @@ class Aggregated(Network):
         whole.inner, whole.rest = network, network.rest
         return whole.eval().requires_grad_(False)
 
-    def forward(self, window: Window) -> Tensor:
+    def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) in the body frame."""
         return aggregate(self._operator, window, self.shape.horizon_steps)
 
-    def _operator(self, window: Window) -> Tensor:
+    def _operator(self, window: BodyFrames) -> Tensor:
         predicted: Tensor = self.inner(window)
         return predicted[:, : self.options.steps]  # a network trained by itself predicts more
 
-    def loss(self, window: Window, target: Target, progress: float) -> Tensor:
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """Return the inner network's loss on its own steps, later the error over all."""
         if self._pretraining(progress):
             return self.inner.loss(window, self._near(target), self._inner_progress(progress))
         return mpjpe(self(window), target)
 
-    def critic_loss(self, window: Window, target: Target, progress: float) -> Tensor | None:
+    def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """Return the loss of the inner network's adversary during pretraining."""
         if not self._pretraining(progress):
             return None
