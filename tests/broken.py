@@ -160,7 +160,7 @@ BREAKS = (
     ),
     Break(
         "factor: a standard deviation is the whole radius",
-        "hri_predict/library/spread.py",
+        "hri_predict/library/forecasting.py",
         "return radius / _DEVIATIONS",
         "return radius",
         "tests/hri_predict/library/test_spread.py",

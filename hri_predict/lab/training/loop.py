@@ -1,7 +1,9 @@
 """The training loop: draws batches, takes steps, validates, keeps the best weights, resumes."""
 
+import hashlib
 import json
 import os
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
@@ -10,17 +12,45 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.lab.training.checkpoint import load_checkpoint, save_checkpoint
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.processes import Processes
-from hri_predict.lab.training.provenance import commit, fingerprint
 from hri_predict.lab.training.validation import Validation, validate
 from hri_predict.lab.training.windows.samples import SampleSource
 from hri_predict.predictors.neural.network import BodyFrames, Network, Target
 from hri_predict.predictors.neural.weights import save_weights
+
+# -- origin of a set of weights: code and data -----------------------------------------------------
+
+
+def fingerprint(source: SampleSource) -> str:
+    """SHA-256 of the rest pose, one training batch and the first validation windows."""
+    digest = hashlib.sha256(" ".join(source.actions).encode())
+    tensors: list[Tensor] = [source.rest()]
+    for samples in (source.batch(np.random.default_rng(0), 64), next(source.validation(), None)):
+        if samples is not None:
+            tensors += [samples.history, samples.observed, samples.future, samples.known]
+    for tensor in tensors:
+        digest.update(tensor.contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def commit() -> str | None:
+    """The checkout's commit, marked if files differ; ``None`` for an installed package."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    here = Path(__file__).resolve().parent
+    try:
+        done = subprocess.run(command, cwd=here, capture_output=True, text=True, timeout=10)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None if done.returncode == 0 else None
+
+
+# --------------------------------------------------------------------------------------------------
 
 Ending = Literal["epochs done", "no better validation", "out of time", "interrupted"]
 _MAY_CHANGE = ("out", "initial_weights")  # between a run and its resumption

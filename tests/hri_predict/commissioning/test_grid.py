@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Region
-from hri_predict.commissioning.grid import BASE_M, Grid
+from hri_predict.commissioning.playback import BASE_M, Grid
 
 ONE = np.array([[0.0, 0.0, 2.0]])
 coordinates = st.floats(-3, 3)

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from hri_predict.node.second_sender import HOLD_NS, SecondSender
+from hri_predict.node.node import HOLD_NS, SecondSender
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 

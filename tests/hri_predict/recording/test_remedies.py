@@ -15,7 +15,7 @@ from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.people.body.axes import all_axes
 from hri_predict.recording.converting import write_recording
-from hri_predict.recording.formats.rigid import zxy_degrees
+from hri_predict.recording.formats.bvh_writer import zxy_degrees
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.opening import open_recording, opened
 from hri_predict.recording.recording import Recording

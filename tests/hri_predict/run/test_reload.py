@@ -9,8 +9,7 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.recording.folder.folder import Folder
 from hri_predict.run import config as configuration
-from hri_predict.run.reload import Reload, differences
-from hri_predict.run.serving import RECORD_LIMITS, _takes_limits
+from hri_predict.run.serving import RECORD_LIMITS, Reload, _takes_limits, differences
 from tests.hri_predict.operation.service.cells import cell, written
 
 

@@ -16,8 +16,8 @@ from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import Advice, Level, RobotMode, RobotState, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.model import RobotSettings, load_robot
-from hri_sim.controllers.brakes import deceleration_of
 from hri_sim.controllers.cell import MockCell
+from hri_sim.controllers.station import deceleration_of
 
 MS = 1_000_000
 START = 5_000 * MS

@@ -6,11 +6,11 @@ import sys
 
 import pytest
 
-from hri_sim.controllers.private_folder import PREFIX, PrivateFolder
+from hri_sim.controllers.cell import PREFIX, PrivateFolder
 
 OWNER = """
 import sys
-from hri_sim.controllers.private_folder import PrivateFolder
+from hri_sim.controllers.cell import PrivateFolder
 folder = PrivateFolder()
 (folder.path / "port0").symlink_to("/dev/null")
 print(folder.path, flush=True)

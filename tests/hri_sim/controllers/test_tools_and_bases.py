@@ -18,8 +18,8 @@ from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.stopping import StoppingTable
 from hri_predict.robots.trajectory import load_trajectory
-from hri_sim.controllers.brakes import Brakes, Drive
 from hri_sim.controllers.cell import MockCell
+from hri_sim.controllers.station import Brakes, Drive
 from hri_sim.controllers.tools import Mounted, ToolChange, ToolChanger
 from tests.hri_predict.robots import mobile
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.geometry import in_polygon
 from hri_sim.faults.occlusion import _crosses
-from hri_sim.simulation.shadows import shadows_of
+from hri_sim.simulation.occluded import shadows_of
 
 ROOM_M = 5.0
 near = st.floats(-3.0, 3.0)

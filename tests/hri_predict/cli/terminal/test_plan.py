@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from hri_predict.base.geometry import Capsules
-from hri_predict.cli.terminal.plan import FARTHEST_M, CharacterPlan, Extent
+from hri_predict.cli.terminal.view import FARTHEST_M, CharacterPlan, Extent
 
 
 def rows_of(plan):

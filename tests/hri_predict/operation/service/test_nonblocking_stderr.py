@@ -14,7 +14,7 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli import run
 from hri_predict.operation.service import logs
-from hri_predict.operation.service.nonblocking_stderr import MOST_BYTES, Unhurried
+from hri_predict.operation.service.logs import MOST_BYTES, Unhurried
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options
 
@@ -105,7 +105,7 @@ def test_log_and_standard_error_go_there_and_come_back(pipe, monkeypatch, no_log
 def test_a_reader_that_never_comes_back_does_not_hold_up_the_end(pipe, monkeypatch, no_log):
     _, stream = pipe
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr("hri_predict.operation.service.nonblocking_stderr.FAREWELL_S", 0.05)
+    monkeypatch.setattr("hri_predict.operation.service.logs.FAREWELL_S", 0.05)
     fill(stream.fileno())
 
     def run():

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.contracts.scene import Scene
-from hri_predict.people.clock.even_captures import FEWEST, MOST_NS, WINDOW, EvenCaptures
-from hri_predict.people.clock.scene_gate import SceneGate
+from hri_predict.people.clock.scene_gate import FEWEST, MOST_NS, WINDOW, EvenCaptures, SceneGate
 
 PERIOD_NS = 33_366_700  # 29.97 Hz
 MS = 1_000_000

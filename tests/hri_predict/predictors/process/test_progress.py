@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from hri_predict.predictors.process import progress
-from hri_predict.predictors.process.progress import Progress, Work
+from hri_predict.predictors.process.remote import Progress, Work
 
 WAITS = "import time; print(flush=True); time.sleep(100)"
 COMPUTES = "print(flush=True)\nwhile True: pass"

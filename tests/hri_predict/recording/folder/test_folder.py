@@ -12,8 +12,7 @@ from hri_predict.base.settings import validated
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Scene
 from hri_predict.recording import Recorder, RecordingInfo, open_recording, read_messages
-from hri_predict.recording.folder.folder import Folder
-from hri_predict.recording.folder.retention import own_files
+from hri_predict.recording.folder.folder import Folder, own_files
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap import file as mcap_file
 from hri_predict.recording.mcap.clocks import Reading

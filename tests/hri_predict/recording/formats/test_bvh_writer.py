@@ -12,7 +12,7 @@ from hri_predict.base.skeleton import JOINTS, PARENTS
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
-from hri_predict.recording.formats.rigid import follow, zxy_degrees
+from hri_predict.recording.formats.bvh_writer import follow, zxy_degrees
 from hri_predict.recording.naming import map_of_names
 
 bvhio = pytest.importorskip("bvhio", reason="compares with bvhio, which is not installed")

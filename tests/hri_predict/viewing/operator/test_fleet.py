@@ -12,7 +12,7 @@ import pytest
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.viewing.fleet_feed import FLEET
-from hri_predict.viewing.operator.fleet_state import FleetState
+from hri_predict.viewing.operator.fleet import FleetState
 from hri_predict.viewing.operator.server import Server
 from tests.browser import CHROMIUM, Browser, wait_for
 from tests.hri_predict.operation.monitoring.said import CLEAR, OURS, RUNNING

@@ -1,7 +1,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.viewing.operator.history import KEPT, History
+from hri_predict.viewing.operator.state import KEPT, History
 
 
 def change(number: int, level: str = "STOP") -> dict:

@@ -10,7 +10,7 @@ import yaml
 from hri_predict.base.errors import ConfigError, HriPredictError, RecordingError
 from hri_predict.base.settings import validated
 from hri_predict.lab.datasets.cmu_benchmark import from_model, read_clip, to_model
-from hri_predict.lab.training.provenance import fingerprint
+from hri_predict.lab.training.loop import fingerprint
 from hri_predict.lab.training.windows.benchmark import BenchmarkData, BenchmarkSamples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
 
