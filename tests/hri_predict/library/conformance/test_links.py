@@ -17,7 +17,7 @@ from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
 
 LINKS: list[tuple[str, dict[str, Any]]] = [
-    ("serial", {"port": "/dev/null"}),
+    ("serial", {"port": "/dev/ttyNONE"}),
     ("can", {"interface": "virtual", "channel": "x"}),
     ("can", {"interface": "virtual", "channel": "x", "fd": True}),
     ("can", {"interface": "virtual", "channel": "x", "extended": True, "base_id": 0x1000}),
@@ -199,7 +199,7 @@ class Suspicious(SerialLink):
     ],
 )
 def test_a_link_that_breaks_its_contract_is_caught(cls: Any, check: str):
-    settings = SerialLinkSettings(name="l", port="/dev/null")
+    settings = SerialLinkSettings(name="l", port="/dev/ttyNONE")
     findings = run_checks(CHECKS, LinkPart(cls, settings))
     failed = {f.check: f.detail for f in findings if f.verdict == "fail"}
     assert check in failed

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hri_predict.predictors.process import progress
+from hri_predict.predictors.process import remote as progress
 from hri_predict.predictors.process.remote import Progress, Work
 
 WAITS = "import time; print(flush=True); time.sleep(100)"
