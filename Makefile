@@ -25,8 +25,7 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
 
-test: lint
-	$(MAKE) --no-print-directory -j 3 types pytest wheel
+test: lint types pytest wheel
 	@echo "all checks passed"
 
 test-long: pytest-long wheel-alone

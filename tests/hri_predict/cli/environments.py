@@ -14,6 +14,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from tests.commands import children, root
+
 ENCODINGS = {"ascii": "ascii", "latin-1": "latin-1"}
 LIMIT_S = 120
 CLOSED = {"no stdin": (0,), "no stdout": (1,), "no stderr": (2,), "nothing open": (0, 1, 2)}
@@ -24,10 +26,14 @@ CRASHED = 99
 def main() -> None:
     """See the module."""
     environment, folder = sys.argv[1], Path(sys.argv[2])
-    import hri_predict.cli.commands  # noqa: F401
-
+    _import_all(root())
     lines = json.loads(sys.stdin.read())
     print(json.dumps([_forked(line, environment, folder) for line in lines]))
+
+
+def _import_all(command: Any) -> None:
+    for below in children(command).values():
+        _import_all(below)
 
 
 def _forked(arguments: list[str], environment: str, folder: Path) -> tuple[int, str, str]:

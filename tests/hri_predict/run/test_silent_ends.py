@@ -90,7 +90,7 @@ def test_a_silent_source_ends_the_start_with_one_line(tmp_path, server, kind):
     assert process.returncode == 2, said
     assert len(error_lines(said)) == 1
     assert f"127.0.0.1:{server.port}" in error_lines(said)[0]
-    assert "answers" in error_lines(said)[0]
+    assert "answer" in error_lines(said)[0]
     assert "Traceback" not in said
 
 
