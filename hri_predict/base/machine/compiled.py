@@ -6,10 +6,12 @@ What is compiled is kept in the cache's folder, and nowhere else; without one, e
 again.
 """
 
+import contextlib
 import functools
 import importlib.util
 import logging
 import os
+import shutil
 from collections.abc import Callable
 from typing import Any, ParamSpec, TypeVar
 
@@ -45,27 +47,51 @@ def kernel(loops: Callable[..., Any], otherwise: Callable[P, R]) -> Callable[P, 
         nonlocal chosen
         if chosen is None:
             compiler = _compiler()
-            chosen = otherwise if compiler is None else _unless_it_fails(compiler(loops), otherwise)
+            chosen = otherwise if compiler is None else _unless_it_fails(compiler, loops, otherwise)
         return chosen(*args, **kwargs)
 
     return call
 
 
-def _unless_it_fails(compiled: Callable[P, R], otherwise: Callable[P, R]) -> Callable[P, R]:
-    """``compiled``, and once that cannot be compiled or called ``otherwise`` for good."""
+def _unless_it_fails(
+    compiler: Callable[[Callable[..., Any]], Callable[..., Any]],
+    loops: Callable[..., Any],
+    otherwise: Callable[P, R],
+) -> Callable[P, R]:
+    """Compile ``loops``; once that fails, or a call of it, ``otherwise`` computes for good.
+
+    A kept copy of an earlier version may name types that have moved since. All kept copies are
+    removed then, and the loops compiled again.
+    """
+    compiled, again = compiler(loops), False
     working = True
 
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        nonlocal working
-        if working:
+        nonlocal compiled, again, working
+        while working:
             try:
-                return compiled(*args, **kwargs)
+                result: R = compiled(*args, **kwargs)
             except Exception as error:  # no fault of a compiler may end the node
+                if isinstance(error, AttributeError | ImportError) and not again:
+                    _forget_kept()
+                    compiled, again = compiler(loops), True
+                    continue
                 working = False
                 _say_once(f"{error}".partition("\n")[0])
+            else:
+                return result
         return otherwise(*args, **kwargs)
 
     return call
+
+
+def _forget_kept() -> None:
+    """Remove all kept copies; a copy that another process makes meanwhile is only made again."""
+    folder = cache_folder()
+    if folder is not None:
+        shutil.rmtree(folder / "numba", ignore_errors=True)
+        with contextlib.suppress(OSError):
+            (folder / "numba").mkdir(parents=True, exist_ok=True)
 
 
 def _say_once(why: str) -> None:

@@ -74,6 +74,41 @@ def test_arrays_compute_where_numba_is_turned_off(tmp_path):
     assert run(tmp_path, HRI_PREDICT_COMPILED="0") == "False 14.0"
 
 
+MOVED = """
+from typing import NamedTuple
+
+from hri_predict.base.machine.compiled import is_compiled, kernel
+from loops import _loops
+
+class NAME(NamedTuple):
+    x: float
+
+total = kernel(_loops, lambda rows: -1.0)
+if __name__ == "__main__":
+    print(is_compiled(), total(NAME(3.0)))
+"""
+TAKES_X = """
+def _loops(row):
+    return row.x * 2.0
+"""
+
+
+def test_a_kept_copy_whose_types_have_moved_is_made_again(tmp_path):
+    """As after an update: the loops' file is the same, and the type has another name."""
+    pytest.importorskip("numba", reason="extra accel is not installed")
+    (tmp_path / "loops.py").write_text(TAKES_X)
+    environment = {**os.environ, "HRI_PREDICT_CACHE": str(tmp_path / "cache")}
+    for name in ("Before", "After", "After"):
+        (tmp_path / "caller.py").write_text(MOVED.replace("NAME", name))
+        code = "import caller; print(caller.is_compiled(), caller.total(caller.NAME(3.0)))"
+        done = subprocess.run(
+            [sys.executable, "-c", code.replace("NAME", name)],
+            cwd=tmp_path, env=environment, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        assert done.stdout.strip() == "True 6.0"
+        assert done.stderr == ""
+
+
 FAILING = """
 import logging
 from hri_predict.base.machine.compiled import kernel
