@@ -10,7 +10,7 @@ import pytest
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.recording import recording_of_one
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 ROOT = Path(__file__).resolve().parents[1]
 REAL = ROOT.parent / "shared" / "data" / "cmu_mocap" / "test" / "walking_1.npz"
@@ -22,7 +22,7 @@ WALK_M_S, RATE_HZ, SECONDS = 1.0, 30.0, 2.0
 
 def write_walk(path):
     """Somebody who glides along x, standing upright: 2 s of canonical joints."""
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     pose = body.joints(body.standing(np.array([1.0, 0.5]), 0.0))
     times = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
     motion = pose + WALK_M_S * times[:, None, None] * np.array([1.0, 0.0, 0.0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.skeleton import JOINTS
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 J = {name: index for index, name in enumerate(JOINTS)}
 STRIDE_M = 1.4
@@ -21,7 +21,7 @@ def stand(
     place: Floats | Sequence[float], heading: float = np.pi, height_m: float = 1.75, **pose: Any
 ) -> Floats:
     """(21, 3) joints of a body that stands; ``pose``: fields of ``Stance`` (crouch, reach, ...)."""
-    body = SimulatedBody(height_m)
+    body = Body(height_m)
     stance = body.standing(np.asarray(place, dtype=float), heading)
     if "target" in pose:
         pose["target"] = np.asarray(pose["target"], dtype=float)

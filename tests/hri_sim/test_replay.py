@@ -18,7 +18,7 @@ from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.recording import Recorder, RecordingInfo, open_recording
 from hri_predict.recording.converting import write_recording
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.replay import RecordingSettings, RecordingSource
 
@@ -283,7 +283,7 @@ POSE = {"xyz": [1.0, 2.0, 0.5], "quaternion_xyzw": [0.0, 0.0, 0.7071068, 0.70710
 
 def _table(path: Path, scale: float = 1.0) -> Path:
     """A person of 1.75 m who stands; all coordinates are multiplied by ``scale``."""
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     joints = body.joints(body.standing(np.array([2.0, 0.0]), 0.0)) * scale
     header = ",".join(f"{joint}_{c}" for joint in JOINTS for c in "xyz")
     cells = ",".join(f"{v:.6f}" for v in joints.ravel())

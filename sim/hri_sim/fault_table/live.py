@@ -24,7 +24,7 @@ from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from hri_sim.senders.live_ends import LIVE_ENDS, LiveEnd
 
 RATE_HZ = 30.0
@@ -293,7 +293,7 @@ class _Sending(threading.Thread):
 
 
 def _standing() -> Any:
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     return body.joints(body.standing(np.array(PLACE), np.pi))
 
 

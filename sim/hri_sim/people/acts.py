@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_sim.people.body import MAX_LEAN, Foot, SimulatedBody, Stance
+from hri_sim.people.body import MAX_LEAN, Body, Foot, Stance
 from hri_sim.people.walking import (
     BEND_M_S2,
     Cruise,
@@ -48,7 +48,7 @@ class Act(Protocol):
 class Stand:
     """Stand still."""
 
-    def __init__(self, body: SimulatedBody, xy: Floats, heading: float, seconds: float) -> None:
+    def __init__(self, body: Body, xy: Floats, heading: float, seconds: float) -> None:
         self.duration_s, self.xy, self.heading = seconds, xy, heading
         self._stance = body.standing(xy, heading)
 
@@ -74,7 +74,7 @@ class Turn:
     def __init__(
         self,
         *,
-        body: SimulatedBody,
+        body: Body,
         xy: Floats,
         heading: float,
         to_heading: float,
@@ -106,7 +106,7 @@ class Walk:
     def __init__(
         self,
         *,
-        body: SimulatedBody,
+        body: Body,
         waypoints: Sequence[Floats],
         speed_m_s: float,
         backwards: bool,
@@ -152,7 +152,7 @@ class Reach:
     def __init__(
         self,
         *,
-        body: SimulatedBody,
+        body: Body,
         xy: Floats,
         heading: float,
         target: Floats,
@@ -183,13 +183,13 @@ class Reach:
     def _at(self, reach: float) -> Stance:
         return replace(self._standing, reach=reach, lean=reach * self._lean)
 
-    def _longest_way(self, body: SimulatedBody) -> float:
+    def _longest_way(self, body: Body) -> float:
         """Return the greatest way of any joint, metres per unit of ``reach``."""
         joints = np.array([body.joints(self._at(float(r))) for r in np.linspace(0, 1, 41)])
         return float(np.linalg.norm(np.diff(joints, axis=0), axis=-1).max()) * 40
 
 
-def _lean_to(body: SimulatedBody, standing: Stance) -> float:
+def _lean_to(body: Body, standing: Stance) -> float:
     """Return the least lean (radians) that brings the target within the arm's reach."""
     near, far = body.reach_limits()
     target = standing.target

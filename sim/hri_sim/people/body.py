@@ -67,7 +67,7 @@ class Stance:
     target: Floats | None = None
 
 
-class SimulatedBody:
+class Body:
     """A body of one stature."""
 
     def __init__(self, height_m: float) -> None:

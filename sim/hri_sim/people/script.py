@@ -12,7 +12,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import MAX_ANGLE_RAD, Point, Settings, Vector3
 from hri_sim.people.acts import Absent, Act, Reach, Stand, Turn, Walk
-from hri_sim.people.body import SimulatedBody, Stance
+from hri_sim.people.body import Body, Stance
 from hri_sim.people.walking import wrapped
 
 _SAME_HEADING = math.radians(1)  # a smaller change needs no turn
@@ -108,7 +108,7 @@ class Timeline:
     """
 
     def __init__(self, settings: PersonSettings, where: str, left_first: bool) -> None:
-        self.body = SimulatedBody(settings.height_m)
+        self.body = Body(settings.height_m)
         self._enter_s, self._repeat, self._left_first = (
             settings.enter_s,
             settings.repeat,

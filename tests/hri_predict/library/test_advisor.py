@@ -6,10 +6,10 @@ import pytest
 import hri_predict
 from hri_predict import Acknowledge, Advisor, Level, Person, Reason, RobotMode, RobotState, Scene
 from hri_predict.base.errors import ConfigError
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 MS = 1_000_000
-BODY = SimulatedBody(1.75)
+BODY = Body(1.75)
 CONFIG = hri_predict.load_config("demo.yaml").with_predictor("constant_velocity", horizon_s=1.2)
 
 

@@ -11,7 +11,7 @@ from hri_predict.contracts.scene import Scene
 from hri_predict.predictors.baselines import ZeroVelocity
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.recording import recording_of
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 RATE_HZ = 30.0
 
@@ -19,7 +19,7 @@ RATE_HZ = 30.0
 @pytest.fixture
 def walk(tmp_path):
     """Two people for 1 s; person 7 walks along x at 1 m/s, person 3 stands."""
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     times = np.arange(30)[:, None, None] / RATE_HZ
     pose = body.joints(body.standing(np.zeros(2), 0.0))
     moving = pose + times * np.array([1.0, 0.0, 0.0])

@@ -9,7 +9,7 @@ import hri_predict
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording.recording import recording_of
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 RATE_HZ = 30.0
 AT_05_S = 11  # the step nearest to half a second
@@ -18,7 +18,7 @@ AT_05_S = 11  # the step nearest to half a second
 @pytest.fixture
 def recording(tmp_path):
     """Person 1 stands, person 2 glides at 1 m/s and shakes by 5 cm; 2 s."""
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     times = np.arange(60)[:, None, None] / RATE_HZ
     pose = body.joints(body.standing(np.zeros(2), 0.0))
     shaking = np.random.default_rng(0).normal(0, 0.05, (60, 21, 3))

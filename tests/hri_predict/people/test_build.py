@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.build import is_same_build
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 LIMBS = np.array([name[0] in "lr" and name[1] == "_" for name in JOINTS])
 
 
 def bodies(height_m, noise_m, seed, count=20, heading=0.0):
-    who = SimulatedBody(height_m)
+    who = Body(height_m)
     joints = who.joints(who.standing(np.array([1.0, 2.0]), heading))
     return joints + np.random.default_rng(seed).normal(0.0, noise_m, (count, len(JOINTS), 3))
 

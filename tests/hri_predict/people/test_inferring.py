@@ -7,10 +7,10 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person
 from hri_predict.people.body.inferred import Inference
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 COCO = load_joint_map("coco17")
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 HAND, WRIST, FOOT = (JOINTS.index(name) for name in ("l_hand", "l_wrist", "l_foot"))
 

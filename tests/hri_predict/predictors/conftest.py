@@ -19,13 +19,13 @@ from hri_predict.predictors.neural.network import (
 )
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import save_weights
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 
 @pytest.fixture(scope="session")
 def standing() -> Floats:
     """(21, 3) canonical joints of somebody who stands at the origin and faces along x."""
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     return body.joints(body.standing(np.zeros(2), 0.0))
 
 

@@ -9,10 +9,10 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.opening import opened
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 LYING = (BODY - BODY[0]) @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]).T + [2.0, 0.3, 0.2]
 

@@ -19,9 +19,9 @@ from hri_predict.recording.formats.bvh_writer import zxy_degrees
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.opening import open_recording, opened
 from hri_predict.recording.recording import Recording
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 TRUE = np.array([_WHO.joints(_WHO.standing(np.array([0.02 * k, 0.1]), 0.0)) for k in range(20)])
 EXACT = {"csv": 1e-5, "trc": 1e-5, "c3d": 1e-5, "amass": 1e-4, "bvh": 1e-4}
 """Metres: the formats round to 1 um or are 32-bit floats, of a few metres in the file's unit."""
@@ -210,6 +210,6 @@ def test_a_scale_that_no_unit_explains_gets_no_remedy_that_does_not_work(tmp_pat
 
 @pytest.mark.parametrize("height", [1.35, 1.5, 1.75, 2.0, 2.1])
 def test_adults_are_not_refused(tmp_path, height):
-    who = SimulatedBody(height)
+    who = Body(height)
     body = who.joints(who.standing(np.array([1.0, 0.0]), 0.3))
     assert opened(written(tmp_path, "csv", np.array([body] * 5)))

@@ -14,7 +14,7 @@ from hri_predict.recording.formats.csv_table import write_csv
 from hri_predict.recording.recording import recording_of_one
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from tests.hri_predict.people.test_inferring import sent
 
 RATE_HZ, SECONDS = 30.0, 6.0
@@ -35,7 +35,7 @@ class Watch(View):
 def walk(tmp_path_factory) -> Path:
     """A COCO tracker's file: somebody glides from 4.5 m to 1.5 m from the arm; 2 cm noise."""
     rng = np.random.default_rng(5)
-    who, frames = SimulatedBody(1.75), round(RATE_HZ * SECONDS)
+    who, frames = Body(1.75), round(RATE_HZ * SECONDS)
     at = 4.5 - np.minimum(np.arange(frames) / RATE_HZ, 3.0)
     bodies = [who.joints(who.standing(np.array([x, 0.2]), np.pi)) for x in at]
     raw = np.array([sent(body).positions for body in bodies])

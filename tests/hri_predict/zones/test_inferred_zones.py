@@ -20,13 +20,13 @@ from hri_predict.zones.human_speed import velocities_in
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.zones.conftest import scale_of
 from tests.hri_predict.zones.test_body_zones import snapshot_of
 
 RATE_HZ, STEPS = 25.0, 25
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 COCO = load_joint_map("coco17").mapped
 # one scale for all: what the network reads of other joints is not what is tested here

@@ -6,7 +6,7 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_sim.faults.occlusion import Occlusion
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 MS = 1_000_000
 CAMERA = [-5.0, 0.0, 2.0]
@@ -15,7 +15,7 @@ J = len(JOINTS)
 
 
 def stands(number, x, y):
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     joints = body.joints(body.standing(np.array([x, y]), 0.0))
     return Person(number, joints, np.ones(J, bool))
 

@@ -11,7 +11,7 @@ from hri_predict.base.settings import validated
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts import registry
 from hri_predict.contracts.scene import Person, Scene
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from hri_sim.senders.stream_ends import JsonEnd, MvnTcpEnd, MvnUdpEnd, SerialEnd, WebSocketEnd
 from hri_sim.senders.zenoh import ZenohEnd
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.realtime
 
 ENDS = (JsonEnd, WebSocketEnd, MvnUdpEnd, MvnTcpEnd, SerialEnd, ZenohEnd)
 COUNT = 12
-_BODY = SimulatedBody(1.75)
+_BODY = Body(1.75)
 STANDING = _BODY.joints(_BODY.standing(np.array([1.7, 0.2]), np.pi))
 
 

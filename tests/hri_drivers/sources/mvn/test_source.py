@@ -13,13 +13,13 @@ from hri_predict.base.settings import validated
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts import registry
 from hri_predict.contracts.scene import Scene
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from hri_sim.senders import mvn as mvn_sender
 
 pytestmark = pytest.mark.realtime
 
 Hear = Callable[..., Any]
-_BODY = SimulatedBody(1.75)
+_BODY = Body(1.75)
 
 
 def joints_at(x: float, y: float) -> Floats:

@@ -16,10 +16,10 @@ from hri_predict.contracts.joint_map import METRES_PER_UNIT, load_joint_map
 from hri_predict.people.body.axes import all_axes
 from hri_predict.people.body.posture_watch import Verdict
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 J = len(JOINTS)
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
 TRUTH = Pose(xyz=[-0.5, 0.0, 1.8], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
 SOURCE_FROM_ROOM = np.asarray(np.linalg.inv(TRUTH.matrix()), np.float64)

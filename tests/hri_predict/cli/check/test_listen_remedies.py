@@ -18,9 +18,9 @@ from hri_predict.cli.check import listen
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.people.body.axes import all_axes
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 POSE = Pose(xyz=[0.4, -0.2, 1.1], quaternion_xyzw=[0.0, 0.13, 0.0, 0.9915])
 BODY: Any = _WHO.joints(_WHO.standing(np.array([2.5, 0.6]), 2.0))
 FROM_ROOM: Any = np.linalg.inv(POSE.matrix())

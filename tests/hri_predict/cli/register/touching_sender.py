@@ -20,14 +20,14 @@ import numpy as np
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 TRUTH = Pose(xyz=[-1.5, 0.4, 2.2], quaternion_xyzw=[-0.0393, 0.2466, 0.0149, 0.9682])
 """Of the camera in the room: looks down by 29 degrees, and is rolled a little."""
 NOISE_M = 0.03
 OUTLIERS = 0.05
 COCO = load_joint_map("coco17")
-WHO = SimulatedBody(1.75)
+WHO = Body(1.75)
 
 
 def joints(wrist: np.ndarray, stands: bool) -> np.ndarray:

@@ -12,11 +12,11 @@ from hri_predict.lab.calibration.inferred import HELD, fit, fitted, recordings, 
 from hri_predict.people.body import inferred
 from hri_predict.people.body.inferred import SHAPES, Inference
 from hri_sim.bench.command.joint_maps import joint_maps
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 needs_data = pytest.mark.skipif(not (DATA / "motion").exists(), reason="needs ../shared/data")
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.4))
 
 

@@ -19,7 +19,7 @@ from hri_predict.contracts import registry
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.library.conformance.checks import run_checks
 from hri_predict.library.conformance.sources import CHECKS, SourcePart, check_source
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.senders.live_ends import LIVE_ENDS
 
@@ -63,7 +63,7 @@ def test_every_source_is_checked_here():
 )
 def test_a_source_that_hears_a_sender_keeps_its_contract(end, tmp_path):
     sender = LIVE_ENDS[end](tmp_path)
-    body = SimulatedBody(1.75)
+    body = Body(1.75)
     joints = body.joints(body.standing(np.zeros(2), 0.0))
     over = threading.Event()
 

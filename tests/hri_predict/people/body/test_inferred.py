@@ -14,12 +14,12 @@ from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.lab.calibration.inferred import read_poses
 from hri_predict.lab.datasets.splits import in_pack, split
 from hri_predict.people.body.inferred import Inference
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
 MAPS = [name for name in map_names() if name != "bvh"]
 ALL = np.ones(len(JOINTS), bool)
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 
 

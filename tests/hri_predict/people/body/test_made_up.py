@@ -13,12 +13,12 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Sent
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.opening import open_recording
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 RATE_HZ = 30
 ALL = np.ones(len(JOINTS), bool)
 MOTION = Path(__file__).resolve().parents[5] / "shared" / "data" / "motion"
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 NOISES = pytest.mark.parametrize(
     "noise_m", [0.004, *(pytest.param(other, marks=pytest.mark.long) for other in (0.0, 0.01))]
 )

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.people.body.posture import Posture, posture_of, shows_down
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 J = len(JOINTS)
 ALL = np.ones(J, bool)
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.4))
 SWAPPED = np.arange(J)
 for left, right in CANONICAL.left_right_pairs:

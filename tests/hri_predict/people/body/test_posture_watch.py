@@ -14,13 +14,13 @@ from hri_predict.people.body.posture_watch import PostureWatch, Verdict
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Seen
 from hri_predict.protocol.reasons import Reason
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 J = len(JOINTS)
 ALL = np.ones(J, bool)
 COCO = ~np.isin(JOINTS, ("torso", "head_top", "l_hand", "r_hand", "l_foot", "r_foot"))
 UPPER = np.array([n[2:] not in ("knee", "ankle", "foot", "hip") for n in JOINTS])
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 TURNS = []
 for order in itertools.permutations(range(3)):

@@ -7,11 +7,11 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.protocol.reasons import Reason
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 J = len(JOINTS)
 ALL = np.ones(J, bool)
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 
 

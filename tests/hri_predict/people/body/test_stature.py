@@ -6,13 +6,13 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
 SEEN = np.ones(len(JOINTS), bool)
 
 
 def bodies(height=1.75):
-    who = SimulatedBody(height)
+    who = Body(height)
     return [(who.joints(who.standing(np.array([x, 0.0]), x)), SEEN) for x in (0.0, 1.0)]
 
 

@@ -6,9 +6,9 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
 from hri_predict.people.body.unseen import at_origin, out_of_reach
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 1.0]), 0.3))
 ALL = np.ones(len(JOINTS), bool)
 ARM = [JOINTS.index(name) for name in ("l_elbow", "l_wrist", "l_hand")]
@@ -38,7 +38,7 @@ def test_of_two_joints_that_contradict_each_other_neither_is_believed():
 
 @pytest.mark.parametrize("height", [1.0, 1.5, 2.0])
 def test_true_bodies_are_believed(height):
-    who = SimulatedBody(height)
+    who = Body(height)
     joints = who.joints(who.standing(np.array([2.0, 1.0]), 0.3))
     noise = np.random.default_rng(0).normal(0, 0.02, joints.shape)
     assert not out_of_reach(joints + noise, ALL).any()

@@ -6,12 +6,12 @@ import pytest
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.recording.opening import open_recording
-from hri_sim.people.body import SimulatedBody
+from hri_sim.people.body import Body
 from tests.cases import CASES
 from tests.hri_predict.recording.test_plausibility import written
 
 FILES = CASES / "files"
-_WHO = SimulatedBody(1.75)
+_WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([2.0, 0.3]), 0.4))
 WRIST = JOINTS.index("l_wrist")
 needs_cases = pytest.mark.skipif(not FILES.is_dir(), reason=f"needs {FILES}")
