@@ -9,6 +9,7 @@ import hri_predict
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording.recording import recording_of
+from hri_predict.zones.radii import Radii
 from hri_sim.people.body import Body
 
 RATE_HZ = 30.0
@@ -89,3 +90,13 @@ def test_other_settings_have_no_calibration_and_other_rates_are_refused(recordin
     other = hri_predict.load_predictor("constant_velocity", rate_hz=50)
     with pytest.raises(ConfigError, match="25 steps per second"):
         next(hri_predict.forecasts(recording, other, calibration))
+
+
+def test_nine_tenths_of_a_normal_distribution_lie_within_the_calibrated_radius(
+    recording, monkeypatch
+):
+    monkeypatch.setattr(Radii, "of", lambda _self, _speed, about: np.ones(about.forecast.shape[:3]))
+    std = float(found_in(recording)[-1].std.max())
+    errors = np.random.default_rng(0).normal(0.0, std, (100_000, 3))
+    within = (np.linalg.norm(errors, axis=-1) <= 1.0).mean()
+    assert within == pytest.approx(0.9, abs=0.005)  # five standard errors of a share of 100,000
