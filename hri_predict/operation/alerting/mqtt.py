@@ -10,6 +10,7 @@ import contextlib
 import json
 import secrets
 import socket
+import ssl
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
@@ -193,7 +194,10 @@ class MqttSender(Sender):
             client.connect(self._settings.host, self._settings.open_port, KEEPALIVE_S)
         except (OSError, ValueError) as error:
             self._drop()
-            raise SendError(f"cannot connect: {said(error)}") from error
+            hint = ""
+            if self._settings.tls and isinstance(error, ssl.SSLError | ConnectionResetError):
+                hint = "; a broker without TLS needs 'tls: false' and its port (mostly 1883)"
+            raise SendError(f"cannot connect: {said(error)}{hint}") from error
         client.loop_start()
         in_time = answered.wait(self._settings.timeout_s)
         code = self._budget.connack

@@ -191,6 +191,13 @@ def test_a_password_and_tls(tmp_path, subscribe):
             sender(tmp_path, port, **tls).send(alert(), 0)
 
 
+def test_a_broker_without_tls_is_told_apart_and_the_remedy_works(tmp_path):
+    with broker(tmp_path) as port:
+        with pytest.raises(SendError, match="a broker without TLS needs 'tls: false'"):
+            sender(tmp_path, port, tls=True).send(alert(), 0)
+        sender(tmp_path, port, tls=False).send(alert(), 0)
+
+
 def test_a_trial_tells_nothing_of_robots_or_of_the_node(tmp_path, subscribe):
     with broker(tmp_path) as port:
         watching = subscribe(port)
