@@ -1,0 +1,104 @@
+"""Shares of calibrated radii that count towards a robot: ``zones.toward``.
+
+The quantile of e.n over the radius, divided by that of \\|e\\| over the radius: what a radius holds in
+all directions, its share holds in a direction of each class. Directions are drawn at random,
+nearly horizontal and steep, and along the forecast's motion, where errors are largest. Recordings
+have equal weights, as in ``conformal``.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.geometry import norm
+from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS, of_equals
+from hri_predict.zones.learned_scale import KNOT_STEPS
+from hri_predict.zones.motion_class import SPEED_CLASSES
+from hri_predict.zones.settings import LEVELS
+from hri_predict.zones.toward import BINS, direction_class, ways
+
+_FLAT = 0.3
+"""Standard deviation of the vertical part of a nearly horizontal direction."""
+_LEAST_SHARE = 0.2
+_SOME = 30
+"""Values of a recording in a class; fewer say nothing about a tail."""
+
+
+class Missed(NamedTuple):
+    """The errors of one recording. W windows, H steps, J joints.
+
+    Attributes:
+        error_m: (W, H, J, 3) true less forecast places; NaN where not known.
+        moved_m: (W, H, J, 3) forecast places less the places at the capture.
+        radius_m: (L, W, H, J) at each of ``LEVELS``.
+        fast: (W,) speed class.
+    """
+
+    error_m: Floats
+    moved_m: Floats
+    radius_m: Floats
+    fast: Ints
+
+
+def toward_shares(recordings: Sequence[Missed], seed: int = 0) -> Floats:
+    """Return (L, 3, H, ``BINS``), 1 where too few recordings show a class."""
+    rng = np.random.default_rng(seed)
+    steps = recordings[0].error_m.shape[1]
+    knots = [k - 1 for k in KNOT_STEPS if k <= steps]
+    table = np.ones((len(LEVELS), len(SPEED_CLASSES), steps, BINS))
+    for knot, step in enumerate(knots):
+        drawn = [_drawn(each, step, rng) for each in recordings]
+        until = knots[knot + 1] if knot + 1 < len(knots) else steps
+        for level, stated in enumerate(LEVELS):
+            for c in range(len(SPEED_CLASSES)):
+                table[level, c, step:until] = _shares([d[c] for d in drawn], level, stated)
+    # a step between two knots gets the larger share of both
+    later = table.copy()
+    for first, second in zip(knots, knots[1:], strict=False):
+        later[:, :, first:second] = np.maximum(
+            table[:, :, first:second], table[:, :, second : second + 1]
+        )
+    later[:, :, : knots[0]] = 1.0
+    return later
+
+
+_ByDirection = tuple[Floats, Floats, Ints]
+"""(L, N) the error's size over the radius; (L, M) its part in a direction; (M,) classes."""
+
+
+def _drawn(of: Missed, step: int, rng: np.random.Generator) -> list[_ByDirection]:
+    """By speed class."""
+    known = np.isfinite(of.error_m[:, step]).all(-1) & np.isfinite(of.radius_m[:, :, step]).all(0)
+    found = []
+    for c in range(len(SPEED_CLASSES)):
+        window, joint = np.nonzero(known & (of.fast == c)[:, None])
+        error, way = of.error_m[window, step, joint], ways(of.moved_m[window, step, joint])
+        radius = of.radius_m[:, window, step, joint]
+        flat = rng.normal(size=error.shape) * [1.0, 1.0, _FLAT]
+        steep = rng.normal(size=error.shape) * [0.5, 0.5, 1.0]
+        moving = norm(way) > 0.5
+        directions = np.concatenate([flat, steep, way[moving]])
+        directions /= np.maximum(norm(directions), 1e-9)[:, None]
+        errors = np.concatenate([error, error, error[moving]])
+        of_ways = np.concatenate([way, way, way[moving]])
+        radii = np.concatenate([radius, radius, radius[:, moving]], axis=1)
+        part = np.einsum("ni,ni->n", errors, directions) / radii
+        found.append((norm(error) / radius, part, direction_class(directions, of_ways)))
+    return found
+
+
+def _shares(drawn: Sequence[_ByDirection], level: int, stated: float) -> Floats:
+    """(``BINS``,) of one level, speed class and step."""
+    result = np.ones(BINS)
+    whole = [size[level] for size, _, _ in drawn if size.shape[1] >= _SOME]
+    if len(whole) < LEAST_RECORDINGS:
+        return result
+    ball = of_equals(whole, stated)
+    for which in range(BINS):
+        parts = [part[level, of == which] for _, part, of in drawn]
+        parts = [part for part in parts if part.size >= _SOME]
+        if len(parts) >= LEAST_RECORDINGS:
+            result[which] = np.clip(of_equals(parts, stated) / ball, _LEAST_SHARE, 1.0)
+    return result
