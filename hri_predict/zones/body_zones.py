@@ -201,7 +201,9 @@ class ZoneBuilder:
         )
         zones, ends, extra = self._segments(joints.mid, joints.radius, joints.joint_age)
         zones = self._where_lost(zones, snapshot, capture_ns)
-        toward = self.joints.toward(snapshot, forecast, joints, trust, velocities)
+        toward = self.joints.toward(
+            snapshot, forecast, spheres=joints, trust=trust, velocities=velocities
+        )
         if toward is not None:
             here = len(snapshot.ids)
             toward = toward._replace(ends=ends[:here], extra=extra[:here])

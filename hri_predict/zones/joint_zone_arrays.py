@@ -51,7 +51,7 @@ def spheres_by_arrays(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Spher
     known = inferred.copy()  # what the radii hold already
     known[:, 1:] = np.where((follows & ahead.judged)[:, None], 0.0, inferred[:, 1:])
     if rule.calibrated or follows.any():
-        mid, radius = _cut((path, around), bodies, follows, (until, rule), known)
+        mid, radius = _cut((path, around, known), bodies, follows, (until, rule))
     else:
         mid, radius = path, around + known
     return mid, radius, path, inflation + inferred, joint_age
@@ -117,11 +117,10 @@ def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
 
 
 def _cut(
-    spheres: tuple[Floats, Floats],
+    spheres: tuple[Floats, Floats, Floats],
     bodies: CapturedBodies,
     follows: Bools,
     when: tuple[Floats, Rule],
-    more: Floats,
 ) -> tuple[Floats, Floats]:
     """Cut to what a body can do; entry 0 stays as captured.
 
@@ -129,7 +128,7 @@ def _cut(
     speeds hold fewer bodies than calibrated zones. Without a calibration, joints that follow no
     forecast keep the standard's speeds.
     """
-    mid, radius = spheres
+    mid, radius, more = spheres
     until, rule = when
     people = len(bodies.unknown)
     inferred, last = bodies.inferred[:people], bodies.last[:people]

@@ -174,6 +174,7 @@ class JointZones:
         self,
         snapshot: PeopleSnapshot,
         forecast: Forecast | None,
+        *,
         spheres: JointSpheres,
         trust: Trust | None,
         velocities: Velocities,

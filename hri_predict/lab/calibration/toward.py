@@ -1,11 +1,12 @@
 """Shares of calibrated radii that count towards a robot: ``zones.toward``.
 
-The quantile of e.n over the radius, divided by that of \\|e\\| over the radius: what a radius holds in
-all directions, its share holds in a direction of each class. Directions are drawn at random,
-nearly horizontal and steep, and along the forecast's motion, where errors are largest. Recordings
-have equal weights, as in ``conformal``.
+The quantile of e.n over the radius, divided by that of e's length over the radius: what a radius
+holds in all directions, its share holds in a direction of each class. Directions are drawn at
+random, nearly horizontal and steep, and along the forecast's motion, where errors are largest.
+Recordings have equal weights, as in ``conformal``.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -56,10 +57,9 @@ def toward_shares(recordings: Sequence[Missed], seed: int = 0) -> Floats:
                 table[level, c, step:until] = _shares([d[c] for d in drawn], level, stated)
     # a step between two knots gets the larger share of both
     later = table.copy()
-    for first, second in zip(knots, knots[1:], strict=False):
-        later[:, :, first:second] = np.maximum(
-            table[:, :, first:second], table[:, :, second : second + 1]
-        )
+    for first, second in itertools.pairwise(knots):
+        at_second = table[:, :, second : second + 1]
+        later[:, :, first:second] = np.maximum(table[:, :, first:second], at_second)
     later[:, :, : knots[0]] = 1.0
     return later
 

@@ -173,7 +173,8 @@ class BodyModel:
         if found is None:
             of = np.repeat(mask, 3)
             across = self._wide[:, of]
-            inverse = np.linalg.inv(self._wide[np.ix_(of, of)] + NOISE_M**2 * np.eye(of.sum()))
+            seen = self._wide[np.ix_(of, of)] + NOISE_M**2 * np.eye(int(of.sum()))
+            inverse = np.linalg.inv(seen).astype(np.float64)
             gain = across @ inverse
             left = np.diag(self._wide) - np.einsum("im,im->i", gain, across)
             deviation = np.sqrt(np.maximum(left, 0.0).reshape(-1, 3).sum(1))

@@ -121,7 +121,7 @@ class BodiesInTime:
             enough_m = np.full(len(first[0]), np.inf)
         courses = *first, count, enough_m
         return NearestInTime(
-            *search(self._people, self._spheres, _plain(robot), courses, self._toward)
+            *search((self._people, self._spheres, self._toward), _plain(robot), courses)
         )
 
 

@@ -20,8 +20,8 @@ import numpy as np
 from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.geometry import Capsules, Xyz, axis_distance
 from hri_predict.base.machine.compiled import kernel, part
-from hri_predict.zones.loops.spheres import UNSEEN
-from hri_predict.zones.toward import BINS, COSINES, STEEP, Toward
+from hri_predict.risk.separation.extent import extent
+from hri_predict.zones.toward import Toward
 
 ROUNDING_M = 1e-9
 """Pairs within this of a bound are kept: two orders of addition may differ in the last bit."""
@@ -36,6 +36,9 @@ Arrays = tuple[Floats, Floats, Floats]
 """Ends a and b and radius of capsules."""
 Spheres = tuple[Floats, Floats]
 """See ``spheres_of``."""
+Bodies = tuple[Arrays, Spheres, Toward]
+"""(P, K, S) capsules, their spheres, and the support of the first people (``NOTHING``: capsules
+alone)."""
 CourseRows = tuple[Ints, Ints, Ints, Floats]
 """(G,) each: the bodies' step with which a course begins; the robot's place then, which moves on by
 one with each step; how many steps, one at least; and which larger distances need not be known."""
@@ -99,22 +102,19 @@ spheres_of = kernel(_spheres_by_loops, _spheres_by_arrays)
 
 
 @np.errstate(invalid="ignore")  # numbers that are not finite are handled below
-def _search_by_arrays(
-    people: Arrays, spheres: Spheres, robot: Arrays, courses: CourseRows, toward: Toward
-) -> Found:
+def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
     """The least distance along each of G courses, and the first pair that has it.
 
     Args:
-        people: (P, K, S) capsules, step by step.
-        spheres: of them.
+        bodies: of people, step by step.
         robot: (Q, C) capsules at Q places.
         courses: see ``CourseRows``.
-        toward: of the first people; ``NOTHING``: capsules alone.
 
     Returns:
         Where nothing is as near as ``enough``, that and the first pair of all. If anything in a
         course is not finite, its distance is minus infinity.
     """
+    people, spheres, toward = bodies
     first_step, first_place, count, enough_m = courses
     radius, robot_radius = people[2], robot[2]
     persons, steps, segments = radius.shape
@@ -125,7 +125,7 @@ def _search_by_arrays(
     within = np.arange(len(group)) - np.repeat(starts, count)
     step, place = first_step.take(group) + within, first_place.take(group) + within
     rows = _rows(Capsules(*people))
-    bodies = spheres[0].reshape(5, persons * steps, segments)
+    balls = spheres[0].reshape(5, persons * steps, segments)
     robot_rows = _rows(Capsules(*robot))  # (7, Q C)
     parts = _spheres(robot_rows)
 
@@ -137,7 +137,7 @@ def _search_by_arrays(
     least = least.reshape(links * persons, -1)
     c, p = np.divmod(least.argmin(0), persons)
     likely_part = parts.take(place * links + c, axis=1)[..., None]
-    likely_body = bodies.take(p * steps + step, axis=1)
+    likely_body = balls.take(p * steps + step, axis=1)
     first = _at_most(likely_part, likely_body).min(1)
     capsules_alone = not len(toward.extra)
     limit = enough_m + ROUNDING_M
@@ -149,7 +149,7 @@ def _search_by_arrays(
 
     # Their segments: (n, S).
     part_at, body_at = place.take(row) * links + c, p * steps + step.take(row)
-    link, body = parts.take(part_at, axis=1)[..., None], bodies.take(body_at, axis=1)
+    link, body = parts.take(part_at, axis=1)[..., None], balls.take(body_at, axis=1)
     most = _at_most(link, body)
     if len(of) and capsules_alone:
         starts, some = _groups(of)
@@ -165,7 +165,7 @@ def _search_by_arrays(
         known = np.flatnonzero(who[0] < len(toward.extra))
         at = who[0][known], step.take(row).take(n)[known], s[known]
         exact[known] = [
-            _gap(people, (p_, k_, s_), link, toward, least)
+            _gap(bodies, (p_, k_, s_), link, least)
             for p_, k_, s_, link, least in zip(
                 *at, link_rows[:, known].T, exact[known], strict=True
             )
@@ -173,12 +173,9 @@ def _search_by_arrays(
     return _nearest(exact, of.take(n), enough_m, who)
 
 
-def _search_by_loops(
-    people: Arrays, spheres: Spheres, robot: Arrays, courses: CourseRows, toward: Toward
-) -> Found:
-    radius = people[2]
+def _search_by_loops(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
+    (_, _, radius), (each, around), _ = bodies
     robot_a, robot_b, robot_radius = robot
-    each, around = spheres
     first_step, first_place, count, enough_m = courses
     persons, segments = radius.shape[0], radius.shape[2]
     places, links = robot_radius.shape
@@ -204,7 +201,7 @@ def _search_by_loops(
         # distances, the first step counts, and the first pair in it.
         p, s, c, last = who[0, g - 1], who[1, g - 1], who[2, g - 1], count[g] - 1
         k, q = first_step[g] + last, first_place[g] + last
-        bound = _apart_exactly(people, (p, k, s), robot, (q, c), toward)
+        bound = _apart_exactly(bodies, (p, k, s), robot, (q, c))
         bound = min(best, bound) if isfinite(bound) else best
         for back in range(count[g]):
             within = count[g] - 1 - back
@@ -230,7 +227,7 @@ def _search_by_loops(
                     for s in range(segments):
                         if far[s] > 0.0:  # not if NaN
                             continue
-                        exact = _apart_exactly(people, (p, k, s), robot, (q, c), toward)
+                        exact = _apart_exactly(bodies, (p, k, s), robot, (q, c))
                         if not isfinite(exact):
                             exact = -inf
                         if exact < best or (exact == best and k != best_step):
@@ -242,12 +239,12 @@ def _search_by_loops(
 
 @part
 def _apart_exactly(
-    people: Arrays, body: tuple[int, int, int], robot: Arrays, part: tuple[int, int], toward: Toward
+    bodies: Bodies, body: tuple[int, int, int], robot: Arrays, part: tuple[int, int]
 ) -> float:
     """The distance of a segment at (person, step, segment) and a link at (place, link)."""
     p, k, s = body
     q, c = part
-    a, b, radius = people
+    (a, b, radius), _, toward = bodies
     robot_a, robot_b, robot_radius = robot
     x, y, z = _axis_gap(a[p, k, s], b[p, k, s], robot_a[q, c], robot_b[q, c])
     size = sqrt(x * x + y * y + z * z)
@@ -257,36 +254,9 @@ def _apart_exactly(
     x, y, z = -x / size, -y / size, -z / size
     near = robot_a[q, c, 0] * x + robot_a[q, c, 1] * y + robot_a[q, c, 2] * z
     end = robot_b[q, c, 0] * x + robot_b[q, c, 1] * y + robot_b[q, c, 2] * z
-    far = _extent(toward, body, (x, y, z))
+    far = extent(toward, body, (x, y, z))
     gap = min(near, end) - robot_radius[q, c] - far
     return max(exact, gap) if isfinite(gap) else exact
-
-
-@part
-def _extent(toward: Toward, body: tuple[int, int, int], n: tuple[float, float, float]) -> float:
-    """How far a segment extends along a unit vector, from the room's origin."""
-    p, k, s = body
-    x, y, z = n
-    most = -inf
-    for i in range(2):
-        j = toward.ends[p, s, i]
-        mid, path, way = toward.mid[p, k, j], toward.path[p, k, j], toward.way[p, k, j]
-        ball = mid[0] * x + mid[1] * y + mid[2] * z + toward.radius[p, k, j]
-        cosine = way[0] * x + way[1] * y + way[2] * z
-        if abs(z) > STEEP:
-            which = BINS - 1
-        elif not way[0] * way[0] + way[1] * way[1] + way[2] * way[2] > 0.25:
-            which = 0
-        else:
-            which = 1
-            for edge in COSINES:
-                which += cosine >= edge
-        claim, within = toward.claim[p, k, j] * toward.shares[p, k, which], toward.within[p, j]
-        if within > 0.0:
-            claim = UNSEEN * sqrt(claim * claim + within * within)
-        ahead = path[0] * x + path[1] * y + path[2] * z + toward.rest[p, k, j] + claim
-        most = max(most, min(ball, ahead))
-    return most + toward.extra[p, s]
 
 
 @part
@@ -325,11 +295,9 @@ search = kernel(_search_by_loops, _search_by_arrays)
 # -- arrays ----------------------------------------------------------------------------------------
 
 
-def _gap(
-    people: Arrays, body: tuple[int, int, int], link: Floats, toward: Toward, capsules_m: float
-) -> float:
+def _gap(bodies: Bodies, body: tuple[int, int, int], link: Floats, capsules_m: float) -> float:
     """``_apart_exactly`` of a link in rows (7,); the capsules' distance is known."""
-    a, b, _ = people
+    (a, b, _), _, toward = bodies
     start, end = link[:3], link[:3] + link[3:6]
     x, y, z = _axis_gap(a[body], b[body], start, end)
     size = sqrt(x * x + y * y + z * z)
@@ -337,7 +305,7 @@ def _gap(
         return capsules_m
     n = -x / size, -y / size, -z / size
     near = min(float(start @ n), float(end @ n))
-    gap = near - float(link[6]) - _extent(toward, body, n)
+    gap = near - float(link[6]) - extent(toward, body, n)
     return max(capsules_m, gap) if isfinite(gap) else capsules_m
 
 
