@@ -27,9 +27,9 @@ def make(
     as_json: bool,
 ) -> None:
     """Calibrate, write the file and say what it rests on."""
-    from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS
     from hri_predict.lab.calibration.conformal import calibrate as conformal
     from hri_predict.lab.calibration.levels import levels_text
+    from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS
     from hri_predict.zones.calibration import identity
     from hri_predict.zones.motion_class import SPEED_CLASSES
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
-from hri_predict.lab.calibration.conformal import of_equals
+from hri_predict.lab.calibration.quantiles import of_equals
 from hri_predict.people.body.body_model import BodyModel, HeadingFrame
 
 HELD = 0.99

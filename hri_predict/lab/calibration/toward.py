@@ -8,16 +8,21 @@ Recordings have equal weights, as in ``conformal``.
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.geometry import norm
-from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS, of_equals
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS, of_equals
+from hri_predict.lab.calibration.scores import Scores, evidence_of, units
+from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.learned_scale import KNOT_STEPS
-from hri_predict.zones.motion_class import SPEED_CLASSES
-from hri_predict.zones.settings import LEVELS
+from hri_predict.zones.motion_class import SPEED_CLASSES, speed_class
+from hri_predict.zones.radii import Radii
+from hri_predict.zones.settings import LEVELS, CoverageSettings
 from hri_predict.zones.toward import BINS, direction_class, ways
 
 _FLAT = 0.3
@@ -25,6 +30,23 @@ _FLAT = 0.3
 _LEAST_SHARE = 0.2
 _SOME = 30
 """Values of a recording in a class; fewer say nothing about a tail."""
+
+
+def with_toward(
+    calibration: Calibration, scores: Sequence[Scores], skeleton: Skeleton
+) -> Calibration:
+    """The calibration with the shares of its radii by direction.
+
+    Args:
+        calibration: of the predictor that was scored.
+        scores: of the recordings that it was made with.
+        skeleton: of the forecasts.
+    """
+    by_name = [
+        _joined([missed(scores[i], calibration, skeleton) for i in own])
+        for own in units(scores).values()
+    ]
+    return replace(calibration, toward=toward_shares(by_name))
 
 
 class Missed(NamedTuple):
@@ -41,6 +63,55 @@ class Missed(NamedTuple):
     moved_m: Floats
     radius_m: Floats
     fast: Ints
+
+
+def missed(scored: Scores, calibration: Calibration, skeleton: Skeleton) -> Missed:
+    """The errors of one presence, and what the calibration states for them."""
+    steps = min(scored.forecast.shape[1], calibration.steps)
+    whole, evidence = replace(calibration, toward=None), evidence_of(scored)
+    radius_m = [
+        Radii(whole, CoverageSettings(level=level), skeleton, scored.forecast.shape[1]).of(
+            scored.speed_m_s, evidence
+        )[:, :steps]
+        for level in LEVELS
+    ]
+    forecast, now = scored.forecast[:, :steps], scored.history[:, -1:]
+    error = truth_at(scored, steps, calibration.rate_hz) - forecast
+    error[~np.broadcast_to(scored.observed[:, -1:], error.shape[:-1])] = np.nan
+    # of unknown speed is who has just appeared; zones take the largest share of all classes then
+    known = ~np.isnan(scored.speed_m_s)
+    return Missed(
+        error[known],
+        (forecast - now)[known],
+        np.stack(radius_m)[:, known],
+        speed_class(scored.speed_m_s[known]),
+    )
+
+
+def truth_at(scored: Scores, steps: int, rate_hz: float) -> Floats:
+    """(W, H, J, 3) true places at the forecasts' steps, between captures; NaN where not known."""
+    stamps, positions = scored.truth.stamps_ns, scored.truth.positions
+    ahead_ns = np.round(np.arange(1, steps + 1) * 1e9 / rate_hz).astype(np.int64)
+    at = scored.origin_ns[:, None] + ahead_ns
+    after = stamps.searchsorted(at)
+    inside = (after > 0) & (after < len(stamps))
+    after = np.clip(after, 1, len(stamps) - 1)
+    part = (at - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
+    between = positions[after - 1] + part[..., None, None] * (
+        positions[after] - positions[after - 1]
+    )
+    seen = scored.truth.observed[after - 1] & scored.truth.observed[after] & inside[..., None]
+    return np.where(seen[..., None], between, np.nan)
+
+
+def _joined(parts: Sequence[Missed]) -> Missed:
+    error, moved, radius, fast = zip(*parts, strict=True)
+    return Missed(
+        np.concatenate(error),
+        np.concatenate(moved),
+        np.concatenate(radius, axis=1),
+        np.concatenate(fast),
+    )
 
 
 def toward_shares(recordings: Sequence[Missed], seed: int = 0) -> Floats:
