@@ -226,7 +226,8 @@ class ZoneBuilder:
                 [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
             ),
             as_assumed=np.append(
-                speeds.within_standard,
+                speeds.within_standard
+                & ~self._speed_rule.peaked(snapshot.history, snapshot.measured, self._rate_hz),
                 np.zeros(len(snapshot.lost), np.bool_),
             ),
         )

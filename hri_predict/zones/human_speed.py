@@ -44,6 +44,9 @@ from hri_predict.zones.settings import HumanLimits
 SPAN_S = 0.2
 """Velocities are measured over this time before the newest capture."""
 
+PEAK_S = 1.0
+"""A person who was faster than the standard assumes is not taken for slow within this time."""
+
 GAIT = 4.0
 """Legs of walking people are seldom more than this much faster than their trunk: in 0 to 4 % of the
 ticks of recorded walks on even ground, in a quarter of them on uneven ground."""
@@ -268,6 +271,24 @@ class SpeedRule:
             beyond_standard_m_s=found[4],
         )
         return Moving(people, found[5], found[6])
+
+    def peaked(self, history: Floats, measured: Bools, rate_hz: float) -> Bools:
+        """(P,) whether trunk, head or an arm was faster than assumed in the last ``PEAK_S``.
+
+        Args:
+            history: (P, T, J, 3) metres.
+            measured: (P, T, J).
+            rate_hz: steps per second of the history.
+        """
+        span = max(1, round(SPAN_S * rate_hz))
+        kept = min(history.shape[1], round(PEAK_S * rate_hz) + 1)
+        if kept <= span:
+            return np.zeros(len(history), np.bool_)
+        places, seen = history[:, -kept:], measured[:, -kept:]
+        moved = norm(places[:, span:] - places[:, :-span]) * (rate_hz / span)
+        over = (moved > self._rule.assumed) & seen[:, span:] & seen[:, :-span] & ~self._rule.leg
+        found: Bools = np.asarray(over.any(axis=(1, 2)))
+        return found
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
         """Return the maximum speeds at which lost people go on.
