@@ -24,6 +24,7 @@ from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.ticks import Ticks, ticks_of
 from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.human_speed import joined_speeds
+from hri_predict.zones.toward import Toward
 from hri_sim.referee import TruePeople
 from hri_sim.simulation.approach import ApproachSource, exact
 from hri_sim.simulation.cell import Cell, Variant, with_risk
@@ -98,7 +99,7 @@ def _narrow(snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture) -> 
             ends[1:] = ends[0] + moved[:, nearest]
             spread = np.maximum(spread, sideways[:, nearest])
         radius[i, 1:] = own.radius[i, 0] + spread
-    return replace(bodies, zones=replace(zones, capsules=Capsules(a, b, radius)))
+    return replace(bodies, zones=replace(zones, capsules=Capsules(a, b, radius)), toward=None)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -267,6 +268,16 @@ def _moved_zones(bodies: BodyZones, matrix: Floats, person: int) -> BodyZones:
         bodies,
         zones=replace(zones, ids=tuple(i + person for i in zones.ids), capsules=capsules),
         paths=capsules if same else _moved_capsules(bodies.paths, matrix),
+        toward=None if bodies.toward is None else _moved_toward(bodies.toward, matrix),
+    )
+
+
+def _moved_toward(toward: Toward, matrix: Floats) -> Toward:
+    """Move the support over the floor; classes of steep directions stay what they are."""
+    return toward._replace(
+        mid=transform(matrix, toward.mid),
+        path=transform(matrix, toward.path),
+        way=toward.way @ matrix[:3, :3].T,
     )
 
 
@@ -317,11 +328,19 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         capture_ns=min(captures, default=None),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         claimed=None,  # it served its purpose when the zones were built
+        toward=_joined_toward([part.toward for part in parts if not part.lost.all()]),
         speeds=joined_speeds([part.speeds for part in parts]).of(order),
         segments_m_s=np.concatenate([part.segments_m_s for part in parts])[order],
         as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
     )
+
+
+def _joined_toward(parts: Sequence[Toward | None]) -> Toward | None:
+    known = [part for part in parts if part is not None]
+    if not known or len(known) < len(parts):
+        return None
+    return Toward._make(np.concatenate(rows) for rows in zip(*known, strict=True))
 
 
 def _joined_capsules(parts: Sequence[Capsules], order: NDArray[np.intp]) -> Capsules:
