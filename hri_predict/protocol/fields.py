@@ -12,6 +12,7 @@ ROBOT_STRIDE = 8  # frame numbers per robot, but for extra parts
 MAX_ROBOTS = 8  # on one link
 
 Rounding = Literal["nearest", "down", "up"]
+_SUFFIXES = {"": "", "m": "_m", "s": "_s", "m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +35,8 @@ class Field:
         bounded: a value beyond the range becomes "not available" instead of the nearest end,
             because the end would name another place or another thing.
         wraps: counts modulo 2^bits; every other number saturates.
+        flag: true if the raw value is 1; any other raw value means false.
+        attribute: its name in the message's class; by default the signal's, with the unit.
     """
 
     signal: str
@@ -48,6 +51,13 @@ class Field:
     optional: bool = False
     bounded: bool = False
     wraps: bool = False
+    flag: bool = False
+    attribute: str = ""
+
+    @property
+    def member(self) -> str:
+        """Name of the attribute of the message's class that holds the value."""
+        return self.attribute or self.signal.lower() + _SUFFIXES[self.unit]
 
     @property
     def not_available(self) -> int | None:
@@ -101,6 +111,7 @@ class Definition:
         per_robot: whether each robot has its own.
         sender: "node" or "controller".
         cycle_ms: usual period, for the DBC; 0 if event-driven.
+        priority: order in which waiting messages are sent, 0 first; those with items are the last.
         fields: fixed part of the payload.
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
         items_per_frame: maximum number of items in one frame.
@@ -115,6 +126,7 @@ class Definition:
     text: str
     sender: Literal["node", "controller"]
     cycle_ms: int
+    priority: int
     fields: tuple[Field, ...]
     per_robot: bool = False
     item: tuple[Field, ...] = ()
