@@ -114,6 +114,7 @@ class Definition:
         priority: order in which waiting messages are sent, 0 first; those with items are the last.
         fields: fixed part of the payload.
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
+        items: the attribute that holds the items, in the plural.
         items_per_frame: maximum number of items in one frame.
         classic: whether classic CAN carries it.
         extra: its last parts, as far as not every message has them.
@@ -130,6 +131,7 @@ class Definition:
     fields: tuple[Field, ...]
     per_robot: bool = False
     item: tuple[Field, ...] = ()
+    items: str = ""
     items_per_frame: int = 0
     classic: bool = True
     extra: tuple[Extra, ...] = ()
