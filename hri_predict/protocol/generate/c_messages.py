@@ -304,16 +304,16 @@ def printing() -> str:
         if d.item:
             lines.append(f"        for (unsigned i = 0; i < {held}.count; i++) {{")
             items = f"{held}.{d.items}[i]."
-            lines += [f"            {line}" for line in _printed(d.item, d, items, "_%u", "i, ")]
+            lines += [f"            {line}" for line in _printed(d.item, d, items)]
             lines.append("        }")
         lines.append("        break;")
     lines += ["    default:", "        break;", "    }", "}"]
     return "\n".join(lines) + "\n"
 
 
-def _printed(
-    fields: tuple[Field, ...], d: Definition, held: str, index: str = "", argument: str = ""
-) -> Iterator[str]:
+def _printed(fields: tuple[Field, ...], d: Definition, held: str) -> Iterator[str]:
+    """Yield a statement for each field; of an item with its number i."""
+    index, argument = ("_%u", "i, ") if fields is d.item else ("", "")
     for member, _, row in _members(fields, d):
         for i, f in enumerate(row):
             value = f"{held}{member}[{i}]" if len(row) > 1 else f"{held}{member}"

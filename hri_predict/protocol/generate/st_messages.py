@@ -1,7 +1,7 @@
 """What the structured text in ``drivers/plc`` takes from the definition.
 
 The block ``HRI_ADVICE_FIELDS``, which reads each field of an Advice, is written between two marks
-of ``hri_advice.st``. Constants with the names below are renewed wherever a block declares them. The
+of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them. The
 rest is written by hand.
 """
 
