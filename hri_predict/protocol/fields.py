@@ -12,7 +12,6 @@ ROBOT_STRIDE = 8  # frame numbers per robot, but for extra parts
 MAX_ROBOTS = 8  # on one link
 
 Rounding = Literal["nearest", "down", "up"]
-_SUFFIXES = {"": "", "m": "_m", "s": "_s", "m/s": "_m_s", "rad": "_rad", "rad/s": "_rad_s"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,7 +56,8 @@ class Field:
     @property
     def member(self) -> str:
         """Name of the attribute of the message's class that holds the value."""
-        return self.attribute or self.signal.lower() + _SUFFIXES[self.unit]
+        unit = f"_{self.unit.replace('/', '_')}" if self.unit else ""
+        return self.attribute or self.signal.lower() + unit
 
     @property
     def not_available(self) -> int | None:

@@ -1,7 +1,7 @@
 """The messages of the node in C: structures, decoding, and the printing of ``examples/decode.c``.
 
 Names are the signals' in lower case with the unit of one step: ``SPEED_LIMIT`` in steps of 1 mm/s
-is ``speed_limit_mm_s``. ``A_X``, ``A_Y``, ``A_Z`` become one array ``a_mm``.
+is ``speed_limit_mm_s``; ``A_X``, ``A_Y``, ``A_Z`` become one array ``a_mm``.
 """
 
 import re
@@ -24,7 +24,7 @@ ENUMS = {
 }
 """The part of the names of their values that follows ``HRI_``."""
 
-_UNITS = {("", 0): "", ("m", 1000): "_mm", ("s", 1000): "_ms", ("m/s", 1000): "_mm_s"}
+_PREFIXES = {1: "", 10: "d", 100: "c", 1000: "m", 1_000_000: "u"}
 _WIDTH = 100
 
 
@@ -36,7 +36,16 @@ def snake(definition: Definition) -> str:
 def name_of(field: Field, definition: Definition) -> str:
     """Name of a field in the structure of its message."""
     name = field.signal.removeprefix(f"{snake(definition)}_").lower()
-    return name + _UNITS[field.unit, field.scale]
+    return name + _unit(field)
+
+
+def _unit(field: Field) -> str:
+    """Ending of the name: the unit of one step, such as ``_mm_s``, or ``_steps`` if it has none."""
+    if not field.scale:
+        return ""
+    if not field.unit or field.scale not in _PREFIXES:
+        return "_steps"
+    return f"_{_PREFIXES[field.scale]}{field.unit.replace('/', '_')}"
 
 
 def bits_of(field: Field) -> int:
@@ -74,7 +83,7 @@ def _members(fields: tuple[Field, ...], d: Definition) -> Iterator[tuple[str, in
         axes = [f.signal[-1] for f in three]
         if axes == ["X", "Y", "Z"] and len(stems) == 1:
             stem = stems.pop().lower() or "position"
-            yield stem + _UNITS[three[0].unit, three[0].scale], start, three
+            yield stem + _unit(three[0]), start, three
         else:
             three = three[:1]
             yield name_of(fields[i], d), start, three
