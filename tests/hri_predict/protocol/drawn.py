@@ -100,10 +100,13 @@ def flat(value: Any) -> list[Any]:
 
 
 def assert_close(got: Any, want: Any) -> None:
-    """Equal but for the resolution: 1 mm, 1 ms, 1 mm/s, 0.25 mrad; rounding either way."""
+    """Equal but for the resolution of the message's coarsest field; rounding either way."""
     assert type(got) is type(want)
+    definition = BY_TYPE[type(want)]
+    steps = [f.resolution for f in (*definition.fields, *definition.item) if f.scale]
+    slack = max(steps, default=0.0) + 1e-8  # a decimal fraction is inexact in binary
     for a, b in zip(flat(got), flat(want), strict=True):
-        assert a == (pytest.approx(b, abs=0.001 + 1e-8) if isinstance(b, float) else b)
+        assert a == (pytest.approx(b, abs=slack) if isinstance(b, float) else b)
 
 
 def joined(messages: list[Message]) -> Message:

@@ -1,6 +1,7 @@
 """The one definition keeps the promises that codec, DBC and documents rest on."""
 
 from dataclasses import fields, replace
+from typing import get_args
 
 import pytest
 
@@ -21,7 +22,6 @@ from hri_predict.protocol.fields import (
     frame_number,
 )
 from hri_predict.protocol.messages import (
-    Acknowledge,
     Advice,
     Message,
     Pose,
@@ -33,7 +33,7 @@ from hri_predict.protocol.messages import (
 
 
 def test_every_message_is_defined_once() -> None:
-    assert set(BY_TYPE) == {Advice, RobotState, Status, Acknowledge, Schema, Zone, Pose}
+    assert set(BY_TYPE) == set(get_args(Message))
     assert len(DEFINITIONS) == len(BY_TYPE)
 
 
