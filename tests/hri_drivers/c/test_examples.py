@@ -127,7 +127,7 @@ def test_the_c_code_reads_values_that_nobody_knows_as_unknown(build: Any) -> Non
     program = build(C / "examples" / "decode.c")
     advice, status = bytes((77, 2)) + bytes(16), bytes((0x3F, 2)) + bytes(4)
     lines = ""
-    for number, kind, payload in ((8, Advice, advice), (0x40, Status, status)):
+    for number, kind, payload in ((8, Advice, advice), (BY_TYPE[Status].number, Status, status)):
         data = e2e.protect_profile5(0, padded(BY_TYPE[kind], payload), e2e.data_id_16(number))
         lines += f"{DEFAULT_BASE_ID + number:x} {data.hex()}\n"
     done = subprocess.run([program, "fd", "1", "1"], input=lines, capture_output=True, text=True)
