@@ -116,7 +116,8 @@ def joined(messages: list[Message]) -> Message:
     if not name:
         assert len(messages) == 1
         return first
-    return replace(first, **{name: tuple(item for m in messages for item in getattr(m, name))})
+    whole: dict[str, Any] = {name: tuple(i for m in messages for i in getattr(m, name))}
+    return replace(first, **whole)
 
 
 def sent_through(message: Message, fd: bool, **ids: Any) -> Message:
