@@ -19,8 +19,8 @@ from hri_predict.run.session import Options, View, run
 from hri_sim.fault_table.outcome import FaultOutcome
 
 Span = tuple[float, float]
-ALL_MODES = ("predictive", "iso", "fixed")
 """Seconds after the start, from and until."""
+ALL_MODES = ("predictive", "iso", "fixed")
 
 
 @dataclass(frozen=True, kw_only=True)
