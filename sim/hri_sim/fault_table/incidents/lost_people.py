@@ -5,7 +5,16 @@ from typing import Any
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
-from hri_sim.fault_table.people import leave, person, reach, reaches_out, wait, walk, walks_out
+from hri_sim.fault_table.people import (
+    Person,
+    leave,
+    person,
+    reach,
+    reaches_out,
+    wait,
+    walk,
+    walks_out,
+)
 
 _DOOR = [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]
 _FLOOR = [[-4, -4], [6, -4], [6, 5], [-4, 5]]
@@ -15,6 +24,16 @@ _PALLET = {"polygon": [[1.4, -0.6], [2.2, -0.6], [2.2, 0.8], [1.4, 0.8]], "z_max
 def _stands(place: list[float], number: int, enter_s: float, seconds: float) -> dict[str, Any]:
     """Appears at a place, stands there, and is gone."""
     return person(place, wait(seconds), leave(), id=number, enter_s=enter_s)
+
+
+def _lost(name: str, *people: Person, ends_s: float = 28.0, **story: Any) -> Incident:
+    """The first person is lost after five seconds, until the story ends; he is still there."""
+    usual: dict[str, Any] = {
+        "faults": (f"vanish@5+{ends_s - 5:g}:person=1",),
+        "not_clear": (5.0, ends_s),
+        "says": (Reason.PERSON_LOST,),
+    }
+    return Incident(name=f"lost: {name}", people=people, duration_s=ends_s, **usual | story)
 
 
 def _id_moves(name: str, at_s: float, *faults: str) -> Incident:
@@ -84,29 +103,21 @@ _FREE_SPACE = {
 }
 
 LOST_PEOPLE = (
-    Incident(
-        name="lost: behind a pallet, then reaches out",
-        people=(reaches_out(12.0),),
-        duration_s=28.0,
-        faults=("vanish@5+23:person=1",),
-        not_clear=(5.0, 28.0),
-        says=(Reason.PERSON_LOST,),
+    _lost("behind a pallet, then reaches out", reaches_out(12.0)),
+    _lost(
+        "a colleague stands in the door for a second",
+        reaches_out(12.0),
+        _stands([3.7, 2.5], 2, enter_s=6.0, seconds=1.0),
+        says=(),
     ),
-    Incident(
-        name="lost: a colleague stands in the door for a second",
-        people=(reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=6.0, seconds=1.0)),
-        duration_s=28.0,
-        faults=("vanish@5+23:person=1",),
-        not_clear=(5.0, 28.0),
-    ),
-    Incident(
-        name="lost: a colleague gets the lost one's id",
-        people=(reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=7.0, seconds=1.0)),
-        duration_s=28.0,
+    _lost(
+        "a colleague gets the lost one's id",
+        reaches_out(12.0),
+        _stands([3.7, 2.5], 2, enter_s=7.0, seconds=1.0),
         # the only visible person gets another id, and so does the colleague: 1 is lost, comes back
         faults=("vanish@5+23:person=1", "rename@7+2:person=2,to=1"),
         settings={"source": {"keeps_ids": False}},
-        not_clear=(5.0, 28.0),
+        says=(),
     ),
     _id_moves("a colleague gets the id while no scene comes", 6.5, "drop@5+1.5"),
     _id_moves(
@@ -140,23 +151,19 @@ LOST_PEOPLE = (
         says=(Reason.PERSON_LOST,),
         never_says=(Reason.OUT_OF_VIEW,),
     ),
-    Incident(
-        name="lost: behind a vehicle that stops between, where the source sees free space",
-        people=(reaches_out(10.0), _FAR),
-        duration_s=24.0,
-        faults=("vanish@5+19:person=1",),
+    _lost(
+        "behind a vehicle that stops between, where the source sees free space",
+        reaches_out(10.0),
+        _FAR,
+        ends_s=24.0,
         settings=_FREE_SPACE,
-        not_clear=(5.0, 24.0),
-        says=(Reason.PERSON_LOST,),
     ),
-    Incident(
-        name="lost: behind a vehicle, while a colleague walks by",
-        people=(reaches_out(10.0), _WALKS_BY),
-        duration_s=24.0,
-        faults=("vanish@5+19:person=1",),
+    _lost(
+        "behind a vehicle, while a colleague walks by",
+        reaches_out(10.0),
+        _WALKS_BY,
+        ends_s=24.0,
         settings=_FREE_SPACE,
-        not_clear=(5.0, 24.0),
-        says=(Reason.PERSON_LOST,),
     ),
     Incident(
         name="lost: a runner, while he speeds up",
@@ -167,11 +174,9 @@ LOST_PEOPLE = (
         not_clear=(2.7, 7.0),
         not_moving=(3.3, 7.0),
     ),
-    Incident(
-        name="lost: behind a pallet, where free space is not seen",
-        people=(reaches_out(12.0),),
-        duration_s=28.0,
-        faults=("vanish@5+23:person=1",),
+    _lost(
+        "behind a pallet, where free space is not seen",
+        reaches_out(12.0),
         settings={
             "source": {
                 "sees_free_space": True,
@@ -181,8 +186,6 @@ LOST_PEOPLE = (
             },
             "people": {"exits": [{"polygon": _DOOR}], "room": {"polygon": _FLOOR}},
         },
-        not_clear=(5.0, 28.0),
-        says=(Reason.PERSON_LOST,),
     ),
     _untracked("one too many", (), Reason.TOO_MANY_PEOPLE, people={"max_people": 1}),
     _untracked("under the id of another", ("rename@0+28:person=1,to=2",), Reason.INPUT_IMPOSSIBLE),

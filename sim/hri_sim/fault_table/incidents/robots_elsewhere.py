@@ -63,6 +63,12 @@ def _elsewhere(
     )
 
 
+def _drives(name: str, **story: Any) -> Incident:
+    """A vehicle drives a long way, and a person walks up beside it."""
+    walker = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
+    return _elsewhere(name, _LONG_WAY, _VEHICLE, walker, modes=ALL_MODES, **story)
+
+
 def _reaches_into_its_way(wait_s: float, speed_m_s: float) -> Mapping[str, Any]:
     return person(
         [2.5, -4.5],
@@ -116,41 +122,28 @@ def _waits(name: str, script: Sequence[Mapping[str, Any]], **story: Any) -> Inci
 
 _UR10E: Mapping[str, Any] = {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2}
 _DOUBTED = {**_UR10E, "motion": {"kind": "state", "stale_s": 0.1, "still_s": 2.0}}
-_BESIDE_ITS_WAY = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
 _LONG_WAY = "vehicle_drives_far.yaml"
 _RAIL = "rail_end_to_end.yaml"
 
 ROBOTS_ELSEWHERE = (
-    _elsewhere(
+    _drives(
         "a vehicle's place is frozen while it drives",
-        _LONG_WAY,
-        _VEHICLE,
-        _BESIDE_ITS_WAY,
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": 6.0},),
-        modes=ALL_MODES,
         not_moving=(6.2, 16.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     ),
-    _elsewhere(
+    _drives(
         "one of two controllers says that the vehicle stands",
-        _LONG_WAY,
-        _VEHICLE,
-        _BESIDE_ITS_WAY,
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": 3.0},),
         liars=("monitor",),
-        modes=ALL_MODES,
         not_moving=(6.0, 16.0),
         says=(Reason.ROBOT_STATES_CONTRADICT,),
     ),
-    _elsewhere(
+    _drives(
         "it is not, a vehicle drives up",
-        _LONG_WAY,
-        _VEHICLE,
-        _BESIDE_ITS_WAY,
         duration_s=9.0,
-        modes=ALL_MODES,
         moving=(1.0, 6.0),
         never_says=(Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT),
     ),
