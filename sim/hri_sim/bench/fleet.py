@@ -18,7 +18,7 @@ _COLUMNS = {
     "p99 µs": "{latency_us[p99]:.0f}",
     "max µs": "{latency_us[max]:.0f}",
     "CPU of one core": "{cpu_percent:.1f} %",
-    "B/s": "{bytes_per_s}",
+    "kB/s": "{kilobytes_per_s:.1f}",
 }
 
 
@@ -53,11 +53,11 @@ def fleet(
     """
     if not 1.0 <= seconds <= 3600.0:
         raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
+    need_extra("zenoh", "fleet")
     if cells is not None:
         without_effect({"--recovery": recovery}, "with --cells")
         _page(cells, seconds, as_json)
         return
-    need_extra("zenoh", "fleet")
     from hri_sim.bench import fleet_cost as bench
 
     if recovery is not None:
@@ -68,15 +68,15 @@ def fleet(
     if as_json:
         print(json.dumps(rows))
     else:
-        figures("From posting to decoding in another process, over zenoh", _COLUMNS, rows)
+        shown = [row | {"kilobytes_per_s": row["bytes_per_s"] / 1e3} for row in rows]
+        figures("From posting to decoding in another process, over zenoh", _COLUMNS, shown)
 
 
 def _page(cells: int, seconds: float, as_json: bool) -> None:
+    from hri_sim.bench.fleet_page import page
+
     with progress() as bar:
         bar.add_task(f"{cells} cells on one page", total=None)
-        need_extra("zenoh", "fleet")
-        from hri_sim.bench.fleet_page import page
-
         row = page(cells, seconds)
     if as_json:
         print(json.dumps(row))
@@ -89,10 +89,8 @@ def _page(cells: int, seconds: float, as_json: bool) -> None:
     )
     for name, what in (("change_ms", "a change of level"), ("number_ms", "another message")):
         ms = row[name]
-        figures = (
-            f"p50 {ms['p50']}, p99 {ms['p99']}, max {ms['max']} ms" if ms else "there was none"
-        )
-        print(f"delay of {what}: {figures}")
+        said = f"p50 {ms['p50']}, p99 {ms['p99']}, max {ms['max']} ms" if ms else "there was none"
+        print(f"delay of {what}: {said}")
     print(
         f"{row['events_per_s']} events/s of {row['bytes_per_event'] / 1e3:.1f} kB; "
         f"superseded {row['superseded']}, never shown {row['unshown']}, "

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.base.files import atomic_write
 from hri_predict.cli.common import need_plots
 from hri_sim.bench.rows import Row
-from hri_sim.bench.saved import Sections
+from hri_sim.bench.saved import Sections, write
 
 ENDINGS = (".png", ".svg")
 MOST_ROWS = 14  # of a panel of medians; the largest ones
@@ -46,12 +45,7 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
     figure.suptitle(caption, fontsize=9)
     drawn = io.BytesIO()
     figure.savefig(drawn, format=path.suffix[1:].lower(), dpi=110)
-    try:
-        atomic_write(path, drawn.getvalue())
-    except OSError as error:
-        raise ConfigError(
-            f"--plot {path}: cannot be written: {error.strerror}; name another file"
-        ) from error
+    write("--plot", path, drawn.getvalue())
 
 
 def _columns(panels: Sequence[Panel]) -> list[list[Panel]]:

@@ -19,7 +19,7 @@ import can
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.messages import Advice, NodeState, Status
 from hri_predict.protocol.serial import SerialReceiver
-from hri_sim.wires.pty import open_pty
+from hri_sim.wires.pty import PtyTransport, open_pty
 from hri_sim.wires.slcan_adapter import SlcanAdapter
 
 PRIORITY = 10
@@ -47,51 +47,47 @@ class Ear(Protocol):
     def take(self) -> list[Stamped]:
         """Return what has come, without waiting."""
 
+    def close(self) -> None:
+        """Leave the wire."""
 
-class _PtyEar:
-    """The other side of a serial line; the clock is read after each read."""
+
+class PtyEar:
+    """The other side of a serial line, or a CAN adapter on one; stamps come after each read.
+
+    Args:
+        link: entry of ``links:``, but for the line's path.
+        key: the entry's key of that path.
+        transport: what reads from the line.
+        receiver: decoder of what it reads.
+    """
 
     stamps = "receiver's clock after a blocking read"
 
-    def __init__(self) -> None:
-        self._fd, self._path = open_pty()
+    def __init__(
+        self, link: dict[str, Any], key: str, transport: Callable[[int], Any], receiver: Any
+    ) -> None:
+        self._fd, path = open_pty()
         # without it reading fails until the node has opened the line
-        self._held = os.open(self._path, os.O_RDWR | os.O_NOCTTY)
+        self._held = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        self.link = {"name": "bench", **link, key: path}
+        self.receiver = receiver
+        self._transport = transport(self._fd)
+        self._transport.open()
 
     def fileno(self) -> int:
         """The descriptor."""
         return self._fd
 
-
-class SerialEar(_PtyEar):
-    """The other side of a serial line of 921600 bit/s."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.link = {"name": "bench", "kind": "serial", "port": self._path, "baudrate": 921_600}
-        self.receiver = SerialReceiver()
-
     def take(self) -> list[Stamped]:
-        """One chunk of bytes."""
-        data = os.read(self._fd, 65_536)
-        return [(time.monotonic_ns(), data)]
-
-
-class SlcanEar(_PtyEar):
-    """A CAN adapter on a serial line."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.link = _can("slcan", self._path, sleep_after_open=0)
-        self.receiver = CanReceiver(fd=True)
-        self._adapter = SlcanAdapter(self._fd)
-        self._adapter.open()
-
-    def take(self) -> list[Stamped]:
-        """The frames that came."""
-        frames = self._adapter.read(0.0)
+        """The bytes, or frames, that came."""
+        units = self._transport.read(0.0)
         now_ns = time.monotonic_ns()
-        return [(now_ns, frame) for frame in frames]
+        return [(now_ns, unit) for unit in units]
+
+    def close(self) -> None:
+        """Close both sides."""
+        self._transport.close()
+        os.close(self._held)
 
 
 class UdpEar:
@@ -103,11 +99,10 @@ class UdpEar:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
             options = {"port": int(probe.getsockname()[1]), "hop_limit": 0}
-        self.link = _can("udp_multicast", MULTICAST, **options)
+        wire = {"interface": "udp_multicast", "channel": MULTICAST, "fd": True}
+        self.link = {"name": "bench", "kind": "can", **wire, "options": options}
         self.receiver = CanReceiver(fd=True)
-        self._bus = can.Bus(
-            interface="udp_multicast", channel=MULTICAST, fd=True, ignore_config=True, **options
-        )
+        self._bus = can.Bus(**wire, ignore_config=True, **options)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
 
     def fileno(self) -> int:
@@ -127,16 +122,18 @@ class UdpEar:
         )
         return [(round(message.timestamp * 1e9) - self._ahead_ns, frame)]
 
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()
 
-def _can(interface: str, channel: str, **options: int) -> dict[str, Any]:
-    link = {"name": "bench", "kind": "can", "fd": True, "options": options}
-    return link | {"interface": interface, "channel": channel}
 
-
+_SLCAN = {"kind": "can", "interface": "slcan", "fd": True, "options": {"sleep_after_open": 0}}
 EARS: dict[str, Callable[[], Ear]] = {
-    "serial pty 921600": SerialEar,
+    "serial pty 921600": lambda: PtyEar(
+        {"kind": "serial", "baudrate": 921_600}, "port", PtyTransport, SerialReceiver()
+    ),
     "CAN FD udp_multicast": UdpEar,
-    "CAN FD slcan pty": SlcanEar,
+    "CAN FD slcan pty": lambda: PtyEar(_SLCAN, "channel", SlcanAdapter, CanReceiver(fd=True)),
 }
 """The ends of wires at which a node can be heard, the plainest first."""
 
@@ -191,6 +188,7 @@ def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
                 pipe.send(heard.first_ns)
         if pipe in ready:
             break
+    ear.close()
     for stamp_ns, unit in kept:
         heard.take(stamp_ns, unit)
     told = {"messages": heard.messages, "bare": bare}

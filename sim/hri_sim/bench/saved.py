@@ -53,9 +53,19 @@ def check(flag: str, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path.parent).close()
     except OSError as error:
-        raise ConfigError(
-            f"{flag} {path}: cannot be written: {error.strerror}; name another file"
-        ) from error
+        raise _unwritable(flag, path, error) from error
+
+
+def write(flag: str, path: Path, data: bytes) -> None:
+    """Write a file that a flag names.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    try:
+        atomic_write(path, data)
+    except OSError as error:
+        raise _unwritable(flag, path, error) from error
 
 
 def save(path: Path, told: Mapping[str, Any]) -> None:
@@ -64,12 +74,11 @@ def save(path: Path, told: Mapping[str, Any]) -> None:
     Raises:
         ConfigError: it cannot be written.
     """
-    try:
-        atomic_write(path, (json.dumps(told, indent=1) + "\n").encode())
-    except OSError as error:
-        raise ConfigError(
-            f"--save {path}: cannot be written: {error.strerror}; name another file"
-        ) from error
+    write("--save", path, (json.dumps(told, indent=1) + "\n").encode())
+
+
+def _unwritable(flag: str, path: Path, error: OSError) -> ConfigError:
+    return ConfigError(f"{flag} {path}: cannot be written: {error.strerror}; name another file")
 
 
 def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
