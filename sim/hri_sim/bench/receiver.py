@@ -98,8 +98,8 @@ class UdpEar:
     def __init__(self) -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind(("127.0.0.1", 0))
-            options = {"port": int(probe.getsockname()[1]), "hop_limit": 0}
-        wire = {"interface": "udp_multicast", "channel": MULTICAST, "fd": True}
+            options: dict[str, Any] = {"port": int(probe.getsockname()[1]), "hop_limit": 0}
+        wire: dict[str, Any] = {"interface": "udp_multicast", "channel": MULTICAST, "fd": True}
         self.link = {"name": "bench", "kind": "can", **wire, "options": options}
         self.receiver = CanReceiver(fd=True)
         self._bus = can.Bus(**wire, ignore_config=True, **options)
@@ -173,7 +173,8 @@ def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
     pipe.send(ear.link)
     gc.disable()
     while True:
-        ready, _, _ = select.select([ear, loop, pipe], [], [])
+        waited: list[Any] = [ear, loop, pipe]
+        ready, _, _ = select.select(waited, [], [])
         if loop in ready:
             if not os.read(loop.fileno(), 4096):
                 break

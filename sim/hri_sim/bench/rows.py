@@ -114,7 +114,8 @@ def measured(part: str, unit: str, values: Sequence[float] | Floats, **beside: A
     """A row of these values; ``beside`` is the rest of it."""
     if not len(values):
         return Row(part=part, unit=unit, note="nothing was measured", **beside)
-    return Row(part=part, unit=unit, **spread(values), **beside)
+    figures: dict[str, Any] = beside | spread(values)
+    return Row(part=part, unit=unit, **figures)
 
 
 def exponent(sizes: Sequence[float], times: Sequence[float]) -> float:

@@ -1,6 +1,7 @@
 """Messages that benches send, with sensible values."""
 
 from dataclasses import replace
+from typing import Any
 
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
@@ -58,7 +59,7 @@ def one_of_each() -> list[Message]:
         positions=(0.1,) * 6,
         velocities=(0.2,) * 6,
     )
-    later = {"step": 12, "horizon_s": 0.48}
+    later: dict[str, Any] = {"step": 12, "horizon_s": 0.48}
     return [
         *(replace(message, age_s=0.03) for message in (STATUS, ADVICE)),
         SCHEMA,
@@ -78,6 +79,7 @@ def of_a_cycle(cycle: int, now_ns: int, people: int = 1) -> list[Message]:
         messages.append(SCHEMA)
     for person in range(people):
         for step in range(STEPS):
-            where = {"person": person, "step": step, "horizon_s": 0.4 * step, "capture_ns": now_ns}
+            where: dict[str, Any] = {"person": person, "step": step, "horizon_s": 0.4 * step}
+            where["capture_ns"] = now_ns
             messages += [replace(ZONE, **where), replace(POSE, **where)]
     return messages

@@ -322,22 +322,25 @@ class FaultyTransport(Generic[U]):
         """Pass ``units`` through the list of faults, into the queue of leaving units."""
         if not units and way.held is None and not self._draws:
             return  # most reads bring nothing
-        faults = [f for f in self._active(direction) if not isinstance(f, SecondSender)]
+        faults: list[LinkFault] = [
+            f for f in self._active(direction) if not isinstance(f, SecondSender)
+        ]
+        passed = list(units)
         due_ns = self._clock.now_ns()
         elapsed_ns = due_ns - (self._start_ns or 0)
         for fault in faults:
-            if units:
+            if passed:
                 count = self.injected.get(fault.kind, 0)
-                self.injected[fault.kind] = count + len(units)
+                self.injected[fault.kind] = count + len(passed)
             if isinstance(fault, passing.Late):
                 due_ns += fault.late_ns(elapsed_ns, way.rng)
             else:
-                units = [out for unit in units for out in _altered(fault, unit, way)]
-        units = [*units, *way.let_go(faults)]
+                passed = [out for unit in passed for out in _altered(fault, unit, way)]
+        passed += way.let_go(faults)
         with way.lock:
             if way.late:
                 due_ns = max(due_ns, way.late[-1][0])  # in order, always
-            way.late.extend((due_ns, unit) for unit in units)
+            way.late.extend((due_ns, unit) for unit in passed)
 
 
 def _altered(fault: LinkFault, unit: U, way: _Way[U]) -> list[U]:

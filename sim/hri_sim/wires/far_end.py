@@ -96,7 +96,7 @@ def can_adapter(pipe: Connection) -> int:
 
 def _until_end_or_bytes(fd: int, pipe: Connection) -> Callable[[float | None], bool]:
     def until(timeout_s: float | None) -> bool:
-        ready, _, _ = select.select([fd, pipe], [], [], timeout_s)
-        return pipe in ready
+        waited: list[int] = [fd, pipe.fileno()]
+        return pipe.fileno() in select.select(waited, [], [], timeout_s)[0]
 
     return until
