@@ -161,7 +161,7 @@ class Heard:
 
 
 def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
-    """Hear a node at the end of a wire, beside the bytes of a bare loop; for ``child``.
+    """Hear a node at the end of a wire, and the bytes of a bare loop; for ``child``.
 
     It sends the entry of ``links:`` of the node, then when the first advice of a running node came,
     and reports all that it heard. Units are decoded as they come until that advice is there; later
