@@ -62,9 +62,9 @@ class Walkers:
         pass
 
 
-def heard(*faults, seed=0, people=2, count=100):
+def heard(*faults, seed=0, people=2, count=100, source=None):
     """All (arrival in periods, scene) that come through."""
-    source = FaultySource(Walkers(count, people), faults, seed)
+    source = FaultySource(source or Walkers(count, people), faults, seed)
     source.open(0)
     out = []
     while (due := source.next_ns()) is not None:
