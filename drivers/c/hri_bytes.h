@@ -21,6 +21,16 @@ static inline uint32_t get_u32(const uint8_t *p)
     return get_u16(p) | ((uint32_t)get_u16(&p[2]) << 16);
 }
 
+/* A number of up to 25 bits that may begin and end inside a byte; bit 0 is the lowest of p[0]. */
+static inline uint32_t get_bits(const uint8_t *p, uint32_t first, uint32_t bits)
+{
+    uint32_t value = 0u;
+    for (uint32_t i = first / 8u; i <= ((first + bits - 1u) / 8u); i++) {
+        value |= (uint32_t)p[i] << (8u * (i - (first / 8u)));
+    }
+    return (value >> (first % 8u)) & (((uint32_t)1u << bits) - 1u);
+}
+
 static inline uint32_t get_big_u32(const uint8_t *p)
 {
     return ((uint32_t)p[0] << 24) | ((uint32_t)p[1] << 16) | ((uint32_t)p[2] << 8) | p[3];

@@ -22,6 +22,9 @@ uint32_t hri_lib_crc_serial(const uint8_t *frame, uint32_t length);
 /* hri_decode.c: decode a payload into the newest message of its kind; false if it is impossible. */
 bool hri_lib_decode(hri_message *message, uint8_t kind, const uint8_t *p, uint32_t length);
 
+/* hri_decode.c: kind of the frame of this number; HRI_NOTHING if it is not for this robot. */
+uint8_t hri_lib_kind(uint32_t number, uint32_t robot, bool wide);
+
 /* hri_rule.c: judge a payload with a right CRC; return its kind, or HRI_NOTHING. */
 uint8_t hri_lib_accept(hri_receiver *r, uint8_t kind, uint16_t counter, const uint8_t *payload,
                        uint32_t length, uint32_t now_ms);

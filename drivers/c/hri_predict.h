@@ -21,7 +21,7 @@
 extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them */
 #endif
 
-/* generated: begin (renew: hri-predict protocol c-header) */
+/* generated: begin constants (renew: hri-predict protocol files) */
 #define HRI_SCHEMA_VERSION 3u
 #define HRI_SCHEMA_HASH 0xD129E6BFu
 #define HRI_DEFAULT_BASE_ID 0x680u
@@ -46,6 +46,8 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_NUMBER_STATE_PART_8 0x59u
 #define HRI_ZONE_ITEMS 3u
 #define HRI_POSE_ITEMS 7u
+#define HRI_ITEM_BYTES_ZONE 15u
+#define HRI_ITEM_BYTES_POSE 7u
 #define HRI_SERIAL_BYTES 72u
 #define HRI_NUMBER_ADVICE 0x00u
 #define HRI_BYTES_ADVICE 18u
@@ -142,6 +144,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_SERIAL 2u  /* serial line: COBS, E2E profile 4 */
 
 /* Kinds of message that hri_receive_... returns; hri_receiver.message then holds the message. */
+/* generated: begin kinds (renew: hri-predict protocol files) */
 #define HRI_NOTHING 0u
 #define HRI_ADVICE 1u
 #define HRI_STATUS 2u
@@ -149,14 +152,17 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_ZONE 4u
 #define HRI_POSE 5u
 #define HRI_KINDS 6u
+/* generated: end */
 
 /* Codes of "not available": never 0, never "far away". */
-#define HRI_NO_U8 0xFFu
+/* generated: begin codes (renew: hri-predict protocol files) */
+#define HRI_NO_I16 (-32767 - 1)
+#define HRI_NO_U12 0xFFFu
 #define HRI_NO_U16 0xFFFFu
-#define HRI_NO_I16 INT16_MIN
-#define HRI_NO_I32 INT32_MIN
-#define HRI_NO_U12 0xFFFu /* of time_to_breach_ms */
-#define HRI_NO_U6 0x3Fu   /* of body_part and robot_link */
+#define HRI_NO_U6 0x3Fu
+#define HRI_NO_U8 0xFFu
+/* generated: end */
+#define HRI_NO_I32 INT32_MIN /* in hri_robot_state */
 
 /* What determines the permitted speed (hri_receiver.verdict); all but the first mean stop. */
 #define HRI_BY_ADVICE 0u       /* the newest Advice does; it may be a stop as well */
@@ -187,57 +193,70 @@ typedef struct {
     uint16_t first_state_counter; /* from a clock or random: different after each start */
 } hri_settings;
 
+/* generated: begin structures (renew: hri-predict protocol files) */
 typedef struct {
-    uint8_t level;  /* HRI_LEVEL_...; an unknown level reads as UNKNOWN */
-    uint8_t reason; /* HRI_REASON_... */
+    uint8_t level; /* requested level; any value but 1, 2 or 3 means stop; HRI_LEVEL_... */
+    uint8_t operating_mode; /* operating mode in force; HRI_OPERATING_MODE_... */
+    uint8_t reason; /* reason for the level; HRI_REASON_... */
+    /* limit for the robot's fastest point; not available means 0; HRI_NO_U16: not available */
     uint16_t speed_limit_mm_s;
+    /* smallest distance between a body and the robot now; HRI_NO_I16: not available */
     int16_t separation_mm;
+    /* smallest distance by the time the robot can have stopped; HRI_NO_I16: not available */
     int16_t predicted_separation_mm;
-    uint16_t time_to_breach_ms;
-    uint16_t age_ms;
-    uint16_t latch_id; /* to pass to hri_acknowledge; 0: there is nothing to acknowledge */
+    /* STATE_COUNTER of the last RobotState that the node received; HRI_NO_U16: not available */
     uint16_t echo;
-    uint8_t body_part;
-    uint8_t robot_link;
-    uint8_t operating_mode; /* HRI_OPERATING_MODE_... in force */
-    uint8_t tool;           /* number of the tool set that the node counts with */
+    /* age of the underlying capture when the frame was encoded; add the time since receipt;
+     * HRI_NO_U16: not available */
+    uint16_t age_ms;
+    /* number of what an Acknowledge would end now; 0: there is nothing to acknowledge */
+    uint16_t latch_id;
+    uint8_t tool; /* number of the tool set that the node counts with; HRI_NO_U8: not available */
+    /* time until the separation may be violated; 0 if it already is; HRI_NO_U12: not available */
+    uint16_t time_to_breach_ms;
+    uint8_t body_part; /* index of the deciding body segment; HRI_NO_U6: not available */
+    uint8_t robot_link; /* index of the deciding robot capsule; HRI_NO_U6: not available */
 } hri_advice;
 
 typedef struct {
-    uint8_t node_state; /* HRI_NODE_STATE_... */
-    uint8_t people;
-    uint8_t reason;
-    uint8_t predictor;
-    uint8_t cycle;
+    uint8_t node_state; /* life cycle of the node; HRI_NODE_STATE_... */
+    uint8_t people; /* number of people; 15 means 15 or more */
+    uint8_t reason; /* the worst active condition; HRI_REASON_... */
+    uint8_t predictor; /* index of the active predictor */
+    uint8_t cycle; /* number of the node's cycle, modulo 256 */
+    /* age of the underlying capture when the frame was encoded; add the time since receipt;
+     * HRI_NO_U16: not available */
     uint16_t age_ms;
 } hri_status;
 
 typedef struct {
-    uint16_t version;
-    uint32_t hash;
+    uint16_t version; /* protocol version */
+    uint32_t hash; /* hash of the definitions */
 } hri_schema;
 
 typedef struct {
-    uint8_t segment;
-    int16_t a_mm[3];
-    int16_t b_mm[3];
-    uint16_t radius_mm;
+    uint8_t segment; /* index of the body segment */
+    int16_t a_mm[3]; /* first end of its capsule */
+    int16_t b_mm[3]; /* second end of its capsule */
+    uint16_t radius_mm; /* radius of its capsule */
 } hri_capsule;
 
 typedef struct {
-    uint8_t joint;
-    int16_t position_mm[3];
+    uint8_t joint; /* index of the joint */
+    int16_t position_mm[3]; /* position in the room */
 } hri_joint;
 
 /* One frame of a Zone (capsules) or of a Pose (joints): items first .. first + count - 1. */
 typedef struct {
-    uint16_t person;
-    uint8_t step;
-    uint16_t horizon_ms;
+    uint16_t person; /* id of the person, modulo 65536 */
+    uint8_t step; /* horizon step; 0 is the body at its capture */
+    uint16_t horizon_ms; /* time ahead of the capture */
+    /* age of the underlying capture when the frame was encoded; add the time since receipt;
+     * HRI_NO_U16: not available */
     uint16_t age_ms;
-    uint8_t first;
-    uint8_t total;
-    uint8_t count;
+    uint8_t first; /* index of this frame's first item among all items of this person and step */
+    uint8_t total; /* number of items of this person and step */
+    uint8_t count; /* number of items in this frame */
     hri_capsule capsules[HRI_ZONE_ITEMS];
     hri_joint joints[HRI_POSE_ITEMS];
 } hri_body;
@@ -249,6 +268,7 @@ typedef struct {
     hri_schema schema;
     hri_body body;
 } hri_message;
+/* generated: end */
 
 /* Counts since hri_init. Show them: a line with errors every day needs repair. */
 typedef struct {

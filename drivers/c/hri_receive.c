@@ -8,26 +8,9 @@
 #define ALL_PARTS ((1u << HRI_PARTS_ADVICE) - 1u)
 #define NO_COBS 0xFFFFFFFFu
 
-/* Kind of the frame of this number, HRI_NOTHING if it is not for us. */
 static uint8_t kind_of(const hri_receiver *r, uint32_t number)
 {
-    bool wide = (r->settings.link != HRI_CLASSIC);
-    uint32_t part = number - (HRI_NUMBER_ADVICE + (HRI_ROBOT_STRIDE * r->settings.robot));
-    uint8_t kind = HRI_NOTHING;
-    if (part < (wide ? 1u : HRI_PARTS_ADVICE)) {
-        kind = HRI_ADVICE;
-    } else if (number == HRI_NUMBER_STATUS) {
-        kind = HRI_STATUS;
-    } else if (number == HRI_NUMBER_SCHEMA) {
-        kind = HRI_SCHEMA;
-    } else if (wide && (number == HRI_NUMBER_ZONE)) {
-        kind = HRI_ZONE;
-    } else if (wide && (number == HRI_NUMBER_POSE)) {
-        kind = HRI_POSE;
-    } else {
-        /* of another robot, or from a controller */
-    }
-    return kind;
+    return hri_lib_kind(number, r->settings.robot, r->settings.link != HRI_CLASSIC);
 }
 
 static uint8_t take_classic(hri_receiver *r, uint8_t kind, uint32_t number, const uint8_t *data,

@@ -3,7 +3,8 @@
 Both directions are compiled once from the definition: a payload is one integer, each field a shift.
 """
 
-from collections.abc import Callable, Sequence
+import dataclasses
+from collections.abc import Callable, Iterable, Sequence
 from math import ceil, floor, isfinite, isnan, remainder, tau
 from typing import Any
 
@@ -20,14 +21,10 @@ from hri_predict.protocol.fields import (
     Field,
 )
 from hri_predict.protocol.messages import (
-    Acknowledge,
-    Advice,
     BaseMotion,
     Message,
     Pose,
     RobotState,
-    Schema,
-    Status,
     Zone,
     ZoneCapsule,
 )
@@ -69,6 +66,9 @@ def _encoder(field: Field) -> Callable[[Any], int]:
     if field.wraps:
         return lambda value: int(value) & mask
 
+    if field.flag:
+        return lambda value: int(value is True)
+
     if not scale:
 
         def integer(value: Any) -> int:
@@ -104,6 +104,8 @@ def _decoder(field: Field) -> Callable[[int], Any]:
     if enum is not None:
         known = {int(e): e for e in enum}
         return lambda raw: known.get(raw, fallback)
+    if field.flag:
+        return lambda raw: raw == 1
     mask = (1 << field.bits) - 1
     missing = None if field.not_available is None else field.not_available & mask
     if not field.scale and missing is None:
@@ -151,7 +153,22 @@ _FIXED = {t: _Packer(d.fields) for t, d in BY_TYPE.items()}
 _ITEM = {t: _Packer(d.item) for t, d in BY_TYPE.items() if d.item}
 
 
-def _robot_state_row(m: RobotState) -> list[Any]:
+def _members(definition: Definition) -> tuple[str, ...]:
+    """Return the attribute of the message for each field; "" where the codec computes the value."""
+    own = {f.name for f in dataclasses.fields(definition.type)}
+    return tuple(f.member if f.member in own else "" for f in definition.fields)
+
+
+_MEMBERS = {t: _members(d) for t, d in BY_TYPE.items()}
+
+
+def _row(message: Message, computed: Iterable[Any] = ()) -> list[Any]:
+    """Return the values of all fields: attributes, and ``computed`` ones where there are none."""
+    more = iter(computed)
+    return [getattr(message, name) if name else next(more) for name in _MEMBERS[type(message)]]
+
+
+def _robot_state_computed(m: RobotState) -> list[Any]:
     joints = len(m.positions)
     if joints > MAX_JOINTS or len(m.velocities) != joints:
         raise ValueError(
@@ -161,9 +178,11 @@ def _robot_state_row(m: RobotState) -> list[Any]:
     absent = (None,) * (MAX_JOINTS - joints)
     positions, velocities = (*m.positions, *absent), (*m.velocities, *absent)
     more = [number for pair in zip(positions[6:], velocities[6:], strict=True) for number in pair]
-    head = (m.mode, joints, m.counter, m.request, m.tool, m.enabling is True)
-    confirmed, moving = m.tool_confirmed is True, m.base is not None
-    return [*head, confirmed, moving, *positions[:6], *velocities[:6], *more, *_base_row(m.base)]
+    return [
+        *(joints, m.base is not None),
+        *(*positions[:6], *velocities[:6], *more),
+        *_base_row(m.base),
+    ]
 
 
 def _base_row(base: BaseMotion | None) -> list[float | None]:
@@ -171,19 +190,6 @@ def _base_row(base: BaseMotion | None) -> list[float | None]:
         return [None] * 6
     turn = remainder(base.yaw_rad, tau) if isfinite(base.yaw_rad) else None
     return [base.x_m, base.y_m, turn, base.vx_m_s, base.vy_m_s, base.yaw_rate_rad_s]
-
-
-_ROW: dict[type, Callable[[Any], Sequence[Any]]] = {
-    Advice: lambda m: (
-        *(m.level, m.mode, m.reason, m.speed_limit_m_s, m.separation_m),
-        *(m.predicted_separation_m, m.echo, m.age_s, m.latch_id, m.tool),
-        *(m.time_to_breach_s, m.body_part, m.robot_link),
-    ),
-    Status: lambda m: (m.node_state, m.people, m.reason, m.predictor, m.cycle, m.age_s),
-    Acknowledge: lambda m: (m.latch_id, m.ack_id),
-    Schema: lambda m: (m.version, m.hash),
-    RobotState: _robot_state_row,
-}
 
 
 def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
@@ -201,24 +207,23 @@ def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
         return _split(message, capsules, items)
     if isinstance(message, Pose):
         return _split(message, message.joints, items)
-    kind = type(message)
-    if isinstance(message, Advice | RobotState) and not 0 <= message.robot < MAX_ROBOTS:
-        raise ValueError(f"robot {message.robot} is not one of 0..{MAX_ROBOTS - 1}")
-    return [_FIXED[kind].pack(_ROW[kind](message))]
+    if not 0 <= robot_of(message) < MAX_ROBOTS:
+        raise ValueError(f"robot {robot_of(message)} is not one of 0..{MAX_ROBOTS - 1}")
+    computed = _robot_state_computed(message) if isinstance(message, RobotState) else ()
+    return [_FIXED[type(message)].pack(_row(message, computed))]
 
 
 def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | None) -> list[bytes]:
     """Distribute the items over as many payloads as needed, at least one."""
     kind = type(message)
     fixed, packer, room = _FIXED[kind], _ITEM[kind], room or BY_TYPE[kind].items_per_frame
-    head = (message.person, message.step, message.horizon_s, message.age_s)
     if len(items) > MAX_ITEMS:
         raise ValueError(f"{kind.__name__} of {len(items)} items; at most {MAX_ITEMS} fit")
     payloads = []
     for first in range(0, max(1, len(items)), room):
         chunk = items[first : first + room]
-        row = fixed.pack((*head, first, len(items), len(chunk)))
-        payloads.append(row + b"".join(packer.pack(item) for item in chunk))
+        head = fixed.pack(_row(message, (first, len(items), len(chunk))))
+        payloads.append(head + b"".join(packer.pack(item) for item in chunk))
     return payloads
 
 
@@ -240,39 +245,29 @@ def decode_payload(
     row = fixed.unpack(payload[: fixed.size])  # what is missing at its end reads as zeros
     if definition.item and row[-1] > (items or definition.items_per_frame):
         raise Malformed(f"{definition.name} holds {row[-1]} items")
-    return _BUILD[definition.type](row, robot, payload)
+    return _message(definition, row, robot, payload)
 
 
-def _advice(row: list[Any], robot: int, payload: bytes) -> Advice:
-    level, mode, reason, speed, separation, predicted, echo, age, latch, *rest = row
-    tool, breach, part, link = rest
-    return Advice(
-        robot=robot,
-        level=level,
-        reason=reason,
-        latch_id=latch,
-        separation_m=separation,
-        predicted_separation_m=predicted,
-        time_to_breach_s=breach,
-        speed_limit_m_s=speed,
-        body_part=part,
-        robot_link=link,
-        echo=echo,
-        age_s=age,
-        mode=mode,
-        tool=tool,
-    )
+def _message(definition: Definition, row: list[Any], robot: int, payload: bytes) -> Message:
+    named = list(zip(_MEMBERS[definition.type], row, strict=True))
+    given = {name: value for name, value in named if name}
+    computed = [value for name, value in named if not name]
+    if definition.per_robot:
+        given["robot"] = robot
+    if definition.type is RobotState:
+        given |= _joints_and_base(computed)
+    elif definition.type is Zone:
+        given["capsules"] = tuple(
+            ZoneCapsule(segment, (ax, ay, az), (bx, by, bz), radius)
+            for segment, ax, ay, az, bx, by, bz, radius in _items(definition, computed, payload)
+        )
+    elif definition.type is Pose:
+        given["joints"] = tuple(map(tuple, _items(definition, computed, payload)))
+    return definition.type(**given)
 
 
-def _status(row: list[Any], robot: int, payload: bytes) -> Status:
-    state, people, reason, predictor, cycle, age = row
-    return Status(
-        node_state=state, reason=reason, people=people, predictor=predictor, cycle=cycle, age_s=age
-    )
-
-
-def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
-    mode, joints, counter, request, tool, enabling, confirmed, moving, *rest = row
+def _joints_and_base(computed: list[Any]) -> dict[str, Any]:
+    joints, moving, *rest = computed
     if joints > MAX_JOINTS or moving > 1:
         raise Malformed(f"JOINTS {joints}, BASE {moving}")
     positions = [*rest[:6], *rest[12:18:2]][:joints]
@@ -283,18 +278,11 @@ def _robot_state(row: list[Any], robot: int, payload: bytes) -> RobotState:
             "a joint of RobotState, or its base, is not available: it is not a number, or beyond "
             "what its field holds (8.19 rad, 32.7 rad/s); radians are meant, not degrees"
         )
-    return RobotState(
-        robot=robot,
-        mode=mode,
-        counter=counter,
-        positions=tuple(positions),
-        velocities=tuple(velocities),
-        request=request,
-        enabling=enabling == 1,
-        tool=tool,
-        tool_confirmed=confirmed == 1,
-        base=_base_of(*base) if base else None,
-    )
+    return {
+        "positions": tuple(positions),
+        "velocities": tuple(velocities),
+        "base": _base_of(*base) if base else None,
+    }
 
 
 def _base_of(*row: float) -> BaseMotion:
@@ -302,41 +290,18 @@ def _base_of(*row: float) -> BaseMotion:
     return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=rate)
 
 
-def _items(kind: type, row: list[Any], payload: bytes) -> list[list[Any]]:
-    first, total, count = row[4:]
-    packer, start = _ITEM[kind], _FIXED[kind].size
+def _items(definition: Definition, computed: list[Any], payload: bytes) -> list[list[Any]]:
+    first, total, count = computed
+    packer, start = _ITEM[definition.type], definition.fixed_bytes
     if first + count > total:
-        raise Malformed(f"{kind.__name__} holds items {first}..{first + count} of {total}")
+        raise Malformed(f"{definition.name} holds items {first}..{first + count} of {total}")
     if len(payload) < start + count * packer.size:
-        raise Malformed(f"{kind.__name__} of {len(payload)} bytes")
+        raise Malformed(f"{definition.name} of {len(payload)} bytes")
     offsets = range(start, start + count * packer.size, packer.size)
     return [packer.unpack(payload[i : i + packer.size]) for i in offsets]
 
 
-def _zone(row: list[Any], robot: int, payload: bytes) -> Zone:
-    capsules = tuple(
-        ZoneCapsule(segment, (ax, ay, az), (bx, by, bz), radius)
-        for segment, ax, ay, az, bx, by, bz, radius in _items(Zone, row, payload)
-    )
-    return Zone(person=row[0], step=row[1], horizon_s=row[2], capsules=capsules, age_s=row[3])
-
-
-def _pose(row: list[Any], robot: int, payload: bytes) -> Pose:
-    joints = tuple((j, x, y, z) for j, x, y, z in _items(Pose, row, payload))
-    return Pose(person=row[0], step=row[1], horizon_s=row[2], joints=joints, age_s=row[3])
-
-
-_BUILD: dict[type, Callable[[list[Any], int, bytes], Message]] = {
-    Advice: _advice,
-    Status: _status,
-    Acknowledge: lambda row, robot, payload: Acknowledge(*row),
-    Schema: lambda row, robot, payload: Schema(*row),
-    RobotState: _robot_state,
-    Zone: _zone,
-    Pose: _pose,
-}
-
-
 def robot_of(message: Message) -> int:
     """Index of the robot of ``message``, 0 if it has none."""
-    return message.robot if isinstance(message, Advice | RobotState) else 0
+    robot: int = getattr(message, "robot", 0)
+    return robot

@@ -102,6 +102,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         text="what the node asks of one robot, and why",
         sender="node",
         cycle_ms=40,
+        priority=0,
         fields=(
             Field(
                 signal="LEVEL",
@@ -116,6 +117,7 @@ DEFINITIONS: tuple[Definition, ...] = (
                 text="operating mode in force",
                 enum=OperatingMode,
                 fallback=OperatingMode.AUTOMATIC,
+                attribute="mode",
             ),
             Field(
                 signal="REASON",
@@ -172,6 +174,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         text="state of the node; sent every cycle, at least ten times a second, even without input",
         sender="node",
         cycle_ms=40,
+        priority=3,
         fields=(
             Field(
                 signal="NODE_STATE",
@@ -201,6 +204,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         text="a person has acknowledged what the Advice showed",
         sender="controller",
         cycle_ms=0,
+        priority=1,
         fields=(
             Field(
                 signal="LATCH_ID",
@@ -220,9 +224,10 @@ DEFINITIONS: tuple[Definition, ...] = (
         text="version and hash of this definition; discard all messages unless both match",
         sender="node",
         cycle_ms=1000,
+        priority=4,
         fields=(
-            Field(signal="SCHEMA_VERSION", bits=16, text="protocol version"),
-            Field(signal="SCHEMA_HASH", bits=32, text="hash of the definitions"),
+            Field(signal="SCHEMA_VERSION", bits=16, text="protocol version", attribute="version"),
+            Field(signal="SCHEMA_HASH", bits=32, text="hash of the definitions", attribute="hash"),
         ),
         sequenced=False,
     ),
@@ -232,6 +237,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         text="where the body segments of one person may be at one horizon",
         sender="node",
         cycle_ms=0,
+        priority=5,
         fields=(_PERSON, _STEP, _HORIZON, _AGE, *_RANGE),
         item=(
             Field(signal="SEGMENT", bits=8, text="index of the body segment"),
@@ -250,6 +256,7 @@ DEFINITIONS: tuple[Definition, ...] = (
                 rounding="up",
             ),
         ),
+        items="capsules",
         items_per_frame=3,
         classic=False,
     ),
@@ -259,6 +266,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         text="predicted joints of one person at one horizon",
         sender="node",
         cycle_ms=0,
+        priority=5,
         fields=(_PERSON, _STEP, _HORIZON, _AGE, *_RANGE),
         item=(
             Field(signal="JOINT", bits=8, text="index of the joint"),
@@ -266,6 +274,7 @@ DEFINITIONS: tuple[Definition, ...] = (
             _metres("Y", "position in the room"),
             _metres("Z", "position in the room"),
         ),
+        items="joints",
         items_per_frame=7,
         classic=False,
     ),

@@ -34,6 +34,8 @@ class Field:
         bounded: a value beyond the range becomes "not available" instead of the nearest end,
             because the end would name another place or another thing.
         wraps: counts modulo 2^bits; every other number saturates.
+        flag: true if the raw value is 1; any other raw value means false.
+        attribute: its name in the message's class; by default the signal's, with the unit.
     """
 
     signal: str
@@ -48,6 +50,14 @@ class Field:
     optional: bool = False
     bounded: bool = False
     wraps: bool = False
+    flag: bool = False
+    attribute: str = ""
+
+    @property
+    def member(self) -> str:
+        """Name of the attribute of the message's class that holds the value."""
+        unit = f"_{self.unit.replace('/', '_')}" if self.unit else ""
+        return self.attribute or self.signal.lower() + unit
 
     @property
     def not_available(self) -> int | None:
@@ -101,8 +111,10 @@ class Definition:
         per_robot: whether each robot has its own.
         sender: "node" or "controller".
         cycle_ms: usual period, for the DBC; 0 if event-driven.
+        priority: order in which waiting messages are sent, 0 first; those with items are the last.
         fields: fixed part of the payload.
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
+        items: the attribute that holds the items, in the plural.
         items_per_frame: maximum number of items in one frame.
         classic: whether classic CAN carries it.
         extra: its last parts, as far as not every message has them.
@@ -115,9 +127,11 @@ class Definition:
     text: str
     sender: Literal["node", "controller"]
     cycle_ms: int
+    priority: int
     fields: tuple[Field, ...]
     per_robot: bool = False
     item: tuple[Field, ...] = ()
+    items: str = ""
     items_per_frame: int = 0
     classic: bool = True
     extra: tuple[Extra, ...] = ()

@@ -13,17 +13,8 @@ from pydantic import StringConstraints
 
 from hri_predict.protocol import e2e
 from hri_predict.protocol.codec import robot_of
-from hri_predict.protocol.definition import frame_table
-from hri_predict.protocol.messages import (
-    Acknowledge,
-    Advice,
-    Message,
-    Pose,
-    RobotState,
-    Schema,
-    Status,
-    Zone,
-)
+from hri_predict.protocol.definition import BY_TYPE, frame_table
+from hri_predict.protocol.messages import Acknowledge, Message, RobotState
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
 from hri_predict.protocol.reception import ReceiveCounters
@@ -74,20 +65,13 @@ def key_of(message: Message) -> str:
     return _key(type(message), robot_of(message))
 
 
-def _key(kind: type, robot: int) -> str:
-    name = _NAMES[kind]
-    return f"{name}/{robot}" if kind in (Advice, RobotState) else name
+def _key(kind: type[Message], robot: int) -> str:
+    definition = BY_TYPE[kind]
+    name = _SHORT.get(kind, definition.name.lower())
+    return f"{name}/{robot}" if definition.per_robot else name
 
 
-_NAMES: dict[type, str] = {
-    Advice: "advice",
-    RobotState: "state",
-    Status: "status",
-    Schema: "schema",
-    Zone: "zone",
-    Pose: "pose",
-    Acknowledge: "ack",
-}
+_SHORT: dict[type, str] = {RobotState: "state", Acknowledge: "ack"}
 _DATA_IDS = {
     _key(definition.type, robot): e2e.data_id_32(number).to_bytes(4, "big")
     for number, (definition, robot, _) in frame_table(classic=False).items()

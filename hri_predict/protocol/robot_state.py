@@ -71,6 +71,7 @@ ROBOT_STATE = Definition(
     text="position and motion of one robot",
     sender="controller",
     cycle_ms=20,
+    priority=2,
     fields=(
         Field(
             signal="MODE",
@@ -85,6 +86,7 @@ ROBOT_STATE = Definition(
             bits=16,
             text="advances by 1 with every RobotState, modulo 65536; Advice echoes it",
             wraps=True,
+            attribute="counter",
         ),
         Field(
             signal="REQUEST",
@@ -98,16 +100,19 @@ ROBOT_STATE = Definition(
             signal="ENABLING",
             bits=2,
             text="1: the enabling device is held; any other value: it is not",
+            flag=True,
         ),
         Field(
             signal="TOOL_CONFIRMED",
             bits=2,
             text="1: the controller has checked TOOL; any other value: it has not",
+            flag=True,
         ),
         Field(
             signal="BASE",
             bits=4,
             text="0: the base does not move; 1: BASE_X to BASE_YAW_RATE say how it does",
+            attribute="base_moves",  # the class has the numbers as ``base``, or ``None``
         ),
         *(_position(i) for i in range(1, 7)),
         *(_velocity(i) for i in range(1, 7)),

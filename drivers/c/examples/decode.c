@@ -15,49 +15,82 @@
 
 #define LINE_BYTES 4096
 
-static void print_body(uint8_t kind, const hri_body *m)
-{
-    printf(" PERSON=%u STEP=%u HORIZON=%u AGE=%u FIRST=%u TOTAL=%u COUNT=%u", m->person, m->step,
-           m->horizon_ms, m->age_ms, m->first, m->total, m->count);
-    for (unsigned i = 0; i < m->count; i++) {
-        if (kind == HRI_ZONE) {
-            const hri_capsule *c = &m->capsules[i];
-            printf(" SEGMENT_%u=%u A_X_%u=%d A_Y_%u=%d A_Z_%u=%d", i, c->segment, i, c->a_mm[0], i,
-                   c->a_mm[1], i, c->a_mm[2]);
-            printf(" B_X_%u=%d B_Y_%u=%d B_Z_%u=%d RADIUS_%u=%u", i, c->b_mm[0], i, c->b_mm[1], i,
-                   c->b_mm[2], i, c->radius_mm);
-        } else {
-            const hri_joint *j = &m->joints[i];
-            printf(" JOINT_%u=%u X_%u=%d Y_%u=%d Z_%u=%d", i, j->joint, i, j->position_mm[0], i,
-                   j->position_mm[1], i, j->position_mm[2]);
-        }
-    }
-}
-
+/* generated: begin printing (renew: hri-predict protocol files) */
 static void print_message(uint8_t kind, unsigned robot, const hri_message *message)
 {
-    static const char *const names[] = {"", "Advice", "Status", "Schema", "Zone", "Pose"};
-    const hri_advice *a = &message->advice;
-    const hri_status *s = &message->status;
-    printf("%s", names[kind]);
-    if (kind == HRI_ADVICE) {
-        printf(" ROBOT=%u LEVEL=%u REASON=%u SPEED_LIMIT=%u SEPARATION=%d", robot, a->level,
-               a->reason, a->speed_limit_mm_s, a->separation_mm);
-        printf(" PREDICTED_SEPARATION=%d TIME_TO_BREACH=%u AGE=%u", a->predicted_separation_mm,
-               a->time_to_breach_ms, a->age_ms);
-        printf(" LATCH_ID=%u ECHO=%u BODY_PART=%u ROBOT_LINK=%u", a->latch_id, a->echo,
-               a->body_part, a->robot_link);
-        printf(" OPERATING_MODE=%u TOOL=%u", a->operating_mode, a->tool);
-    } else if (kind == HRI_STATUS) {
-        printf(" NODE_STATE=%u PEOPLE=%u REASON=%u PREDICTOR=%u CYCLE=%u AGE=%u", s->node_state,
-               s->people, s->reason, s->predictor, s->cycle, s->age_ms);
-    } else if (kind == HRI_SCHEMA) {
-        printf(" SCHEMA_VERSION=%u SCHEMA_HASH=%lu", message->schema.version,
-               (unsigned long)message->schema.hash);
-    } else {
-        print_body(kind, &message->body);
+    switch (kind) {
+    case HRI_ADVICE:
+        printf("Advice");
+        printf(" ROBOT=%u", robot);
+        printf(" LEVEL=%u", message->advice.level);
+        printf(" OPERATING_MODE=%u", message->advice.operating_mode);
+        printf(" REASON=%u", message->advice.reason);
+        printf(" SPEED_LIMIT=%u", message->advice.speed_limit_mm_s);
+        printf(" SEPARATION=%d", message->advice.separation_mm);
+        printf(" PREDICTED_SEPARATION=%d", message->advice.predicted_separation_mm);
+        printf(" ECHO=%u", message->advice.echo);
+        printf(" AGE=%u", message->advice.age_ms);
+        printf(" LATCH_ID=%u", message->advice.latch_id);
+        printf(" TOOL=%u", message->advice.tool);
+        printf(" TIME_TO_BREACH=%u", message->advice.time_to_breach_ms);
+        printf(" BODY_PART=%u", message->advice.body_part);
+        printf(" ROBOT_LINK=%u", message->advice.robot_link);
+        break;
+    case HRI_STATUS:
+        printf("Status");
+        printf(" NODE_STATE=%u", message->status.node_state);
+        printf(" PEOPLE=%u", message->status.people);
+        printf(" REASON=%u", message->status.reason);
+        printf(" PREDICTOR=%u", message->status.predictor);
+        printf(" CYCLE=%u", message->status.cycle);
+        printf(" AGE=%u", message->status.age_ms);
+        break;
+    case HRI_SCHEMA:
+        printf("Schema");
+        printf(" SCHEMA_VERSION=%u", message->schema.version);
+        printf(" SCHEMA_HASH=%lu", (unsigned long)message->schema.hash);
+        break;
+    case HRI_ZONE:
+        printf("Zone");
+        printf(" PERSON=%u", message->body.person);
+        printf(" STEP=%u", message->body.step);
+        printf(" HORIZON=%u", message->body.horizon_ms);
+        printf(" AGE=%u", message->body.age_ms);
+        printf(" FIRST=%u", message->body.first);
+        printf(" TOTAL=%u", message->body.total);
+        printf(" COUNT=%u", message->body.count);
+        for (unsigned i = 0; i < message->body.count; i++) {
+            printf(" SEGMENT_%u=%u", i, message->body.capsules[i].segment);
+            printf(" A_X_%u=%d", i, message->body.capsules[i].a_mm[0]);
+            printf(" A_Y_%u=%d", i, message->body.capsules[i].a_mm[1]);
+            printf(" A_Z_%u=%d", i, message->body.capsules[i].a_mm[2]);
+            printf(" B_X_%u=%d", i, message->body.capsules[i].b_mm[0]);
+            printf(" B_Y_%u=%d", i, message->body.capsules[i].b_mm[1]);
+            printf(" B_Z_%u=%d", i, message->body.capsules[i].b_mm[2]);
+            printf(" RADIUS_%u=%u", i, message->body.capsules[i].radius_mm);
+        }
+        break;
+    case HRI_POSE:
+        printf("Pose");
+        printf(" PERSON=%u", message->body.person);
+        printf(" STEP=%u", message->body.step);
+        printf(" HORIZON=%u", message->body.horizon_ms);
+        printf(" AGE=%u", message->body.age_ms);
+        printf(" FIRST=%u", message->body.first);
+        printf(" TOTAL=%u", message->body.total);
+        printf(" COUNT=%u", message->body.count);
+        for (unsigned i = 0; i < message->body.count; i++) {
+            printf(" JOINT_%u=%u", i, message->body.joints[i].joint);
+            printf(" X_%u=%d", i, message->body.joints[i].position_mm[0]);
+            printf(" Y_%u=%d", i, message->body.joints[i].position_mm[1]);
+            printf(" Z_%u=%d", i, message->body.joints[i].position_mm[2]);
+        }
+        break;
+    default:
+        break;
     }
 }
+/* generated: end */
 
 /* Bytes of a hexadecimal text; stops at the first other character. */
 static unsigned parse(const char *text, uint8_t *bytes, unsigned room)

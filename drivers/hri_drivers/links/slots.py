@@ -3,29 +3,12 @@
 import threading
 from dataclasses import dataclass
 
-from hri_predict.protocol.messages import (
-    Acknowledge,
-    Advice,
-    Message,
-    Pose,
-    RobotState,
-    Schema,
-    Status,
-    Zone,
-)
+from hri_predict.protocol.codec import robot_of
+from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS
+from hri_predict.protocol.messages import Acknowledge, Message, Pose, Zone
 
-_PRIORITY: dict[type, int] = {
-    Advice: 0,
-    Acknowledge: 1,
-    RobotState: 2,
-    Status: 3,
-    Schema: 4,
-    Zone: 5,
-    Pose: 5,
-}
-_CLASSES = 6
-_BULK_CLASS = 5
-BULK = (Zone, Pose)
+BULK = tuple(d.type for d in DEFINITIONS if d.item)
+_BULK_CLASS = max(d.priority for d in DEFINITIONS)
 MAX_EDGES = 64  # distinct acknowledgements that may wait; nobody presses that fast
 
 Key = tuple[int, ...]
@@ -38,17 +21,14 @@ def slot_key(message: Message) -> Key:
     other Acknowledge replaces it.
     """
     match message:
-        case Advice(robot=robot) | RobotState(robot=robot):
-            subject: tuple[int, ...] = (robot,)
-        case Zone(person=person, step=step):
-            subject = (0, person, step)
-        case Pose(person=person, step=step):
-            subject = (1, person, step)
+        case Zone(person=person, step=step) | Pose(person=person, step=step):
+            subject = (person, step)
         case Acknowledge(latch_id=latch_id, ack_id=ack_id):
             subject = (latch_id, ack_id)
         case _:
-            subject = ()
-    return (_PRIORITY[type(message)], *subject)
+            subject = (robot_of(message), 0)
+    definition = BY_TYPE[type(message)]
+    return (definition.priority, definition.number, *subject)
 
 
 class Slots:
@@ -60,7 +40,7 @@ class Slots:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._classes: tuple[dict[Key, Message], ...] = tuple({} for _ in range(_CLASSES))
+        self._classes: tuple[dict[Key, Message], ...] = tuple({} for _ in range(_BULK_CLASS + 1))
 
     def post(self, message: Message) -> Message | None:
         """Put ``message`` into its slot; return the message that it displaced, if any."""

@@ -1,5 +1,6 @@
 """Write DBC files, document, C header and PLC projects from the definition of the messages."""
 
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
@@ -9,10 +10,25 @@ import typer
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import tell
 from hri_predict.protocol.can import DEFAULT_BASE_ID
-from hri_predict.protocol.generate import c_header, document, plcopen, scl, structured_text
+from hri_predict.protocol.generate import blocks, document
 from hri_predict.protocol.generate import dbc as dbc_files
+from hri_predict.protocol.generate.files import generated, read
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
+
+
+@app.command()
+def files(
+    folder: Annotated[Path, typer.Argument(help="The folder with the files.")] = Path("drivers"),
+) -> None:
+    """Write every file that follows from the definition of the messages.
+
+    Run it after each change of the definition, from the root of the repository.
+
+    Example: hri-predict protocol files
+    """
+    _check_cantools("files")
+    _write_all(generated(folder))
 
 
 @app.command()
@@ -33,10 +49,9 @@ def dbc(
         raise ConfigError(
             f"--base-id {base_id}: not a whole number; give one such as 0x680"
         ) from None
-    if find_spec("cantools") is None:
-        raise ConfigError("protocol dbc needs cantools; pip install 'hri-predict[dev]'")
-    texts = {name: dbc_files.dbc_text(fd, base, extended) for fd, name in dbc_files.FILES.items()}
-    tell([_write(folder / name, text) for name, text in texts.items()])
+    _check_cantools("dbc")
+    names = dbc_files.FILES.items()
+    _write_all({folder / name: dbc_files.dbc_text(fd, base, extended) for fd, name in names})
 
 
 @app.command("document")
@@ -47,7 +62,7 @@ def renew_document(
 
     Example: hri-predict protocol document drivers/PROTOCOL.md
     """
-    tell([_write(path, document.renewed(_read(path)))])
+    _write_all({path: blocks.renewed(read(path), document.BLOCKS, blocks.DOCUMENT)})
 
 
 @app.command("c-header")
@@ -56,50 +71,36 @@ def renew_c_header(
         "drivers/c"
     ),
 ) -> None:
-    """Renew the constants in hri_predict.h, and the seeds of its fuzzer.
+    """Renew the generated parts of the C code, and the seeds of its fuzzer.
 
     Example: hri-predict protocol c-header drivers/c
     """
-    header = folder / "hri_predict.h"
-    renewed = _write(header, c_header.renewed(_read(header)))
-    tell([renewed, _write(folder / "fuzz" / "corpus.txt", c_header.corpus())])
+    _write_all(generated(folder, "c/"))
 
 
 @app.command("plcopen")
 def renew_plcopen(
     folder: Annotated[Path, typer.Argument(help="Folder of the .st files.")] = Path("drivers/plc"),
 ) -> None:
-    """Write hri_predict.xml (PLCopen) and hri_predict.scl (TIA) from the structured text.
+    """Renew the structured text, and write hri_predict.xml (PLCopen) and hri_predict.scl (TIA).
 
     Example: hri-predict protocol plcopen drivers/plc
     """
-    units: list[structured_text.Unit] = []
-    for name in structured_text.FILES:
-        path = folder / name
-        text = _read(path)
+    _write_all(generated(folder, "plc/"))
+
+
+def _check_cantools(command: str) -> None:
+    if find_spec("cantools") is None:
+        raise ConfigError(f"protocol {command} needs cantools; pip install 'hri-predict[dev]'")
+
+
+def _write_all(texts: Mapping[Path, str]) -> None:
+    """Write all files, and print their names."""
+    for path, text in texts.items():
         try:
-            units += structured_text.units(text)
-        except ConfigError as error:
-            raise ConfigError(f"{path}: {error}") from error
-    texts = {"hri_predict.xml": plcopen.xml(units), "hri_predict.scl": scl.scl(units)}
-    tell([_write(folder / name, text) for name, text in texts.items()])
-
-
-def _read(path: Path) -> str:
-    if path.exists() and not path.is_file():  # it is written afterwards; a device may never end
-        raise ConfigError(f"{path}: cannot be read: not a file; check the path")
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
-        raise ConfigError(f"{path}: cannot be read: {reason}; check the path") from error
-
-
-def _write(path: Path, text: str) -> Path:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be written: {error.strerror}; name a folder that exists"
-        ) from error
-    return path
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(
+                f"{path}: cannot be written: {error.strerror}; name a folder that exists"
+            ) from error
+    tell(list(texts))

@@ -1,51 +1,32 @@
-"""The part of the definition that the C code in ``drivers/c`` uses: constants, and seeds for its
-fuzzer.
+"""What the C code in ``drivers/c`` takes from the definition.
 
-``hri-predict protocol c-header`` renews the text between ``/* generated: begin`` and
-``/* generated: end */`` in ``hri_predict.h``, and writes ``fuzz/corpus.txt``. All other files there
-are written by hand.
+``hri-predict protocol c-header`` renews the parts between ``/* generated: begin`` and
+``/* generated: end */``, and writes ``fuzz/corpus.txt``. The rest is written by hand.
 """
 
-import re
-from collections.abc import Iterable
-from enum import IntEnum
+from collections.abc import Mapping
 
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can import DEFAULT_BASE_ID, LAST_NUMBER
-from hri_predict.protocol.definition import (
-    BY_TYPE,
-    DEFINITIONS,
-    SCHEMA_HASH,
-    SCHEMA_VERSION,
-)
-from hri_predict.protocol.fields import (
-    MAX_ROBOTS,
-    PART_BYTES,
-    ROBOT_STRIDE,
+from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, SCHEMA_HASH, SCHEMA_VERSION
+from hri_predict.protocol.fields import MAX_ROBOTS, PART_BYTES, ROBOT_STRIDE
+from hri_predict.protocol.generate.blocks import Blocks
+from hri_predict.protocol.generate.c_messages import (
+    BODIES,
+    ENUMS,
+    SENT,
+    codes,
+    decoding,
+    kinds,
+    numbers,
+    printing,
+    snake,
+    structures,
 )
 from hri_predict.protocol.generate.examples import EXAMPLES, encodings
-from hri_predict.protocol.messages import (
-    Advice,
-    Level,
-    NodeState,
-    OperatingMode,
-    Pose,
-    RobotMode,
-    Zone,
-)
-from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import FORGET_S
 from hri_predict.protocol.robot_state import BASE_ROBOTS, MAX_JOINTS, ROBOT_STATE
 from hri_predict.protocol.serial import MAX_ENCODED
-
-_BLOCK = re.compile(r"(/\* generated: begin .*?\*/\n).*?(/\* generated: end \*/)", re.DOTALL)
-ENUMS: dict[str, type[IntEnum]] = {
-    "LEVEL": Level,
-    "REASON": Reason,
-    "NODE_STATE": NodeState,
-    "MODE": RobotMode,
-    "OPERATING_MODE": OperatingMode,
-}
 
 
 def constants() -> dict[str, str]:
@@ -64,38 +45,43 @@ def constants() -> dict[str, str]:
         "HRI_DATA_ID_16": f"0x{e2e.data_id_16(0):04X}u",
         "HRI_DATA_ID_32": f"0x{e2e.data_id_32(0):08X}u",
         "HRI_PART_BYTES": f"{PART_BYTES}u",
-        "HRI_PARTS_ADVICE": f"{BY_TYPE[Advice].parts}u",
+        **{f"HRI_PARTS_{snake(d)}": f"{d.parts}u" for d in SENT if d.per_robot},
         "HRI_PARTS_STATE": f"{ROBOT_STATE.parts}u",
         "HRI_PARTS_STATE_ALWAYS": f"{ROBOT_STATE.always}u",
         "HRI_BASE_ROBOTS": f"{BASE_ROBOTS}u",
         "HRI_EXTRA_STRIDE": f"{ROBOT_STATE.extra[0].stride}u",
         **{f"HRI_NUMBER_STATE_PART_{e.part}": f"0x{e.number:02X}u" for e in ROBOT_STATE.extra},
-        "HRI_ZONE_ITEMS": f"{BY_TYPE[Zone].items_per_frame}u",
-        "HRI_POSE_ITEMS": f"{BY_TYPE[Pose].items_per_frame}u",
+        **{f"HRI_{snake(d)}_ITEMS": f"{d.items_per_frame}u" for d in BODIES},
+        **{f"HRI_ITEM_BYTES_{snake(d)}": f"{d.item_bytes}u" for d in BODIES},
         "HRI_SERIAL_BYTES": f"{MAX_ENCODED}u",
     }
     for d in DEFINITIONS:
-        snake = re.sub(r"(?<!^)(?=[A-Z])", "_", d.name).upper()
-        rows[f"HRI_NUMBER_{snake}"] = f"0x{d.number:02X}u"
-        rows[f"HRI_BYTES_{snake}"] = f"{d.fixed_bytes}u"
-    for name, enum in ENUMS.items():
+        rows[f"HRI_NUMBER_{snake(d)}"] = f"0x{d.number:02X}u"
+        rows[f"HRI_BYTES_{snake(d)}"] = f"{d.fixed_bytes}u"
+    for enum, name in ENUMS.items():
         rows |= {f"HRI_{name}_{e.name}": f"{int(e)}u" for e in enum}
     return rows
 
 
-def lines(rows: Iterable[tuple[str, str]]) -> str:
+def lines(rows: Mapping[str, str]) -> str:
     """Return the ``#define`` lines."""
-    return "".join(f"#define {name} {value}\n" for name, value in rows)
+    return "".join(f"#define {name} {value}\n" for name, value in rows.items())
 
 
-def renewed(text: str) -> str:
-    """Return the header with its generated section renewed."""
-    return _BLOCK.sub(lambda match: match[1] + lines(constants().items()) + match[2], text)
+BLOCKS: Blocks = {
+    "constants": lambda: lines(constants()),
+    "codes": lambda: lines(codes()),
+    "kinds": kinds,
+    "structures": structures,
+    "decoding": decoding,
+    "numbers": numbers,
+    "printing": printing,
+}
 
 
 def corpus() -> str:
     """Return the worked examples of the node's messages for the fuzzer, one unit a line."""
-    rows = ["# KIND [ID] BYTES; renew: hri-predict protocol c-header"]
+    rows = ["# KIND [ID] BYTES; renew: hri-predict protocol files"]
     for message in EXAMPLES:
         if BY_TYPE[type(message)].sender == "node":
             for link, identifier, data in encodings(message):

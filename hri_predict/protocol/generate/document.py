@@ -4,11 +4,9 @@
 ``<!-- table: NAME -->`` and the next ``<!-- end -->``; the text around them is written by hand.
 """
 
-import re
 from collections.abc import Callable, Iterable
 from enum import IntEnum
 
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol import e2e
 from hri_predict.protocol.can import DEFAULT_BASE_ID, LAST_NUMBER
@@ -26,14 +24,13 @@ from hri_predict.protocol.fields import (
     Field,
     frame_number,
 )
+from hri_predict.protocol.generate.blocks import Blocks
 from hri_predict.protocol.generate.dbc import frame_name
 from hri_predict.protocol.generate.examples import EXAMPLES, encodings, fields_of, meaning
 from hri_predict.protocol.messages import Level, Message, NodeState, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.serial import MAX_DECODED, MAX_ENCODED
 from hri_predict.protocol.wire import wire_bits
-
-_BLOCK = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def table(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
@@ -221,7 +218,7 @@ def message_block(kind: type[Message]) -> Callable[[], str]:
     return lambda: field_table(BY_TYPE[kind])
 
 
-BLOCKS: dict[str, Callable[[], str]] = {
+BLOCKS: Blocks = {
     **{d.name: message_block(d.type) for d in DEFINITIONS},
     "frames": frames,
     "levels": lambda: enumeration(Level),
@@ -248,19 +245,3 @@ BLOCKS: dict[str, Callable[[], str]] = {
         ),
     ),
 }
-
-
-def renewed(text: str) -> str:
-    """Return the document with all its tables renewed.
-
-    Raises:
-        ConfigError: no function writes a table of this name.
-    """
-
-    def block(match: re.Match[str]) -> str:
-        name = match[2]
-        if name not in BLOCKS:
-            raise ConfigError(f"no table '{name}'; there are: {', '.join(sorted(BLOCKS))}")
-        return f"{match[1]}{BLOCKS[name]()}{match[3]}"
-
-    return _BLOCK.sub(block, text)

@@ -9,7 +9,12 @@ from dataclasses import dataclass, field
 
 from hri_predict.base.errors import ConfigError
 
-FILES = ("hri_advice.st", "hri_send.st", "hri_serial.st")  # each uses those before it
+FILES = (
+    "hri_fields.st",
+    "hri_advice.st",
+    "hri_send.st",
+    "hri_serial.st",
+)  # each uses those before it
 _UNIT = re.compile(
     r"^(FUNCTION|FUNCTION_BLOCK) (\w+)(?: : (\w+))?\n(.*?)^END_\1$", re.DOTALL | re.MULTILINE
 )

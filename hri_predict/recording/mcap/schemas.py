@@ -24,8 +24,10 @@ opens no topic whose schema allows ``null``. Nor does it open lists of lists: sc
 """
 
 from collections.abc import Sequence
-from typing import Any
+from enum import IntEnum
+from typing import Any, get_args, get_type_hints
 
+from hri_predict.protocol.messages import Advice, Status
 from hri_predict.recording.mcap import well_known
 
 _NUMBER: dict[str, Any] = {"type": "number"}
@@ -60,6 +62,19 @@ def _is_refused_by_foxglove(field: dict[str, Any]) -> bool:
     return items == "array" or isinstance(items, list)
 
 
+_PLAIN: dict[type, dict[str, Any]] = {int: _WHOLE, float: _NUMBER, str: _TEXT, bool: _TRUTH}
+
+
+def _fields_of(message: type[Advice | Status]) -> dict[str, dict[str, Any]]:
+    """The attributes of a message, as ``format.message_to_dict`` writes them."""
+    found = {}
+    for name, hint in get_type_hints(message).items():
+        kind, *nothing = get_args(hint) or (hint,)  # of ``float | None``: both
+        field = _TEXT if issubclass(kind, IntEnum) else _PLAIN[kind]
+        found[f"{name}?" if nothing else name] = field
+    return found
+
+
 _ANY = _object({})
 _PERSON = _object(
     {
@@ -86,26 +101,11 @@ _GROUNDS: dict[str, dict[str, Any]] = {
 _ADVICE: dict[str, dict[str, Any]] = {
     "type": _TEXT,
     "now_ns": _WHOLE,
-    "robot": _WHOLE,
     "name": _TEXT,
-    "level": _TEXT,
+    **_fields_of(Advice),
     "level_number": _WHOLE,
-    "reason": _TEXT,
-    "detail": _TEXT,
-    "latch_id": _WHOLE,
-    "mode": _TEXT,
-    "tool?": _WHOLE,
-    "separation_m?": _NUMBER,
-    "predicted_separation_m?": _NUMBER,
-    "time_to_breach_s?": _NUMBER,
-    "speed_limit_m_s?": _NUMBER,
     "speed_m_s?": _NUMBER,
     "needed_m?": _NUMBER,
-    "age_s?": _NUMBER,
-    "capture_ns?": _WHOLE,
-    "body_part?": _WHOLE,
-    "robot_link?": _WHOLE,
-    "echo?": _WHOLE,
     "grounds?": _object(_GROUNDS),
 }
 OWN: dict[str, dict[str, Any]] = {
@@ -120,14 +120,8 @@ OWN: dict[str, dict[str, Any]] = {
     "/status": {
         "type": _TEXT,
         "now_ns": _WHOLE,
-        "node_state": _TEXT,
-        "reason": _TEXT,
+        **_fields_of(Status),
         "reasons": _list(_TEXT),
-        "people": _WHOLE,
-        "predictor": _WHOLE,
-        "cycle": _WHOLE,
-        "age_s?": _NUMBER,
-        "capture_ns?": _WHOLE,
         "named_zones": _ANY,
     },
     "/node": {"now_ns": _WHOLE, "people": _ANY, "node": _ANY, "links": _ANY},

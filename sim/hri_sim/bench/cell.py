@@ -23,6 +23,7 @@ def settings(
     predictor: str = "zero_velocity",
     rate_hz: float = 25.0,
     captures_hz: float | None = None,
+    ticks: str = "fixed",
     horizon_s: float = 1.2,
     joint_map: str | None = None,
     links: Sequence[dict[str, Any]] = (),
@@ -36,6 +37,7 @@ def settings(
         rate_hz: ticks a second.
         captures_hz: captures a second; default: one a second more than ticks, so that every phase
             between the two occurs.
+        ticks: when a tick begins, as in the configuration.
         horizon_s: horizon of the forecast, seconds.
         joint_map: the source delivers only the joints of this tracker.
         links: entries of ``links:``.
@@ -50,6 +52,7 @@ def settings(
         source["joint_map"] = joint_map
     return {
         "rate_hz": rate_hz,
+        "ticks": ticks,
         "source": source,
         "predictor": {"name": predictor, "horizon_s": horizon_s},
         "people": {"max_people": max(8, people)},

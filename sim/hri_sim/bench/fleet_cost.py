@@ -5,43 +5,28 @@ directly or through a router in a third process. Both read the machine's monoton
 """
 
 import contextlib
-import json
-import os
 import resource
 import socket
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from multiprocessing.connection import Connection
 from typing import Any
-
-import numpy as np
 
 from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
-from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import (
-    Advice,
-    Level,
-    Message,
-    NodeState,
-    Pose,
-    Schema,
-    Status,
-    Zone,
-    ZoneCapsule,
-)
-from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.keyed import Keyed, KeyedReceiver
+from hri_predict.protocol.messages import Status
+from hri_sim.bench.processes import free_port
+from hri_sim.bench.rows import spread
+from hri_sim.bench.samples import CYCLES, STATUS, of_a_cycle
+from hri_sim.wires.child import child
 
 TOPOLOGIES, RATES_HZ = ("router", "peer"), (25.0, 100.0)
 CELL = "bench"
-STEPS = 3  # horizons that a node sends
-CYCLES = 256  # the modulus of Status.cycle on the wire
-_CAPSULES = tuple(ZoneCapsule(i, (0.1 * i, 0.5, 1.0), (0.1 * i, 0.6, 1.3), 0.2) for i in range(17))
-_JOINTS = tuple((i, 0.1 * i, 0.5, 1.0) for i in range(21))
 START_S = 30.0  # long enough for a loaded machine
 GONE_S = 1.0
 HEAR_S = 0.5  # time to receive after the last message
@@ -64,21 +49,21 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
         posting, encoding and zenoh's threads took in the sending process; ``bytes_per_s``: payload.
     """
     end = f"tcp/127.0.0.1:{free_port()}"
-    router = [_child("route", end)] if topology == "router" else []
-    listener = _child("hear", "client" if router else "peer", end)
     settings = ZenohLinkSettings(name="bench", cell=CELL, connect=[end])
     link = ZenohLink(settings, MonotonicClock(), rate_hz=rate_hz)
-    link.start()
-    try:
-        while not link.connected:
-            time.sleep(0.05)
-        time.sleep(1.0)  # zenoh needs a moment to find its subscribers
-        posted, cpu_s, bytes_sent = _post(link, rate_hz, seconds)
-    finally:
-        link.stop()
-        heard = json.loads(listener.communicate("end\n", timeout=30)[0].splitlines()[-1])
-        for process in router:
-            process.communicate("end\n", timeout=30)
+    with contextlib.ExitStack() as stack:
+        if topology == "router":
+            stack.enter_context(child(route, end))
+        listener = stack.enter_context(child(hear, topology == "peer", end))
+        link.start()
+        try:
+            while not link.connected:
+                time.sleep(0.05)
+            time.sleep(1.0)  # zenoh needs a moment to find its subscribers
+            posted, cpu_s, bytes_sent = _post(link, rate_hz, seconds)
+        finally:
+            link.stop()
+        heard = listener.report()
     row = {"by": topology, "rate_hz": rate_hz, "superseded": link.counters.superseded}
     return row | _figures(posted=posted, heard=heard, seconds=seconds, cpu_s=cpu_s, size=bytes_sent)
 
@@ -91,17 +76,13 @@ def routed() -> Iterator[str]:
     """
     port = free_port()
     end = f"tcp/127.0.0.1:{port}"
-    children = [_child("hear", "client", end), _child("route", end)]
-    try:
+    with child(hear, False, end), child(route, end):
         give_up_s = time.monotonic() + START_S
         while not _answers(port):
             if time.monotonic() > give_up_s:
                 raise LinkError(f"the router did not start within {START_S:g} s")
             time.sleep(0.05)
         yield end
-    finally:
-        for child in children:
-            child.communicate("end\n", timeout=START_S)
 
 
 def recovery(times: int) -> dict[str, list[float]]:
@@ -139,11 +120,7 @@ def _until_heard(link: ZenohLink, observer: ZenohTransport, began: float) -> flo
         observer.read(0.0)
     cycle = 0
     while True:
-        link.post(
-            Status(
-                node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, predictor=0, cycle=cycle
-            )
-        )
+        link.post(replace(STATUS, people=0, cycle=cycle))
         cycle += 1
         try:
             if observer.read(0.04):
@@ -161,37 +138,12 @@ def _post(link: ZenohLink, rate_hz: float, seconds: float) -> tuple[list[int], f
     for cycle in range(round(seconds * rate_hz)):
         time.sleep(max(0, due_ns - time.monotonic_ns()) * 1e-9)
         due_ns += period_ns
-        for message in _messages(cycle, time.monotonic_ns()):
+        for message in of_a_cycle(cycle, time.monotonic_ns()):
             if isinstance(message, Status):
                 posted.append(time.monotonic_ns())
             link.post(message)
     time.sleep(HEAR_S)
     return posted, _cpu_s() - cpu, link.counters.bytes_sent - size
-
-
-def _messages(cycle: int, now_ns: int) -> list[Message]:
-    """Return the messages that a node posts in one cycle, in its order."""
-    messages: list[Message] = [
-        Advice(robot=0, level=Level.SLOW, reason=Reason.PERSON_NEAR, capture_ns=now_ns),
-        Status(
-            node_state=NodeState.RUNNING,
-            reason=Reason.NONE,
-            people=1,
-            predictor=0,
-            cycle=cycle,
-            capture_ns=now_ns,
-        ),
-    ]
-    if cycle % 25 == 0:
-        messages.append(Schema(SCHEMA_VERSION, SCHEMA_HASH))
-    for step in range(STEPS):
-        messages.append(
-            Zone(person=1, step=step, horizon_s=0.4 * step, capsules=_CAPSULES, capture_ns=now_ns)
-        )
-        messages.append(
-            Pose(person=1, step=step, horizon_s=0.4 * step, joints=_JOINTS, capture_ns=now_ns)
-        )
-    return messages
 
 
 def _figures(
@@ -204,11 +156,10 @@ def _figures(
         if at < len(posted):
             spans_us.append((heard_ns - posted[at]) * 1e-3)
             at += 1
-    latency = {f"p{q}": round(float(np.percentile(spans_us, q)), 1) for q in (50, 99)}
     return {
         "sent": len(posted),
         "heard": len(spans_us),
-        "latency_us": latency | {"max": round(max(spans_us), 1)},
+        "latency_us": spread(spans_us, 1),
         "cpu_percent": round(100 * cpu_s / (seconds + HEAR_S), 2),
         "bytes_per_s": round(size / seconds),
     }
@@ -219,23 +170,38 @@ def _cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _child(*arguments: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-m", "hri_sim.bench.fleet_far_end", *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        text=True,
-    )
-
-
 def _answers(port: int) -> bool:
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
-def free_port() -> int:
-    """Return a free TCP port of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def hear(pipe: Connection, as_peer: bool, end: str) -> list[tuple[int, int]]:
+    """Receive a cell; for ``child``. Reports when each Status was decoded: (cycle, ns)."""
+    settings = (
+        ZenohSettings(mode="peer", listen=[end], connect=[])
+        if as_peer
+        else ZenohSettings(connect=[end])
+    )
+    observer = ZenohLink.observer(settings, None)
+    while True:
+        try:
+            observer.open()
+            break
+        except LinkError:  # the router is not there yet
+            if pipe.poll(0.05):
+                return []
+    receiver, heard = KeyedReceiver(), list[tuple[int, int]]()
+    while not pipe.poll():
+        for unit in observer.read(0.1):
+            messages = receiver.feed(Keyed(unit.key.split("/", 2)[2], unit.data))
+            now_ns = time.monotonic_ns()
+            heard += [(m.cycle, now_ns) for m in messages if isinstance(m, Status)]
+    observer.close()
+    return heard
+
+
+def route(pipe: Connection, end: str) -> None:
+    """Run a router at this endpoint; for ``child``."""
+    session = open_session(ZenohSettings(mode="router", listen=[end]))
+    pipe.poll(None)
+    session.close()

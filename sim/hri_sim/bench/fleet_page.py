@@ -16,18 +16,19 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from multiprocessing.connection import Connection
 from typing import Any
-
-import numpy as np
 
 from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
-from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, NodeState, Schema, Status
+from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from hri_sim.bench.fleet_cost import free_port
-from hri_sim.bench.processes import processor_time, resident_mib
+from hri_sim.bench.processes import free_port, processor_time, resident_mib
+from hri_sim.bench.rows import spread
+from hri_sim.bench.samples import ADVICE, CYCLES, SCHEMA, STATUS
+from hri_sim.wires.child import child
 
 RATE_HZ = 25
 CHANGES_S = 5  # each cell's level changes so often
@@ -48,19 +49,21 @@ def page(cells: int, seconds: float) -> dict[str, Any]:
         a tile showed no level, though its cell spoke; ``load``: the load average before.
     """
     load = os.getloadavg()[0]
-    with _fleet() as (fleet, end, port), _speakers(cells, end, seconds + WARM_S) as speakers:
+    with (
+        _fleet() as (fleet, end, port),
+        child(speak, cells, end, seconds + WARM_S) as speakers,
+    ):
+        speakers.receive()  # all cells are connected
         events: list[tuple[int, bytes]] = []
         threading.Thread(target=_listen, args=(port, events), daemon=True).start()
-        assert speakers.stdin is not None
-        speakers.stdin.write("go\n")
-        speakers.stdin.flush()
+        speakers.send("go")
         time.sleep(WARM_S)
         before, began_s = _used_s(fleet.pid, speakers.pid), time.monotonic()
         time.sleep(seconds - 0.5)
         after, took_s = _used_s(fleet.pid, speakers.pid), time.monotonic() - began_s
         memory_mib = resident_mib(fleet.pid)
         time.sleep(1.5)  # what was posted last is shown, or never
-        told = json.loads(speakers.communicate("end\n", timeout=START_S)[0].splitlines()[-1])
+        told = speakers.report()
     row: dict[str, Any] = {"cells": cells, "rate_hz": RATE_HZ, "load": round(load, 2)}
     row |= {"cpu_s_per_s": {who: round((after[who] - before[who]) / took_s, 3) for who in after}}
     row["memory_mib"] = round(memory_mib, 1)
@@ -96,8 +99,8 @@ def _figures(posted: list[list[int]], events: list[tuple[int, bytes]]) -> dict[s
     return {
         "events_per_s": round(len(lasting) / ((end_ns - start_ns) * 1e-9), 1),
         "bytes_per_event": round(size / max(1, len(events))),
-        "number_ms": _quantiles(numbers_ms),
-        "change_ms": _quantiles(changes_ms),
+        "number_ms": spread(numbers_ms, 1) if numbers_ms else None,
+        "change_ms": spread(changes_ms, 1) if changes_ms else None,
         "changes": len(changes_ms),
         "unshown": unshown,
         "gone": sum(number < 0 for row in lasting for number in row),
@@ -115,13 +118,6 @@ def _number(cell: dict[str, Any]) -> int:
     if cell["level"] not in ("CLEAR", "SLOW") or not robots or robots[0]["separation_m"] is None:
         return -1
     return round(robots[0]["separation_m"] * 1e3)
-
-
-def _quantiles(values_ms: list[float]) -> dict[str, float] | None:
-    if not values_ms:
-        return None
-    found = {f"p{q}": round(float(np.percentile(values_ms, q)), 1) for q in (50, 99)}
-    return found | {"max": round(max(values_ms), 1)}
 
 
 @contextlib.contextmanager
@@ -148,27 +144,6 @@ def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
         process.wait(START_S)
 
 
-@contextlib.contextmanager
-def _speakers(cells: int, end: str, seconds: float) -> Iterator["subprocess.Popen[str]"]:
-    """The process that plays all cells, connected, before its first message."""
-    command = [sys.executable, "-m", "hri_sim.bench.fleet_page", str(cells), end, str(seconds)]
-    process = subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        env=os.environ | {"OMP_NUM_THREADS": "1"},
-        text=True,
-    )
-    assert process.stdout is not None
-    try:
-        if process.stdout.readline() != "ready\n":
-            raise LinkError("the cells did not connect")
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-
-
 def _listen(port: int, events: list[tuple[int, bytes]]) -> None:
     """Take events as a browser does, until the page ends."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=START_S)
@@ -185,8 +160,11 @@ def _used_s(fleet: int, speakers: int) -> dict[str, float]:
     return {"fleet": used["all"] - page_s, "page": page_s, "cells": processor_time(speakers)["all"]}
 
 
-def speak(cells: int, end: str, seconds: float) -> None:
-    """Play all cells; at the end print when each Advice was posted, by cell."""
+def speak(pipe: Connection, cells: int, end: str, seconds: float) -> dict[str, Any]:
+    """Play all cells; for ``child``. Reports when each Advice was posted, by cell.
+
+    It sends a word when all are connected, and begins when it is sent one.
+    """
     links = [
         ZenohLink(
             ZenohLinkSettings(name="bench", site="plant", cell=f"cell-{i:03}", connect=[end]),
@@ -200,10 +178,10 @@ def speak(cells: int, end: str, seconds: float) -> None:
     give_up_s = time.monotonic() + START_S
     while not all(link.connected for link in links):
         if time.monotonic() > give_up_s:
-            return
+            raise LinkError("the cells did not connect")
         time.sleep(0.05)
-    print("ready", flush=True)
-    sys.stdin.readline()
+    pipe.send("ready")
+    pipe.recv()
     posted: list[list[int]] = [[] for _ in links]
     start_ns, period_ns = time.monotonic_ns(), 1_000_000_000 // RATE_HZ
     slow = [False for _ in links]
@@ -213,38 +191,25 @@ def speak(cells: int, end: str, seconds: float) -> None:
             time.sleep(max(0, due_ns - time.monotonic_ns()) * 1e-9)
             slow[index] ^= is_change(index, cycle)
             posted[index].append(_post(link, cycle, slow[index]))
-    sys.stdin.readline()
-    print(json.dumps({"posted": posted, "superseded": sum(x.counters.superseded for x in links)}))
-    sys.stdout.flush()
+    pipe.poll(None)
     for link in links:
         link.stop()
+    return {"posted": posted, "superseded": sum(link.counters.superseded for link in links)}
 
 
 def _post(link: ZenohLink, cycle: int, slow: bool) -> int:
     """Post a cycle's Advice and Status, and each second the Schema; return when."""
     now_ns = time.monotonic_ns()
-    advice = Advice(
-        robot=0,
+    advice = replace(
+        ADVICE,
         level=Level.SLOW if slow else Level.CLEAR,
         reason=Reason.PERSON_NEAR if slow else Reason.NONE,
         speed_limit_m_s=0.25 if slow else 1.0,
         separation_m=cycle % MODULUS * 1e-3 + 5e-4,  # it rounds down
         capture_ns=now_ns,
     )
-    status = Status(
-        node_state=NodeState.RUNNING,
-        reason=Reason.NONE,
-        people=1,
-        predictor=0,
-        cycle=cycle % 256,
-        capture_ns=now_ns,
-    )
     link.post(advice)
-    link.post(status)
+    link.post(replace(STATUS, cycle=cycle % CYCLES, capture_ns=now_ns))
     if cycle % RATE_HZ == 0:
-        link.post(Schema(SCHEMA_VERSION, SCHEMA_HASH))
+        link.post(SCHEMA)
     return now_ns
-
-
-if __name__ == "__main__":
-    speak(int(sys.argv[1]), sys.argv[2], float(sys.argv[3]))

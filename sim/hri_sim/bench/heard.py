@@ -9,10 +9,9 @@ better on this machine in that minute.
 import contextlib
 import itertools
 import json
+import multiprocessing
 import os
-import select
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -24,17 +23,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hri_predict.base.errors import LinkError
 from hri_sim.bench import cell
 from hri_sim.bench.onlookers import onlookers
 from hri_sim.bench.processes import cores_busy, processor_time, resident_mib
-from hri_sim.wires.pty import open_pty
+from hri_sim.bench.receiver import bare_loop, hear
+from hri_sim.wires.child import Child, child
 
 WARM_UP_S = 1.0
 START_S = 120.0  # a cold start compiles
-MULTICAST = "239.74.163.3"
 CYCLES = 256  # the modulus of Status.cycle on the wire
-WIRES = ("serial pty 921600", "CAN FD udp_multicast", "CAN FD slcan pty")
 
 
 def heard(
@@ -49,7 +46,7 @@ def heard(
     """Start a node on a wire, hear it for some seconds, and stop it.
 
     Args:
-        wire: one of ``WIRES``.
+        wire: one of ``EARS``.
         predictor: its name.
         rate_hz: the node's rate.
         seconds: to hear it, after it has warmed up; 0: only its start.
@@ -69,32 +66,35 @@ def heard(
     """
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
-        link, arguments, fds = stack.enter_context(_far_end(wire))
         looking = stack.enter_context(onlookers()) if watched else None
-        path = Path(folder) / "cell.yaml"
+        receiver = stack.enter_context(_receiver(wire, rate_hz))
         settings = cell.settings(
-            predictor=predictor, rate_hz=rate_hz, captures_hz=rate_hz + 5.0, links=[link]
+            predictor=predictor,
+            rate_hz=rate_hz,
+            captures_hz=rate_hz + 5.0,
+            links=[receiver.receive()],
         )
         flags: list[str] = []
         if looking is not None:
             settings["alerts"], flags = looking.alerts, looking.flags
+        path = Path(folder) / "cell.yaml"
         path.write_text(yaml.safe_dump(settings), encoding="utf-8")
-        command = [sys.executable, "-m", "hri_predict", "run", str(path), "--json", *flags]
-        node, receiver, began_ns = stack.enter_context(
-            _processes(command, arguments=arguments, fds=fds, rate_hz=rate_hz, cache=cache)
-        )
-        first_ns = _line(receiver, node)["first_ns"]
+        began_ns = time.monotonic_ns()
+        node = stack.enter_context(_node(path, flags, cache))
+        first_ns = receiver.receive(START_S, node)
         result: dict[str, Any] = {"first_advice_s": (first_ns - began_ns) * 1e-9}
         if looking is not None:
-            _line(looking.process, node)  # both screens were seen
+            looking.process.receive(START_S, node)  # both screens were seen
         time.sleep(WARM_UP_S)
         if seconds > 0:
             result |= _used(node.pid, seconds)
         result["resident_mib"] = resident_mib(node.pid)
         if looking is not None:
-            result["seen_bytes"] = looking.seen()
-        told, summary = _ended(node, receiver)
-        result["alerts"] = summary.get("alerts", {})
+            result["seen_bytes"] = looking.process.report()
+        node.send_signal(signal.SIGTERM)
+        summary, _ = node.communicate(timeout=30.0)
+        told = receiver.report()
+        result["alerts"] = json.loads(summary).get("alerts", {})
     if seconds > 0:
         begin_ns, end_ns = result.pop("window_ns")
         result |= _figures(told, begin_ns, end_ns, rate_hz)
@@ -102,102 +102,31 @@ def heard(
 
 
 @contextlib.contextmanager
-def _far_end(wire: str) -> Iterator[tuple[dict[str, Any], list[str], list[int]]]:
-    """Yield an entry of ``links:``, the receiver's arguments, and the descriptors it inherits."""
-    link: dict[str, Any] = {"name": "bench", "kind": "can", "fd": True}
-    if wire == "CAN FD udp_multicast":
-        port = _free_port()
-        link |= {"interface": "udp_multicast", "channel": MULTICAST}
-        yield link | {"options": {"port": port, "hop_limit": 0}}, ["udp", MULTICAST, str(port)], []
-        return
-    master, path = open_pty()
-    held = os.open(path, os.O_RDWR | os.O_NOCTTY)  # else reading fails until the node has opened it
-    try:
-        if wire == "CAN FD slcan pty":
-            link |= {"interface": "slcan", "channel": path, "options": {"sleep_after_open": 0}}
-            yield link, ["slcan", str(master)], [master]
-        else:
-            baudrate = int(wire.split()[-1])
-            serial = {"name": "bench", "kind": "serial", "port": path, "baudrate": baudrate}
-            yield serial, ["serial", str(master)], [master]
-    finally:
-        os.close(held)
-        os.close(master)
-
-
-def _free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+def _receiver(wire: str, rate_hz: float) -> Iterator[Child]:
+    """Start the receiver at a wire's end, and the bare loop that it hears as well."""
+    reading, writing = multiprocessing.Pipe(duplex=False)
+    with child(hear, wire, reading) as receiver, child(bare_loop, writing, rate_hz):
+        reading.close()
+        writing.close()
+        yield receiver
 
 
 @contextlib.contextmanager
-def _processes(
-    command: Sequence[str],
-    *,
-    arguments: Sequence[str],
-    fds: Sequence[int],
-    rate_hz: float,
-    cache: Path | None,
-) -> Iterator[tuple[Any, Any, int]]:
-    """Start the receiver, the bare loop, and then the node; yield node, receiver, and when."""
-    reading, writing = os.pipe()
+def _node(
+    path: Path, flags: Sequence[str], cache: Path | None
+) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-m", "hri_predict", "run", str(path), "--json", *flags]
     environment = dict(os.environ)
     if cache is not None:
         environment["HRI_PREDICT_CACHE"] = environment["NUMBA_CACHE_DIR"] = str(cache)
-    running: list[Any] = []
-    try:
-        receiver = _child("hri_sim.bench.receiver", [*arguments, str(reading)], [*fds, reading])
-        running.append(receiver)
-        bare = _child("hri_sim.bench.receiver", ["bare", str(writing), str(rate_hz)], [writing])
-        running.append(bare)
-        os.close(reading)
-        os.close(writing)
-        _line(receiver, receiver)
-        began_ns = time.monotonic_ns()
-        node = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-        )
-        running.append(node)
-        yield node, receiver, began_ns
-    finally:
-        for process in reversed(running):
-            process.kill()
-            process.communicate()
-
-
-def _child(module: str, arguments: Sequence[str], fds: Sequence[int]) -> Any:
-    return subprocess.Popen(
-        [sys.executable, "-m", module, *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        pass_fds=fds,
-        text=True,
+    node = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     )
-
-
-def _line(receiver: Any, awaited: Any) -> dict[str, Any]:
-    """The receiver's next line; it comes unless ``awaited`` ends.
-
-    Raises:
-        LinkError: it ended, or nothing came in time.
-    """
-    give_up = time.monotonic() + START_S
-    while time.monotonic() < give_up:
-        if select.select([receiver.stdout], [], [], 0.1)[0]:
-            line = receiver.stdout.readline()
-            if line:
-                return dict(json.loads(line))
-        for process in (receiver, awaited):
-            if process.poll() is not None:
-                said = (process.stderr.read() or "nothing").strip().splitlines()[-1:]
-                raise LinkError(f"a process of the bench ended: {' '.join(said)}")
-    raise LinkError(f"the node sent no advice in {START_S:g} s")
+    try:
+        yield node
+    finally:
+        node.kill()
+        node.communicate()
 
 
 def _used(pid: int, seconds: float) -> dict[str, Any]:
@@ -212,14 +141,6 @@ def _used(pid: int, seconds: float) -> dict[str, Any]:
         for (b0, t0), (b1, t1) in zip(cores, cores_after, strict=True)
     ]
     return {"cpu_percent": used, "cores_percent": busy, "window_ns": (begin_ns, end_ns)}
-
-
-def _ended(node: Any, receiver: Any) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Stop the node, then the receiver; return the receiver's report, and the node's summary."""
-    node.send_signal(signal.SIGTERM)
-    summary, _ = node.communicate(timeout=30.0)
-    told, _ = receiver.communicate(timeout=30.0)  # closes its standard input
-    return dict(json.loads(told.splitlines()[-1])), dict(json.loads(summary))
 
 
 def _figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -> dict[str, Any]:

@@ -9,15 +9,13 @@ between the two occurs. With a tick for each capture the floor is four fifths of
 import bisect
 import contextlib
 import itertools
-import math
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -31,35 +29,40 @@ from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.protocol.messages import Status
 from hri_predict.run import assemble
-from hri_predict.run.config import Config, NodeSettings, predictor_settings
+from hri_predict.run.config import Config
 from hri_predict.run.runtime import run_real_time
-from hri_sim.people.procedural import ProceduralSettings
-from hri_sim.wires.far_end import far_end
+from hri_sim.bench import cell
+from hri_sim.bench.rows import spread
+from hri_sim.bench.samples import CYCLES
+from hri_sim.wires.child import child
+from hri_sim.wires.far_end import can_adapter, serial_line
 
 U = TypeVar("U")
 
 WARM_UP_S = 1.0  # people need a history, and first calls are slow
-CYCLES = 256  # the modulus of Status.cycle on the wire
 _CHANNELS = itertools.count()
 FLOOR = 0.8
 """With a tick for each capture: ``rate_hz`` as a part of the source's."""
-_PLACES = ([1.3, 0.3], [2.0, -1.0])
 
 Wire = tuple[LinkSettings, Transport[Any]]
 
 
 @contextlib.contextmanager
 def _serial(baudrate: int) -> Iterator[Wire]:
-    with far_end("serial", str(baudrate / 10)) as (path, _):
-        settings = SerialLinkSettings(name="bench", port=path, baudrate=baudrate)
+    with child(serial_line, baudrate / 10) as line:
+        settings = SerialLinkSettings(name="bench", port=line.receive(), baudrate=baudrate)
         yield settings, SerialLink.make_transport(settings)
 
 
 @contextlib.contextmanager
 def _slcan(fd: bool) -> Iterator[Wire]:
-    with far_end("slcan") as (path, _):
+    with child(can_adapter) as adapter:
         settings = CanLinkSettings(
-            name="bench", interface="slcan", channel=path, fd=fd, options={"sleep_after_open": 0}
+            name="bench",
+            interface="slcan",
+            channel=adapter.receive(),
+            fd=fd,
+            options={"sleep_after_open": 0},
         )
         yield settings, CanLink.make_transport(settings)
 
@@ -159,32 +162,27 @@ class _Watch(Listener):
         self.inference_ns = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Load:
-    """Load of the node while it is measured.
-
-    Attributes:
-        ticks: as in the configuration.
-        predictor: its name.
-        people: number of people near the robot.
-    """
-
-    ticks: Literal["fixed", "capture"] = "fixed"
-    predictor: str = "zero_velocity"
-    people: int = 2
-
-
-def latency(kind: str, rate_hz: float, seconds: float, load: Load) -> dict[str, Any]:
+def latency(
+    kind: str,
+    rate_hz: float,
+    seconds: float,
+    *,
+    ticks: str = "fixed",
+    predictor: str = "zero_velocity",
+    people: int = 2,
+) -> dict[str, Any]:
     """Run the node on a wire of this kind.
 
     Args:
         kind: of ``KINDS``.
         rate_hz: of the ticks at a fixed rate, and of the source.
         seconds: measured, after a warm-up.
-        load: see ``Load``.
+        ticks: as in the configuration: ``fixed`` or ``capture``.
+        predictor: its name.
+        people: number of people near the robot.
 
     Returns:
-        Milliseconds, p50 and p99: ``wait`` from a scene's arrival until the next tick begins;
+        Milliseconds, p50, p99 and max: ``wait`` from a scene's arrival until the next tick begins;
         ``inference`` in that tick; ``node`` from its begin until Advice and Status are posted,
         without inference; ``link`` from there until their last byte was written; ``total`` is all
         four. ``scenes`` is the number of scenes measured, ``missed`` the number of ticks whose
@@ -198,7 +196,7 @@ def latency(kind: str, rate_hz: float, seconds: float, load: Load) -> dict[str, 
     watch = _Watch()
     with KINDS[kind]() as (settings, transport):
         timed = _Timed(transport)
-        config = _config(settings, rate_hz, load)
+        config = _config(settings, rate_hz, ticks=ticks, predictor=predictor, people=people)
         assembly = assemble.build(
             config, MonotonicClock(), transports={settings.name: timed}, listeners=[watch]
         )
@@ -222,51 +220,16 @@ def latency(kind: str, rate_hz: float, seconds: float, load: Load) -> dict[str, 
     return {"link": kind, "rate_hz": rate_hz} | _figures(watch, written) | counted
 
 
-def _config(settings: LinkSettings, rate_hz: float, load: Load) -> Config:
-    """Return a cell with only this link, and a robot that needs no controller.
+def _config(settings: LinkSettings, rate_hz: float, *, ticks: str, **load: Any) -> Config:
+    """Return the bench's cell with only this link.
 
-    It does not use the demo's file, which would load a network that is not needed.
+    At a fixed rate every phase between captures and ticks occurs. With a tick for each capture,
+    ``rate_hz`` is that of the captures.
     """
-    robot = {
-        "name": "arm",
-        "model": "ur5e",
-        "room_from_robot": {},
-        "payload_kg": 2.0,
-        "max_speed_m_s": 1.0,
-        "motion": {"kind": "trajectory", "file": "pick_and_place"},
-    }
-    fixed = load.ticks == "fixed"
-    source = {
-        "kind": "procedural",
-        "rate_hz": rate_hz + 1.0 if fixed else rate_hz,
-        "noise_m": 0.004,
-        "people": _people(load.people),
-    }
-    predictor = {"name": load.predictor, "horizon_s": 1.2}
-    node = {
-        "rate_hz": rate_hz if fixed else FLOOR * rate_hz,
-        "ticks": load.ticks,
-        "source": source,
-        "people": {"max_people": load.people},
-        "predictor": predictor,
-        "robots": [robot],
-    }
-    return Config(
-        path=Path("bench links"),
-        text="",
-        node=NodeSettings.model_validate(node),
-        source=ProceduralSettings.model_validate(source),
-        predictor=predictor_settings(predictor, "bench links"),
-        links=(settings,),
-    )
-
-
-def _people(count: int) -> list[dict[str, Any]]:
-    """People who stand: two near the robot, the others on a circle of 3 m around it."""
-    around = [2 * math.pi * k / 16 for k in range(max(0, count - len(_PLACES)))]
-    places = [*_PLACES, *([3 * math.cos(a), 3 * math.sin(a)] for a in around)]
-    script = [{"do": "wait", "seconds": 3600.0}]
-    return [{"start": at, "script": script} for at in places[:count]]
+    rates = {"rate_hz": rate_hz}
+    if ticks == "capture":
+        rates = {"rate_hz": FLOOR * rate_hz, "captures_hz": rate_hz}
+    return replace(cell.config(**rates, ticks=ticks, **load), links=(settings,))
 
 
 def _time_inference(predictor: Any, watch: _Watch) -> None:
@@ -327,9 +290,5 @@ def _figures(watch: _Watch, written: Sequence[tuple[int, int]]) -> dict[str, Any
     names = ("wait_ms", "inference_ms", "node_ms", "link_ms")
     columns = dict(zip(names, spans_ms.T, strict=True))
     columns["total_ms"] = spans_ms.sum(axis=1)
-    figures = {
-        name: {f"p{q}": round(float(np.percentile(column, q)), 3) for q in (50, 99)}
-        for name, column in columns.items()
-        if len(column)
-    }
+    figures = {name: spread(column, 3) for name, column in columns.items() if len(column)}
     return {"scenes": len(rows), "missed": missed} | figures

@@ -1,7 +1,5 @@
 """Readers of a node while it is heard: both screens, a reader of each, and three alert hooks.
 
-    python -m hri_sim.bench.onlookers VIEWER_PORT OPERATOR_PORT
-
 The hooks fail slowly: two servers take the connection and never answer, and a command never ends.
 The process reads what a browser would be sent by the 3D view and by the operator's page, and draws
 nothing: a browser belongs to another computer. It runs at the lowest priority for the same reason.
@@ -9,16 +7,15 @@ nothing: a browser belongs to another computer. It runs at the lowest priority f
 
 import contextlib
 import importlib.util
-import json
 import os
 import socket
-import subprocess
 import sys
 import threading
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from typing import Any
 
 from websockets.exceptions import WebSocketException
@@ -26,10 +23,11 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from hri_predict.base.errors import LinkError
+from hri_sim.bench.processes import free_port
+from hri_sim.wires.child import Child, child
 
 TRY_AGAIN_S = 0.2
 SCREENS_S = 60.0  # a screen that is not up by then never comes
-END_S = 10.0
 NICE = 19
 _TIMEOUT_S = 5.0  # the default of a hook: so long each attempt hangs
 
@@ -41,17 +39,13 @@ class Onlookers:
     Attributes:
         flags: of ``hri-predict run``.
         alerts: the block ``alerts:`` of its configuration.
-        process: the reader; it prints a line when it has seen both screens.
+        process: the reader; it sends a word when it has seen both screens, and reports how many
+            bytes each screen sent it.
     """
 
     flags: list[str]
     alerts: dict[str, Any]
-    process: Any
-
-    def seen(self) -> dict[str, int]:
-        """End the process; how much it was sent by each screen, bytes."""
-        told, _ = self.process.communicate(timeout=END_S)
-        return {str(key): int(count) for key, count in json.loads(told).items()}
+    process: Child
 
 
 @contextlib.contextmanager
@@ -63,16 +57,9 @@ def onlookers() -> Iterator[Onlookers]:
     """
     _check()
     with contextlib.ExitStack() as stack:
-        viewer, operator = _free_port(), _free_port()
+        viewer, operator = free_port(), free_port()
         silent = [stack.enter_context(_silent_server()) for _ in range(2)]
-        watcher = subprocess.Popen(
-            [sys.executable, "-m", "hri_sim.bench.onlookers", str(viewer), str(operator)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        stack.callback(_end, watcher)
+        watcher = stack.enter_context(child(watch, viewer, operator))
         hooks: list[dict[str, Any]] = [
             {"kind": "webhook", "url": f"http://127.0.0.1:{silent[0]}/"},
             {"kind": "mqtt", "host": "127.0.0.1", "port": silent[1], "tls": False},
@@ -90,17 +77,6 @@ def _check() -> None:
     for module, extra in (("viser", "viewer"), ("paho", "mqtt"), ("websockets", "viewer")):
         if importlib.util.find_spec(module) is None:
             raise LinkError(f"needs {module}: pip install 'hri-predict[{extra}]'")
-
-
-def _end(process: Any) -> None:
-    process.kill()
-    process.communicate()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextlib.contextmanager
@@ -144,24 +120,22 @@ def _operator(port: int) -> Iterator[int]:
             yield len(line)
 
 
-def main(viewer: int, operator: int) -> int:
-    """Watch both screens until standard input ends; say when both were seen; the exit status."""
+def watch(pipe: Connection, viewer: int, operator: int) -> dict[str, int]:
+    """Watch both screens; for ``child``. Reports the bytes of each.
+
+    Raises:
+        LinkError: not both were seen.
+    """
     os.nice(NICE)
     watches = {"viewer": _Watch(_viewer, viewer), "operator": _Watch(_operator, operator)}
-    for watch in watches.values():
-        watch.start()
+    for each in watches.values():
+        each.start()
     give_up_s = time.monotonic() + SCREENS_S
-    while not all(watch.seen for watch in watches.values()):
+    while not all(each.seen for each in watches.values()):
         time.sleep(TRY_AGAIN_S)
         if time.monotonic() > give_up_s:
             trouble = [f"{name}: {w.trouble}" for name, w in watches.items() if not w.seen]
-            print("; ".join(trouble), file=sys.stderr)
-            return 1
-    print(json.dumps({"ready": True}), flush=True)
-    sys.stdin.read()
-    print(json.dumps({name: watch.seen for name, watch in watches.items()}))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), int(sys.argv[2])))
+            raise LinkError("; ".join(trouble))
+    pipe.send("both were seen")
+    pipe.poll(None)
+    return {name: each.seen for name, each in watches.items()}

@@ -1,22 +1,17 @@
 """The other processes of ``heard``: a receiver at the end of a wire, and a bare loop beside it.
 
-    python -m hri_sim.bench.receiver bare FD RATE_HZ
-    python -m hri_sim.bench.receiver serial FD BARE_FD
-    python -m hri_sim.bench.receiver slcan FD BARE_FD
-    python -m hri_sim.bench.receiver udp CHANNEL PORT BARE_FD
-
 The bare loop sleeps to an absolute deadline, writes a byte into a pipe, and does nothing else. The
 receiver notes when the messages of a node and the bytes of the bare loop come, both in the same
-way, so that its own lateness is in both. It ends when standard input ends.
+way, so that its own lateness is in both.
 """
 
 import gc
-import json
 import os
 import select
-import sys
+import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
+from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 import can
@@ -24,17 +19,27 @@ import can
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.messages import Advice, NodeState, Status
 from hri_predict.protocol.serial import SerialReceiver
+from hri_sim.wires.pty import PtyTransport, open_pty
 from hri_sim.wires.slcan_adapter import SlcanAdapter
 
 PRIORITY = 10
+MULTICAST = "239.74.163.3"
 Stamped = tuple[int, Any]
 """When it came, nanoseconds of the monotonic clock, and a unit that the decoder takes."""
 
 
 class Ear(Protocol):
-    """One end of a wire."""
+    """One end of a wire.
 
+    Attributes:
+        link: entry of ``links:`` of the node at the other end.
+        stamps: the clock that stamps what comes.
+        receiver: decoder of its units.
+    """
+
+    link: dict[str, Any]
     stamps: str
+    receiver: Any
 
     def fileno(self) -> int:
         """Return the file to wait for."""
@@ -42,44 +47,47 @@ class Ear(Protocol):
     def take(self) -> list[Stamped]:
         """Return what has come, without waiting."""
 
+    def close(self) -> None:
+        """Leave the wire."""
 
-class SerialEar:
-    """The other side of a serial line; the clock is read after each read."""
+
+class PtyEar:
+    """The other side of a serial line, or a CAN adapter on one; stamps come after each read.
+
+    Args:
+        link: entry of ``links:``, but for the line's path.
+        key: the entry's key of that path.
+        transport: what reads from the line.
+        receiver: decoder of what it reads.
+    """
 
     stamps = "receiver's clock after a blocking read"
 
-    def __init__(self, fd: int) -> None:
-        self._fd = fd
+    def __init__(
+        self, link: dict[str, Any], key: str, transport: Callable[[int], Any], receiver: Any
+    ) -> None:
+        self._fd, path = open_pty()
+        # without it reading fails until the node has opened the line
+        self._held = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        self.link = {"name": "bench", **link, key: path}
+        self.receiver = receiver
+        self._transport = transport(self._fd)
+        self._transport.open()
 
     def fileno(self) -> int:
         """The descriptor."""
         return self._fd
 
     def take(self) -> list[Stamped]:
-        """One chunk of bytes."""
-        data = os.read(self._fd, 65_536)
-        return [(time.monotonic_ns(), data)]
-
-
-class SlcanEar:
-    """A CAN adapter on a serial line; the clock is read after each read."""
-
-    stamps = "receiver's clock after a blocking read"
-
-    def __init__(self, fd: int) -> None:
-        self._fd = fd
-        self._adapter = SlcanAdapter(fd)
-        self._adapter.open()
-
-    def fileno(self) -> int:
-        """The descriptor."""
-        return self._fd
-
-    def take(self) -> list[Stamped]:
-        """The frames that came."""
-        frames = self._adapter.read(0.0)
+        """The bytes, or frames, that came."""
+        units = self._transport.read(0.0)
         now_ns = time.monotonic_ns()
-        return [(now_ns, frame) for frame in frames]
+        return [(now_ns, unit) for unit in units]
+
+    def close(self) -> None:
+        """Close both sides."""
+        self._transport.close()
+        os.close(self._held)
 
 
 class UdpEar:
@@ -87,15 +95,14 @@ class UdpEar:
 
     stamps = "kernel's, at arrival"
 
-    def __init__(self, channel: str, port: int) -> None:
-        self._bus = can.Bus(
-            interface="udp_multicast",
-            channel=channel,
-            port=port,
-            hop_limit=0,
-            fd=True,
-            ignore_config=True,
-        )
+    def __init__(self) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            options: dict[str, Any] = {"port": int(probe.getsockname()[1]), "hop_limit": 0}
+        wire: dict[str, Any] = {"interface": "udp_multicast", "channel": MULTICAST, "fd": True}
+        self.link = {"name": "bench", "kind": "can", **wire, "options": options}
+        self.receiver = CanReceiver(fd=True)
+        self._bus = can.Bus(**wire, ignore_config=True, **options)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
 
     def fileno(self) -> int:
@@ -114,6 +121,21 @@ class UdpEar:
             extended=message.is_extended_id,
         )
         return [(round(message.timestamp * 1e9) - self._ahead_ns, frame)]
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._bus.shutdown()
+
+
+_SLCAN = {"kind": "can", "interface": "slcan", "fd": True, "options": {"sleep_after_open": 0}}
+EARS: dict[str, Callable[[], Ear]] = {
+    "serial pty 921600": lambda: PtyEar(
+        {"kind": "serial", "baudrate": 921_600}, "port", PtyTransport, SerialReceiver()
+    ),
+    "CAN FD udp_multicast": UdpEar,
+    "CAN FD slcan pty": lambda: PtyEar(_SLCAN, "channel", SlcanAdapter, CanReceiver(fd=True)),
+}
+"""The ends of wires at which a node can be heard, the plainest first."""
 
 
 class Heard:
@@ -138,20 +160,23 @@ class Heard:
             self.first_ns = stamp_ns
 
 
-def hear(ear: Ear, receiver: Any, bare_fd: int) -> None:
-    """Hear until standard input ends, then print what was heard, as JSON.
+def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
+    """Hear a node at the end of a wire, and the bytes of a bare loop; for ``child``.
 
-    Units are decoded as they come until the first advice of a running node is there, which one line
-    reports; later ones are decoded at the end, so that decoding makes no stamp late.
+    It sends the entry of ``links:`` of the node, then when the first advice of a running node came,
+    and reports all that it heard. Units are decoded as they come until that advice is there; later
+    ones are decoded at the end, so that decoding makes no stamp late.
     """
-    heard, kept, bare = Heard(receiver), list[Stamped](), list[int]()
+    ear = EARS[wire]()
+    heard, kept, bare = Heard(ear.receiver), list[Stamped](), list[int]()
     priority = _ahead_of_others()
-    print(json.dumps({"ready": True}), flush=True)
+    pipe.send(ear.link)
     gc.disable()
     while True:
-        ready, _, _ = select.select([ear, bare_fd, sys.stdin], [], [])
-        if bare_fd in ready:
-            if not os.read(bare_fd, 4096):
+        waited: list[Any] = [ear, loop, pipe]
+        ready, _, _ = select.select(waited, [], [])
+        if loop in ready:
+            if not os.read(loop.fileno(), 4096):
                 break
             bare.append(time.monotonic_ns())
         if ear in ready:
@@ -161,13 +186,14 @@ def hear(ear: Ear, receiver: Any, bare_fd: int) -> None:
                 heard.take(stamp_ns, unit)
             kept.clear()
             if heard.first_ns is not None:
-                print(json.dumps({"first_ns": heard.first_ns}), flush=True)
-        if sys.stdin in ready:
+                pipe.send(heard.first_ns)
+        if pipe in ready:
             break
+    ear.close()
     for stamp_ns, unit in kept:
         heard.take(stamp_ns, unit)
-    told = {"messages": heard.messages, "bare": bare, "stamps": ear.stamps, "priority": priority}
-    print(json.dumps(told), flush=True)
+    told = {"messages": heard.messages, "bare": bare}
+    return told | {"stamps": ear.stamps, "priority": priority}
 
 
 def _ahead_of_others() -> str:
@@ -179,30 +205,13 @@ def _ahead_of_others() -> str:
         return "ordinary"
 
 
-def bare(fd: int, rate_hz: float) -> None:
-    """Write a byte at each deadline, for as long as there is a reader."""
+def bare_loop(_: Connection, out: Connection, rate_hz: float) -> None:
+    """Write a byte at each deadline, for as long as there is a reader; for ``child``."""
     deadline_ns = time.monotonic_ns()
     while True:
         deadline_ns += round(1e9 / rate_hz)
         time.sleep(max(0, deadline_ns - time.monotonic_ns()) * 1e-9)
         try:
-            os.write(fd, b".")
+            os.write(out.fileno(), b".")
         except BrokenPipeError:
             return
-
-
-def main(arguments: Sequence[str]) -> None:
-    """Run one of the processes."""
-    kind, *more = arguments
-    if kind == "bare":
-        bare(int(more[0]), float(more[1]))
-    elif kind == "serial":
-        hear(SerialEar(int(more[0])), SerialReceiver(), int(more[1]))
-    elif kind == "slcan":
-        hear(SlcanEar(int(more[0])), CanReceiver(fd=True), int(more[1]))
-    else:
-        hear(UdpEar(more[0], int(more[1])), CanReceiver(fd=True), int(more[2]))
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

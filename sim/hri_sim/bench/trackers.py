@@ -1,16 +1,19 @@
-"""The measurements of ``hri-predict bench trackers``: what a tracker's joints and noise cost.
+"""``bench trackers``: what a tracker's joints and noise cost.
 
 People walk up to the demo's moving robot and away, seen by each tracker with each kind of noise,
 through the whole node on the virtual clock, in the modes predictive and iso.
 """
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import Capsules, capsule_distance
 from hri_predict.base.settings import validated
 from hri_predict.node.listeners import Tick
@@ -21,6 +24,7 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
+from hri_sim.bench.table import JsonOption, figures, measure
 from hri_sim.people.procedural import ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.referee import body_capsules
@@ -43,6 +47,47 @@ _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _SPEED_M_S = (0.8, 1.5)
 _HEIGHT_M = (1.5, 1.95)
 _WAIT_S = (0.5, 2.0)
+
+
+_COLUMNS = {
+    "tracker": "{tracker}",
+    "noise": "{noise}",
+    "unlike %": "{unlike_percent:.1f}",
+    "widened %": "{widened_percent:.1f}",
+    "predictive m/s": "{predictive_m_s:.3f}",
+    "iso m/s": "{iso_m_s:.3f}",
+    "ratio": "{ratio:.2f}",
+    "clear too close": "{clear_too_near}",
+    "contacts": "{contacts}",
+}
+
+
+def trackers(
+    only: Annotated[
+        str | None, typer.Option(help="Measure only trackers and noises whose name contains this.")
+    ] = None,
+    walks: Annotated[int, typer.Option(min=1, max=1000, help="Walks in each case and mode.")] = 4,
+    predictor: Annotated[str, typer.Option(help="Name of the predictor to measure.")] = "sinn",
+    as_json: JsonOption = False,
+) -> None:
+    """Let people walk up to a robot and away, seen by several trackers with several kinds of noise.
+
+    The whole node runs on the virtual clock, in modes predictive and iso. Exit status 1 if a robot
+    was advised "clear" too close to a person, or touched a person while it moved.
+
+    Example: hri-predict bench trackers --only "coco17 none" --walks 1
+    """
+    chosen = cases(only)
+    if not chosen:
+        names = ", ".join(f"{tracker} {noise}" for tracker, noise in cases(None))
+        raise ConfigError(f"--only {only}: no case has this in its name; there are: {names}")
+    measured = measure(rows(chosen, walks, predictor), len(chosen), "trackers")
+    if as_json:
+        print(json.dumps(measured))
+    else:
+        figures("People who walk up to a robot and away", _COLUMNS, measured, ("noise",))
+    if any(row["clear_too_near"] or row["contacts"] for row in measured):
+        raise typer.Exit(1)
 
 
 def cases(only: str | None = None) -> list[tuple[str, str]]:

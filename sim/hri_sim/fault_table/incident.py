@@ -20,6 +20,7 @@ from hri_sim.fault_table.outcome import FaultOutcome
 
 Span = tuple[float, float]
 """Seconds after the start, from and until."""
+ALL_MODES = ("predictive", "iso", "fixed")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,7 @@ class Incident:
         simulate: differences of every ``simulate`` block from the demo's.
         modes: risk modes to play it in.
         not_clear: no robot may be advised *clear* in this time.
-        not_moving: every robot must be advised to stand in this time.
+        not_moving: every robot must be advised to stand in this time; it may not be *clear* then.
         moving: some advice must permit motion in this time: the cell stays usable.
         says: each of these reasons must be given at some tick.
         never_says: none of these may be given.
@@ -61,6 +62,11 @@ class Incident:
     says: tuple[Reason, ...] = ()
     never_says: tuple[Reason, ...] = ()
     prepare: Callable[[Any], None] | None = None
+
+    @property
+    def never_clear(self) -> Span | None:
+        """The time in which no robot may be *clear*."""
+        return self.not_clear or self.not_moving
 
 
 def run_incident(base: Config, incident: Incident) -> Iterator[FaultOutcome]:
@@ -113,7 +119,7 @@ def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:
         limit_ms=None,
         measured_ms=None,
         reason="; ".join(wrong) or ", ".join(reason.name for reason in incident.says),
-        clear_while_near=watch.count(incident.not_clear, lambda level: level is Level.CLEAR),
+        clear_while_near=watch.count(incident.never_clear, lambda level: level is Level.CLEAR),
         recovered_ms=None,
         fine=not wrong,
         counted=summary.counted,
@@ -147,8 +153,8 @@ class _Watch(View):
     def wrong(self) -> list[str]:
         """The violated conditions, in words."""
         incident, found = self._incident, []
-        if clear := self.count(incident.not_clear, lambda level: level is Level.CLEAR):
-            found.append(f"clear in {clear} ticks of {incident.not_clear}")
+        if clear := self.count(incident.never_clear, lambda level: level is Level.CLEAR):
+            found.append(f"clear in {clear} ticks of {incident.never_clear}")
         if moving := self.count(incident.not_moving, lambda level: level.may_move):
             found.append(f"motion permitted in {moving} ticks of {incident.not_moving}")
         if incident.moving and not self.count(incident.moving, lambda level: level.may_move):

@@ -5,10 +5,8 @@ controllers lie, sometimes several at once. The conditions: the node never advis
 robot touches no person, every posted message is sent or counted, and memory does not grow.
 """
 
-import resource
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +19,7 @@ from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import baseline_demo
+from hri_sim.fault_table.resident import Resident
 
 QUIET_S = 5.0  # nothing fails at the start
 MEAN_GAP_S = 20.0  # from one fault's start to the next's
@@ -30,7 +29,7 @@ OPERATOR_S = 20.0  # after that an operator has looked for lost people, and ackn
 DECEIVING_S = 2.0  # longest time of false sensor data: the node must believe longer ones
 WARM_UP = 0.1  # share of the run; bounded buffers are full by then
 LIMIT_PERCENT = 2.0
-SAMPLE_NS = 20_000_000_000
+SAMPLE_S = 20.0
 
 _DECEIVING = ("vanish", "teleport", "identity_swap", "made_up", "alternate", "rename", "zero")
 _SOURCE = (
@@ -150,7 +149,6 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
     base = replace(base, links=tuple(_lying(link, lies[link.name]) for link in base.links))
     watch = _Watch(WARM_UP * seconds)
     summary = run(base.with_faults(faults), Options(factor=speed, duration_s=seconds, view=watch))
-    early, end = watch.memory_mib
     result = SoakResult(
         hours=hours,
         faults=len(faults) + sum(map(len, lies.values())),
@@ -159,10 +157,8 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
         contacts=summary.contacts or 0,
         posted=sum(count.posted for count in watch.posts),
         unaccounted=sum(count.unaccounted for count in watch.posts),
-        rss_mib_early=round(early, 2),
-        rss_mib_end=round(end, 2),
-        growth_percent=round(100.0 * (end / early - 1.0), 2),
         counted=summary.counted,
+        **watch.memory.growth(),
     )
     return asdict(result) | {"fine": result.fine}
 
@@ -222,10 +218,8 @@ class _Watch(View):
     def __init__(self, warm_up_s: float) -> None:
         self.ticks = self.clear_ticks = 0
         self.posts: list[_Posts] = []
-        self._warm_up_ns = round(warm_up_s * 1e9)
+        self.memory = Resident(SAMPLE_S, warm_up_s)
         self._start_ns: int | None = None
-        self._sampled_ns = 0
-        self._memory: list[float] = []
 
     def bind(self, assembly: Assembly) -> None:
         """Count the messages posted to the links."""
@@ -239,17 +233,4 @@ class _Watch(View):
         self.ticks += 1
         near = elapsed_ns > QUIET_S * 1e9  # by then both are in view
         self.clear_ticks += near and any(a.level is Level.CLEAR for a in tick.advices)
-        if elapsed_ns >= self._warm_up_ns and tick.now_ns - self._sampled_ns >= SAMPLE_NS:
-            self._sampled_ns = tick.now_ns
-            self._memory.append(_resident_mib())
-
-    @property
-    def memory_mib(self) -> tuple[float, float]:
-        """After the warm-up, and at the end."""
-        end = _resident_mib()
-        return (self._memory[0] if self._memory else end), end
-
-
-def _resident_mib() -> float:
-    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
-    return pages * resource.getpagesize() / 2**20
+        self.memory.look(tick.now_ns)

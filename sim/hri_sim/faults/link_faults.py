@@ -1,7 +1,6 @@
 """Faults of a link, injected between it and its wire."""
 
 import threading
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, ClassVar, Generic, Literal, TypeVar
@@ -18,6 +17,7 @@ from hri_predict.protocol.messages import Advice, Level, NodeState, RobotState, 
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
+from hri_sim.faults import passing
 from hri_sim.faults.settings import FaultSettings, faults_from
 
 # -- a second node with the same ids on one wire: it sees an empty room ----------------------------
@@ -102,19 +102,19 @@ class LinkFault(FaultSettings):
     )
 
 
-class Drop(LinkFault):
+class Drop(LinkFault, passing.Drop):
     """Units are lost."""
 
     probability: float = Field(0.5, gt=0, le=1, description="chance that a unit is lost")
 
 
-class Delay(LinkFault):
+class Delay(LinkFault, passing.Delay):
     """Units arrive late, in order."""
 
     delay_s: float = Field(0.2, gt=0, le=10, description="delay of every unit")
 
 
-class Jitter(LinkFault):
+class Jitter(LinkFault, passing.Jitter):
     """Units arrive late by a random time, still in order."""
 
     max_s: float = Field(
@@ -122,10 +122,14 @@ class Jitter(LinkFault):
     )
 
 
-class Stretch(LinkFault):
+class Stretch(LinkFault, passing.Late):
     """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
 
     rate: float = Field(0.1, gt=0, le=10, description="growth of the delay, seconds per second")
+
+    def late_ns(self, elapsed_ns: int, rng: np.random.Generator) -> int:
+        """Return the delay that has grown since the start."""
+        return int(self.rate * (elapsed_ns - self.start_s * 1e9))
 
 
 class BitErrors(LinkFault):
@@ -144,7 +148,7 @@ class Freeze(LinkFault):
     """The link is silent; nothing passes."""
 
 
-class Duplicate(LinkFault):
+class Duplicate(LinkFault, passing.Duplicate):
     """Every unit arrives twice."""
 
 
@@ -154,7 +158,7 @@ class Flood(LinkFault):
     times: int = Field(10, ge=2, le=100, description="number of times that every unit arrives")
 
 
-class Reorder(LinkFault):
+class Reorder(LinkFault, passing.Reorder):
     """Every other unit arrives after its successor."""
 
 
@@ -187,13 +191,11 @@ LINK_FAULTS: dict[str, type[LinkFault]] = {
 }
 
 
-class _Way(Generic[U]):
-    """One direction of the wire: the delayed units and their times."""
+class _Way(passing.Way[U]):
+    """One direction of the wire."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.rng = rng
-        self.late: deque[tuple[int, U]] = deque()  # due time and unit, in order
-        self.held: U | None = None
+        super().__init__(rng)
         self.lock = threading.RLock()  # a link's writer and reader both flush what is late
 
 
@@ -231,7 +233,7 @@ class FaultyTransport(Generic[U]):
         ]
         self._unplugs = any(isinstance(f, Unplug) for f in self._faults)
         self._draws = any(isinstance(f, Jitter) for f in self._faults)  # even when nothing passes
-        self._makes_late = any(isinstance(f, Delay | Jitter | Stretch) for f in self._faults)
+        self._makes_late = any(isinstance(f, passing.Late) for f in self._faults)
         self._clock = clock
         self._start_ns: int | None = None
         # one generator for each direction: reads must not change what is written
@@ -302,12 +304,8 @@ class FaultyTransport(Generic[U]):
                 self._inner.write(unit)
 
     def _due(self, way: _Way[U]) -> list[U]:
-        now_ns = self._clock.now_ns()
-        units = []
         with way.lock:
-            while way.late and way.late[0][0] <= now_ns:
-                units.append(way.late.popleft()[1])
-        return units
+            return way.due(self._clock.now_ns())
 
     def _active(self, direction: Direction) -> list[LinkFault]:
         elapsed_ns = self._clock.now_ns() - (self._start_ns or 0)
@@ -324,46 +322,34 @@ class FaultyTransport(Generic[U]):
         """Pass ``units`` through the list of faults, into the queue of leaving units."""
         if not units and way.held is None and not self._draws:
             return  # most reads bring nothing
-        faults = [f for f in self._active(direction) if not isinstance(f, SecondSender)]
-        passing = list(units)
+        faults: list[LinkFault] = [
+            f for f in self._active(direction) if not isinstance(f, SecondSender)
+        ]
+        passed = list(units)
         due_ns = self._clock.now_ns()
         elapsed_ns = due_ns - (self._start_ns or 0)
         for fault in faults:
-            if passing:
+            if passed:
                 count = self.injected.get(fault.kind, 0)
-                self.injected[fault.kind] = count + len(passing)
-            if isinstance(fault, Delay):
-                due_ns += int(fault.delay_s * 1e9)
-            elif isinstance(fault, Jitter):
-                due_ns += int(way.rng.uniform(0.0, fault.max_s) * 1e9)
-            elif isinstance(fault, Stretch):
-                due_ns += int(fault.rate * (elapsed_ns - fault.start_s * 1e9))
+                self.injected[fault.kind] = count + len(passed)
+            if isinstance(fault, passing.Late):
+                due_ns += fault.late_ns(elapsed_ns, way.rng)
             else:
-                passing = [out for unit in passing for out in _altered(fault, unit, way)]
-        if way.held is not None and not any(isinstance(f, Reorder) for f in faults):
-            passing.append(way.held)  # the fault ended while one was held back
-            way.held = None
+                passed = [out for unit in passed for out in _altered(fault, unit, way)]
+        passed += way.let_go(faults)
         with way.lock:
             if way.late:
                 due_ns = max(due_ns, way.late[-1][0])  # in order, always
-            way.late.extend((due_ns, unit) for unit in passing)
+            way.late.extend((due_ns, unit) for unit in passed)
 
 
 def _altered(fault: LinkFault, unit: U, way: _Way[U]) -> list[U]:
-    if isinstance(fault, Drop):
-        return [] if way.rng.random() < fault.probability else [unit]
     if isinstance(fault, Freeze):
         return []
-    if isinstance(fault, Duplicate):
-        return [unit, unit]
     if isinstance(fault, Flood):
         return [unit] * fault.times
-    if isinstance(fault, Reorder):
-        if way.held is None:
-            way.held = unit
-            return []
-        held, way.held = way.held, None
-        return [unit, held]
+    if not isinstance(fault, BitErrors | Truncate):
+        return way.altered(fault, unit)
     data = unit if isinstance(unit, bytes) else unit.data
     if isinstance(fault, BitErrors):
         data = _flipped(data, fault.rate, way.rng)

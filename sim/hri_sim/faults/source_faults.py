@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from hri_predict.base.arrays import Bools
 from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.settings import Metres, Pose, Quaternion, Vector3
 from hri_predict.contracts.joint_map import JointMap
@@ -16,30 +15,44 @@ from hri_predict.contracts.scene import Person, Scene
 from hri_predict.contracts.source import Source, live_part
 from hri_sim.faults.made_up import MadeUp, MadeUpPeople
 from hri_sim.faults.occlusion import Occlusion
+from hri_sim.faults.passing import Delay, Drop, Duplicate, Jitter, Late, Reorder, Way
 from hri_sim.faults.settings import FaultSettings, faults_from
 
 SIN_45 = 0.5**0.5
 
 
-class Drop(FaultSettings):
-    """Scenes are lost."""
-
-    probability: float = Field(1.0, gt=0, le=1, description="chance that a scene is lost")
-
-
-class Delay(FaultSettings):
+class GrowingDelay(Delay):
     """Scenes arrive late, by ``growth`` more for each second; their capture stamps are true."""
 
-    delay_s: float = Field(0.2, gt=0, le=10, description="delay of every scene")
     growth: float = Field(0.0, ge=0, le=0.5, description="growth of the delay, seconds per second")
 
+    def late_ns(self, elapsed_ns: int, rng: np.random.Generator) -> int:
+        """Return the delay, as it has grown since the start."""
+        grown_s = self.growth * (elapsed_ns * 1e-9 - self.start_s)
+        return int((self.delay_s + grown_s) * 1e9)
 
-class Jitter(FaultSettings):
-    """Scenes arrive late by a random time, still in order."""
 
-    max_s: float = Field(
-        0.08, gt=0, le=10, description="scenes are late by a random time up to this"
-    )
+class PeopleFault(FaultSettings):
+    """A fault that changes people alone, each by itself."""
+
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return a person as the source shows them; ``None``: it does not.
+
+        Args:
+            person: as they are.
+            joints: names of the source's joints.
+        """
+        raise NotImplementedError
+
+
+class NamedPeopleFault(PeopleFault):
+    """A fault of all people, or of one."""
+
+    person: int | None = Field(None, description="person with this id; default: all people")
+
+    def concerns(self, person: Person) -> bool:
+        """Whether it changes this person."""
+        return self.person in (None, person.id)
 
 
 class Freeze(FaultSettings):
@@ -54,19 +67,17 @@ class Freeze(FaultSettings):
     )
 
 
-class Zero(FaultSettings):
+class Zero(PeopleFault):
     """Lost joints are sent at one place, and marked as observed."""
 
     joints: list[str] = Field(["l_wrist"], min_length=1, description="names of the source's joints")
     at: Vector3 = Field([0.0, 0.0, 0.0], description="the source's origin in the room")
 
-
-class Duplicate(FaultSettings):
-    """Every scene arrives twice."""
-
-
-class Reorder(FaultSettings):
-    """Every other scene arrives after its successor."""
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return them with the lost joints at one place."""
+        lost = np.isin(joints, self.joints)
+        positions = np.where(lost[:, None], self.at, person.positions)
+        return replace(person, positions=positions, observed=person.observed | lost)
 
 
 class Nan(FaultSettings):
@@ -75,35 +86,55 @@ class Nan(FaultSettings):
     fraction: float = Field(0.3, gt=0, le=1, description="share of the joints")
 
 
-class Teleport(FaultSettings):
+class Teleport(NamedPeopleFault):
     """All people (or the ``person`` with this id) are displaced by ``offset`` metres."""
 
     offset: Vector3 = Field([2.0, 0.0, 0.0], description="displacement of a body's jump, m")
-    person: int | None = Field(None, description="person with this id; default: all people")
+
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return them displaced."""
+        if not self.concerns(person):
+            return person
+        return replace(person, positions=person.positions + np.asarray(self.offset))
 
 
-class Rotate(FaultSettings):
+class Rotate(PeopleFault):
     """All people are turned about the point ``about`` (room frame), as by wrong axes."""
 
     quaternion_xyzw: Quaternion = Field([SIN_45, 0.0, 0.0, SIN_45], description="rotation")
     about: Vector3 = Field([0.0, 0.0, 0.0], description="about which point, room frame, m")
 
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return them turned."""
+        turn = Pose(quaternion_xyzw=self.quaternion_xyzw).matrix()[:3, :3]
+        about = np.asarray(self.about)
+        return replace(person, positions=(person.positions - about) @ turn.T + about)
 
-class Mirror(FaultSettings):
+
+class Mirror(PeopleFault):
     """All people are mirrored at the plane y = ``at_y`` of the room: left and right are swapped."""
 
     at_y: float = Field(0.0, ge=-1000, le=1000, description="at the plane of this y, m")
+
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return them mirrored."""
+        over, plane = np.array([1.0, -1.0, 1.0]), np.array([0.0, 2.0 * self.at_y, 0.0])
+        return replace(person, positions=person.positions * over + plane)
 
 
 class IdentitySwap(FaultSettings):
     """People's ids rotate; a single person gets a new id."""
 
 
-class Rename(FaultSettings):
+class Rename(PeopleFault):
     """The ``person`` with this id gets the id ``to``."""
 
     person: int = Field(1, description="person with this id")
     to: int = Field(2000, ge=0, le=65535, description="the new id")
+
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return them with their id."""
+        return replace(person, id=self.to) if person.id == self.person else person
 
 
 class Alternate(FaultSettings):
@@ -131,17 +162,26 @@ class Occlude(FaultSettings):
     )
 
 
-class Vanish(FaultSettings):
+class Vanish(NamedPeopleFault):
     """All people (or the ``person`` with this id) are missing; the source still sees the room."""
 
-    person: int | None = Field(None, description="person with this id; default: all people")
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return who has not vanished."""
+        return None if self.concerns(person) else person
 
 
-class Hide(FaultSettings):
+class Hide(NamedPeopleFault):
     """The named ``joints`` of all people (or of the ``person`` with this id) are not observed."""
 
     joints: list[str] = Field(min_length=1, description="names of the joints that are not observed")
-    person: int | None = Field(None, description="person with this id; default: all people")
+
+    def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
+        """Return them without the hidden joints."""
+        if not self.concerns(person):
+            return person
+        hidden = np.isin(joints, self.joints)
+        positions = np.where(hidden[:, None], np.nan, person.positions)
+        return replace(person, positions=positions, observed=person.observed & ~hidden)
 
 
 class Blind(FaultSettings):
@@ -164,7 +204,7 @@ class ClockJump(FaultSettings):
 
 SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
     "drop": Drop,
-    "delay": Delay,
+    "delay": GrowingDelay,
     "jitter": Jitter,
     "freeze": Freeze,
     "made_up": MadeUp,
@@ -222,8 +262,7 @@ class FaultySource:
             id(f): MadeUpPeople(f, self._rng) for f in self._faults if isinstance(f, MadeUp)
         }
         self._start_ns = 0
-        self._arriving: deque[tuple[int, Scene]] = deque()  # arrival time, kept sorted
-        self._held: Scene | None = None
+        self._way: Way[Scene] = Way(self._rng)
         self._last: Scene | None = None
         self.joint_map: JointMap = inner.joint_map
         self.rate_hz = inner.rate_hz
@@ -240,9 +279,9 @@ class FaultySource:
     def next_ns(self) -> int | None:
         """Return the earlier of the inner source's next time and the next delayed scene's time."""
         inner_ns = self._inner.next_ns()
-        if not self._arriving:
+        if not self._way.late:
             return inner_ns
-        held_ns = self._arriving[0][0]
+        held_ns = self._way.late[0][0]
         return held_ns if inner_ns is None else min(inner_ns, held_ns)
 
     def poll(self, now_ns: int) -> Scene | None:
@@ -251,9 +290,8 @@ class FaultySource:
             if self.on_truth is not None:
                 self.on_truth(scene)
             self._inject(scene, now_ns)
-        if self._arriving and self._arriving[0][0] <= now_ns:
-            return self._arriving.popleft()[1]
-        return None
+        late = self._way.late
+        return late.popleft()[1] if late and late[0][0] <= now_ns else None
 
     def close(self) -> None:
         """Close the inner source."""
@@ -271,29 +309,21 @@ class FaultySource:
                     self._made_up[id(fault)].see(scene)
                 continue
             self.injected[fault.kind] = self.injected.get(fault.kind, 0) + 1
-            if isinstance(fault, Delay):
-                grown_s = fault.growth * (elapsed_ns * 1e-9 - fault.start_s)
-                arrival_ns += int((fault.delay_s + grown_s) * 1e9)
-            elif isinstance(fault, Jitter):
-                arrival_ns += int(self._rng.uniform(0.0, fault.max_s) * 1e9)
-                if self._arriving:
-                    arrival_ns = max(arrival_ns, self._arriving[-1][0])
+            if isinstance(fault, Late):
+                arrival_ns += fault.late_ns(elapsed_ns, self._rng)
+                if isinstance(fault, Jitter) and self._way.late:
+                    arrival_ns = max(arrival_ns, self._way.late[-1][0])
             else:
                 scenes = [out for s in scenes for out in self._altered(fault, s)]
-        if self._held is not None and not any(
-            isinstance(f, Reorder) and f.active(elapsed_ns) for f in self._faults
-        ):
-            scenes.append(self._held)  # the fault ended while one was held back
-            self._held = None
+        scenes += self._way.let_go([f for f in self._faults if f.active(elapsed_ns)])
         if self._last is None or not self._is_frozen(elapsed_ns):
             self._last = scene
-        for out in scenes:
-            self._arriving.append((arrival_ns, out))
-        self._arriving = deque(sorted(self._arriving, key=lambda item: item[0]))
+        under_way = [*self._way.late, *((arrival_ns, out) for out in scenes)]
+        self._way.late = deque(sorted(under_way, key=lambda item: item[0]))
 
     def _altered(self, fault: FaultSettings, scene: Scene) -> list[Scene]:
-        if isinstance(fault, Drop):
-            return [] if self._rng.random() < fault.probability else [scene]
+        if isinstance(fault, Drop | Duplicate | Reorder):
+            return self._way.altered(fault, scene)
         if isinstance(fault, Freeze):
             frozen = self._last or scene
             if fault.what == "sequence":
@@ -301,14 +331,6 @@ class FaultySource:
             return [replace(scene, people=frozen.people, sees_room=frozen.sees_room)]
         if isinstance(fault, MadeUp):
             return [self._made_up[id(fault)].made_up(scene)]
-        if isinstance(fault, Duplicate):
-            return [scene, scene]
-        if isinstance(fault, Reorder):
-            if self._held is None:
-                self._held = scene
-                return []
-            held, self._held = self._held, None
-            return [scene, held]
         if isinstance(fault, ClockJump):
             return [_shifted(scene, int(fault.offset_s * 1e9))]
         if isinstance(fault, Blind):
@@ -319,48 +341,18 @@ class FaultySource:
         return [replace(scene, people=self._people(fault, scene.people))]
 
     def _people(self, fault: FaultSettings, people: tuple[Person, ...]) -> tuple[Person, ...]:
-        if isinstance(fault, Vanish):
-            return tuple(p for p in people if fault.person not in (None, p.id))
-        if isinstance(fault, Rename):
-            return tuple(replace(p, id=fault.to) if p.id == fault.person else p for p in people)
+        if isinstance(fault, PeopleFault):
+            shown = (fault.changed(p, self.joint_map.source_joints) for p in people)
+            return tuple(p for p in shown if p is not None)
         if isinstance(fault, Alternate):
             is_other = (self.injected[fault.kind] - 1) // fault.captures % 2 == 1
             missing = fault.person if is_other else fault.other
             seen = tuple(p for p in people if p.id != missing)
             return tuple(replace(p, id=fault.person) if p.id == fault.other else p for p in seen)
-        if isinstance(fault, Teleport):
-            return tuple(
-                replace(p, positions=p.positions + np.asarray(fault.offset))
-                if fault.person in (None, p.id)
-                else p
-                for p in people
-            )
-        if isinstance(fault, Rotate):
-            turn = Pose(quaternion_xyzw=fault.quaternion_xyzw).matrix()[:3, :3]
-            about = np.asarray(fault.about)
-            return tuple(
-                replace(p, positions=(p.positions - about) @ turn.T + about) for p in people
-            )
-        if isinstance(fault, Mirror):
-            over, plane = np.array([1.0, -1.0, 1.0]), np.array([0.0, 2.0 * fault.at_y, 0.0])
-            return tuple(replace(p, positions=p.positions * over + plane) for p in people)
         if isinstance(fault, IdentitySwap):
             ids = [p.id for p in people]
             ids = [*ids[1:], ids[0]] if len(ids) > 1 else [(i + 1000) % 65536 for i in ids]
             return tuple(replace(p, id=i) for p, i in zip(people, ids, strict=True))
-        if isinstance(fault, Hide):
-            hidden = np.isin(self.joint_map.source_joints, fault.joints)
-            return tuple(_without(p, hidden) if fault.person in (None, p.id) else p for p in people)
-        if isinstance(fault, Zero):
-            lost = np.isin(self.joint_map.source_joints, fault.joints)[:, None]
-            return tuple(
-                replace(
-                    p,
-                    positions=np.where(lost, fault.at, p.positions),
-                    observed=p.observed | lost[:, 0],
-                )
-                for p in people
-            )
         if isinstance(fault, Nan):
             return tuple(self._with_nan(p, fault.fraction) for p in people)
         return people
@@ -379,11 +371,6 @@ class FaultySource:
 
     def _is_frozen(self, elapsed_ns: int) -> bool:
         return any(isinstance(f, Freeze) and f.active(elapsed_ns) for f in self._faults)
-
-
-def _without(person: Person, hidden: Bools) -> Person:
-    positions = np.where(hidden[:, None], np.nan, person.positions)
-    return replace(person, positions=positions, observed=person.observed & ~hidden)
 
 
 def _check_joints(fault: Hide | Zero, joints: Sequence[str], where: str) -> None:

@@ -1,30 +1,22 @@
-"""The far end of a wire, as a separate process: it takes bytes at the rate of the wire.
+"""The far end of a serial line, as a process of its own: it takes bytes at the rate of the wire.
 
-    python -m hri_sim.wires.far_end serial FD BYTES_PER_S
-    python -m hri_sim.wires.far_end slcan FD
-
-FD is the master side of a pseudo-terminal. A pseudo-terminal takes everything that fits at once; a
-serial line takes one bit at a time. ``drain`` makes a pseudo-terminal behave like a serial line: a
-byte leaves the buffer when its last bit would have left the sender. ``slcan`` answers like a CAN
-adapter, whose USB side takes bytes at once. Both end when standard input ends, and print one JSON
-line.
+A pseudo-terminal takes everything that fits at once; a serial line takes one bit at a time.
+``drain`` makes a pseudo-terminal behave like a serial line: a byte leaves the buffer when its last
+bit would have left the sender. A CAN adapter's USB side takes bytes at once.
 """
 
 import array
-import contextlib
 import fcntl
-import json
 import os
 import select
-import subprocess
-import sys
 import termios
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
 
 from hri_sim.wires.pty import open_pty
+from hri_sim.wires.slcan_adapter import SlcanAdapter
 
 STEP_S = 0.001  # time between two reads while the buffer holds bytes
 
@@ -83,66 +75,28 @@ def _waiting(fd: int) -> int:
     return count[0]
 
 
-@contextlib.contextmanager
-def far_end(*arguments: str) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Start a far end; ``arguments`` are those of its command line, without FD.
-
-    Yields the path of the serial port, and a list that receives the report at the end.
-    """
+def serial_line(pipe: Connection, bytes_per_s: float) -> Drained:
+    """Be the far end of a serial line; for ``child``. Sends the path of its port first."""
     master, path = open_pty()
-    kind, *more = arguments
-    child = subprocess.Popen(
-        [sys.executable, "-m", "hri_sim.wires.far_end", kind, str(master), *more],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        pass_fds=[master],
-    )
-    os.close(master)
-    assert child.stdin is not None
-    assert child.stdout is not None
-    reports: list[dict[str, Any]] = []
-    try:
-        child.stdout.readline()  # it is ready
-        yield path, reports
-        child.stdin.close()
-        reports.append(json.loads(child.stdout.readline()))
-        child.wait(10.0)
-    finally:
-        child.kill()
-        child.wait()
-        child.stdout.close()
+    pipe.send(path)
+    return drain(master, bytes_per_s, _until_end_or_bytes(master, pipe))
 
 
-def _until_end_or_bytes(fd: int) -> Callable[[float | None], bool]:
-    def until(timeout_s: float | None) -> bool:
-        ready, _, _ = select.select([fd, sys.stdin], [], [], timeout_s)
-        return sys.stdin in ready
-
-    return until
-
-
-def _answer(fd: int) -> int:
-    """Act as an slcan adapter until standard input ends; return the number of frames."""
-    from hri_sim.wires.slcan_adapter import SlcanAdapter
-
-    adapter, frames = SlcanAdapter(fd), 0
+def can_adapter(pipe: Connection) -> int:
+    """Be an slcan adapter; for ``child``. Sends its port's path; reports the number of frames."""
+    master, path = open_pty()
+    adapter, frames = SlcanAdapter(master), 0
     adapter.open()
-    until = _until_end_or_bytes(fd)
+    pipe.send(path)
+    until = _until_end_or_bytes(master, pipe)
     while not until(None):
         frames += len(adapter.read(0.0))
     return frames
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run one far end; return the exit status."""
-    kind, fd = arguments[0], int(arguments[1])
-    print(json.dumps({"ready": True}), flush=True)
-    if kind == "slcan":
-        print(json.dumps({"frames": _answer(fd)}), flush=True)
-        return 0
-    print(json.dumps(asdict(drain(fd, float(arguments[2]), _until_end_or_bytes(fd)))), flush=True)
-    return 0
+def _until_end_or_bytes(fd: int, pipe: Connection) -> Callable[[float | None], bool]:
+    def until(timeout_s: float | None) -> bool:
+        waited: list[int] = [fd, pipe.fileno()]
+        return pipe.fileno() in select.select(waited, [], [], timeout_s)[0]
 
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    return until

@@ -46,17 +46,8 @@ LINKS = ("classic", "fd", "serial")
 BASE_ID = 0x680
 CHUNK = 1000  # messages at a time
 NO_TOOL = 255
-NAMES = {  # of listen, where they are not the signals' own
-    "speed_limit_m_s": "SPEED_LIMIT",
-    "separation_m": "SEPARATION",
-    "predicted_separation_m": "PREDICTED_SEPARATION",
-    "time_to_breach_s": "TIME_TO_BREACH",
-    "age_s": "AGE",
-    "horizon_s": "HORIZON",
-    "version": "SCHEMA_VERSION",
-    "hash": "SCHEMA_HASH",
-    "counter": "STATE_COUNTER",
-}
+NAMES = {d.name.lower(): {f.member: f.signal for f in d.fields} for d in DEFINITIONS}
+"""Signals by the names of listen, for each message."""
 BASE = {
     "x_m": "X",
     "y_m": "Y",
@@ -140,9 +131,8 @@ def listened(receiver: Any, sent: list[Any], schema: list[Any]) -> dict[str, Any
 
 def flat(shown: dict[str, Any]) -> dict[str, Any]:
     """Listen's fields by signal."""
-    if shown["message"] == "advice":
-        shown = {"operating_mode" if k == "mode" else k: v for k, v in shown.items()}
-    row = {NAMES.get(k, k.upper()): v for k, v in shown.items()}
+    names = NAMES[shown["message"]]
+    row = {names.get(k, k.upper()): v for k, v in shown.items()}
     for i, capsule in enumerate(row.pop("CAPSULES", ())):
         row |= {f"SEGMENT_{i}": capsule["segment"], f"RADIUS_{i}": capsule["radius"]}
         row |= {f"A_{axis}_{i}": v for axis, v in zip("XYZ", capsule["a"], strict=True)}

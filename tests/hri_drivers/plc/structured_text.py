@@ -239,10 +239,7 @@ class _Reader:
         assert variable.section in writable, f"{name} is not to be written"
         if variable.bounds and self.tokens[0] != "[":
             self.take(":=")
-            other = self.take()
-            assert self.variable(other).bounds == variable.bounds, other
-            assert self.variable(other).kind == variable.kind, other
-            return f"v[{name!r}] = list(v[{other!r}])"
+            return f"v[{name!r}] = list({self.array(variable)})"
         target = f"v[{name!r}]{self.index(name, variable)}"
         self.take(":=")
         return f"{target} = check({self.of(variable.kind)}, {variable.kind!r}, {name!r})"

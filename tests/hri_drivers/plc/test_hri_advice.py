@@ -6,17 +6,26 @@ from typing import Any
 import pytest
 
 from hri_predict.protocol import e2e
-from hri_predict.protocol.can import DEFAULT_BASE_ID, CanSender
+from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.definition import (
     BY_TYPE,
     SCHEMA_HASH,
     SCHEMA_VERSION,
     frame_table,
 )
-from hri_predict.protocol.fields import ROBOT_STRIDE
-from hri_predict.protocol.messages import Advice, Level, Message, OperatingMode, Schema
+from hri_predict.protocol.generate.c_messages import name_of
+from hri_predict.protocol.generate.examples import fields_of
+from hri_predict.protocol.generate.st_messages import camel
+from hri_predict.protocol.messages import (
+    Advice,
+    Level,
+    Message,
+    OperatingMode,
+    RobotState,
+    Schema,
+)
 from hri_predict.protocol.reasons import Reason
-from hri_predict.protocol.reception import FORGET_S, OURS
+from hri_predict.protocol.reception import OURS
 from tests.hri_drivers.plc.structured_text import Units
 
 SLOW = Advice(
@@ -31,6 +40,15 @@ SLOW = Advice(
 )
 
 
+EVERY = replace(
+    SLOW,
+    separation_m=1.5,
+    predicted_separation_m=-0.25,
+    time_to_breach_s=3.999,
+    body_part=41,
+    robot_link=22,
+    echo=65_531,
+)
 VERSION_1 = Schema(1, 0xD680A301)  # the last one of that version
 
 
@@ -86,17 +104,15 @@ def controller(units: Units) -> Controller:
     return Controller(units["HRI_ADVICE"])
 
 
-def test_its_constants_are_those_of_the_definition(units: Units) -> None:
+def test_its_arrays_have_room_for_the_messages_of_the_definition(units: Units) -> None:
     block = units["HRI_ADVICE"].variables
-    v = block | block["Rule"].variables
-    assert v["BASE_ID"] == DEFAULT_BASE_ID
-    assert v["SCHEMA_NUMBER"] == BY_TYPE[Schema].number
-    assert v["SCHEMA_VERSION"] == SCHEMA_VERSION
-    hint = f"write 16#{SCHEMA_HASH & 0xFFFF:04X} and 16#{SCHEMA_HASH >> 16:04X} into hri_advice.st"
-    assert v["SCHEMA_HASH_LOW"] + (v["SCHEMA_HASH_HIGH"] << 16) == SCHEMA_HASH, hint
-    assert (v["MAX_DELTA"], v["RESYNC"]) == (e2e.MAX_DELTA, e2e.RESYNC)
-    assert v["FORGET_MS"] == 1000 * FORGET_S
-    assert (BY_TYPE[Advice].number, BY_TYPE[Advice].parts, ROBOT_STRIDE) == (0, 3, 8)
+    assert len(block["PartSeen"]) == BY_TYPE[Advice].parts
+    assert len(block["Payload"]) == BY_TYPE[Advice].fixed_bytes
+    state = units["HRI_STATE"].variables
+    assert (len(state["Payload"]), len(state["Needed"])) == (
+        BY_TYPE[RobotState].fixed_bytes,
+        BY_TYPE[RobotState].parts,
+    )
 
 
 def test_its_crc_is_that_of_every_frame(units: Units) -> None:
@@ -112,6 +128,16 @@ def test_it_reads_the_fields_and_permits_the_speed(controller: Controller) -> No
     assert controller["LatchId"] == 9
     assert (controller["OperatingMode"], controller["Tool"]) == (OperatingMode.MUTED, 3)
     assert (controller["CrcErrors"], controller["CounterErrors"]) == (0, 0)
+
+
+def test_every_field_of_an_advice_is_read(controller: Controller, units: Units) -> None:
+    controller.hear(OURS, EVERY)
+    fields = units["HRI_ADVICE_FIELDS"]
+    fields(Payload=controller["AdvicePayload"])
+    read = fields.variables
+    raw = {camel(name_of(f, BY_TYPE[Advice])): raw for f, _, raw in fields_of(EVERY)}
+    signed = {name: value for name, value in raw.items() if name.startswith("Predicted")}
+    assert {n: read[n] for n in raw} == raw | {n: v - 65536 for n, v in signed.items()}
 
 
 def test_it_goes_on_across_the_wraps_of_tick_and_counters(controller: Controller) -> None:

@@ -18,7 +18,8 @@ DEMO = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))
 COMMANDS = [
     "demo", "run", "check", "conformance", "replay", "listen", "predictors",
     "bench", "bench faults", "bench links", "bench fleet", "bench memory",
-    "urdf", "ablate", "card", "protocol dbc", "protocol document", "protocol c-header",
+    "urdf", "ablate", "card", "protocol files", "protocol dbc",
+    "protocol document", "protocol c-header",
 ]  # fmt: skip
 
 

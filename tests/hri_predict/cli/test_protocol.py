@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 
 from hri_predict.cli import main
-from hri_predict.protocol.generate import structured_text
+from hri_predict.protocol.generate.files import generated
+from hri_predict.protocol.generate.structured_text import FILES
 
 DRIVERS = Path(__file__).resolve().parents[3] / "drivers"
+C_FILES = ("c/hri_predict.h", "c/hri_decode.c", "c/examples/decode.c")
+ST_FILES = tuple(f"plc/{name}" for name in FILES)
 
 
 @pytest.fixture
@@ -28,20 +31,21 @@ def protocol(monkeypatch):
 @pytest.mark.parametrize(
     ("command", "written"),
     [
+        ("files", [*(str(p.relative_to(DRIVERS)) for p in generated(DRIVERS))]),
         ("dbc", ["dbc/hri_predict.dbc", "dbc/hri_predict_fd.dbc"]),
         ("document", ["PROTOCOL.md"]),
-        ("c-header", ["c/hri_predict.h", "c/fuzz/corpus.txt"]),
-        ("plcopen", ["plc/hri_predict.xml", "plc/hri_predict.scl"]),
+        ("c-header", [*C_FILES, "c/fuzz/corpus.txt"]),
+        ("plcopen", [*ST_FILES, "plc/hri_predict.xml", "plc/hri_predict.scl"]),
     ],
 )
 def test_each_says_what_it_wrote(protocol, tmp_path, capsys, command, written):
     own = tmp_path / "drivers"
-    for folder in ("c/fuzz", "dbc", "plc"):
+    for folder in ("c/fuzz", "c/examples", "dbc", "plc"):
         (own / folder).mkdir(parents=True)
-    for name in ("PROTOCOL.md", "c/hri_predict.h", *(f"plc/{n}" for n in structured_text.FILES)):
+    for name in ("PROTOCOL.md", *C_FILES, *ST_FILES):
         shutil.copy(DRIVERS / name, own / name)
-    where = Path(written[0])
-    assert protocol(command, own / (where if command == "document" else where.parent)) == 0
+    where = {"files": "", "document": "PROTOCOL.md"}.get(command, Path(written[0]).parent)
+    assert protocol(command, own / where) == 0
     out, err = capsys.readouterr()
     assert out == ""
     assert err == "written: " + ", ".join(str(own / name) for name in written) + "\n"
@@ -70,12 +74,14 @@ def test_tables_of_the_document_are_renewed(protocol, tmp_path):
 
 
 def test_header_and_corpus_are_renewed(protocol, tmp_path):
-    (tmp_path / "fuzz").mkdir()
-    header, corpus = tmp_path / "hri_predict.h", tmp_path / "fuzz" / "corpus.txt"
-    shutil.copy(DRIVERS / "c" / "hri_predict.h", header)
+    for folder in ("c/fuzz", "c/examples"):
+        (tmp_path / folder).mkdir(parents=True)
+    for name in C_FILES:
+        shutil.copy(DRIVERS / name, tmp_path / name)
+    header, corpus = tmp_path / "c/hri_predict.h", tmp_path / "c/fuzz/corpus.txt"
     whole = header.read_text(encoding="ascii")
     header.write_text(whole.replace("#define HRI_LEVEL_", "#define HRI_OLD_"), encoding="ascii")
-    assert protocol("c-header", tmp_path) == 0
+    assert protocol("c-header", tmp_path / "c") == 0
     assert header.read_text(encoding="ascii") == whole
     assert corpus.read_bytes() == (DRIVERS / "c" / "fuzz" / "corpus.txt").read_bytes()
 
@@ -89,6 +95,8 @@ def test_projects_of_the_structured_text_are_the_shipped_ones(protocol, tmp_path
 
 
 def test_structured_text_that_is_none_is_one_line(protocol, tmp_path, capsys):
+    for name in ST_FILES:
+        shutil.copy(DRIVERS / name, tmp_path)
     source = tmp_path / "hri_advice.st"
     source.write_text("FUNCTION X : INT\nVAR\nA, B : INT;\nEND_VAR\nEND_FUNCTION\n")
     assert protocol("plcopen", tmp_path) == 2

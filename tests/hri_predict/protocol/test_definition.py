@@ -1,6 +1,7 @@
 """The one definition keeps the promises that codec, DBC and documents rest on."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import get_args
 
 import pytest
 
@@ -21,7 +22,6 @@ from hri_predict.protocol.fields import (
     frame_number,
 )
 from hri_predict.protocol.messages import (
-    Acknowledge,
     Advice,
     Message,
     Pose,
@@ -33,8 +33,31 @@ from hri_predict.protocol.messages import (
 
 
 def test_every_message_is_defined_once() -> None:
-    assert set(BY_TYPE) == {Advice, RobotState, Status, Acknowledge, Schema, Zone, Pose}
+    assert set(BY_TYPE) == set(get_args(Message))
     assert len(DEFINITIONS) == len(BY_TYPE)
+
+
+def test_every_field_is_an_attribute_of_its_message_but_for_what_the_codec_computes() -> None:
+    """A field without its attribute would be sent as if it were not known."""
+    joints = [f"{name}_{i}" for i in range(1, 10) for name in ("POSITION", "VELOCITY")]
+    base = [f.signal for f in BY_TYPE[RobotState].fields if f.signal.startswith("BASE_")]
+    items = {"FIRST", "TOTAL", "COUNT"}
+    computed = {RobotState: {"JOINTS", "BASE", *joints, *base}, Zone: items, Pose: items}
+    for definition in DEFINITIONS:
+        own = {f.name for f in fields(definition.type)}
+        rest = {f.signal for f in definition.fields if f.member not in own}
+        assert rest == computed.get(definition.type, set())
+
+
+def test_attributes_that_are_not_named_like_their_signals() -> None:
+    """A wrong name would put a value into another field: each exception is listed here, too."""
+    assert {(f.signal, f.attribute) for d in DEFINITIONS for f in d.fields if f.attribute} == {
+        ("OPERATING_MODE", "mode"),
+        ("STATE_COUNTER", "counter"),
+        ("BASE", "base_moves"),
+        ("SCHEMA_VERSION", "version"),
+        ("SCHEMA_HASH", "hash"),
+    }
 
 
 def test_classic_payloads_are_whole_parts_and_no_field_crosses_them() -> None:
@@ -158,8 +181,7 @@ def test_the_hash_changes_with_every_field(position: int) -> None:
         row = getattr(definition, name)
         for i, field in enumerate(row):
             for other in changed_fields(field):
-                fields = (*row[:i], other, *row[i + 1 :])
-                changed = with_fields(definition, name, fields)
+                changed = with_fields(definition, name, (*row[:i], other, *row[i + 1 :]))
                 hashes.add(
                     schema_hash((*DEFINITIONS[:position], changed, *DEFINITIONS[position + 1 :]))
                 )

@@ -3,13 +3,13 @@
 import gc
 import tracemalloc
 
-from hri_sim.bench.command import risk
+from hri_sim.bench import walkers
 
 TICKS, TIMES = 60, 4
 
 
 def test_judging_leaves_nothing_behind_that_grows():
-    _, judge = risk.risk_calls()
+    _, judge = walkers.risk_calls()
 
     def ticks() -> tuple[int, int]:
         for _ in range(TICKS):

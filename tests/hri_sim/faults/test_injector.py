@@ -62,9 +62,9 @@ class Walkers:
         pass
 
 
-def heard(*faults, seed=0, people=2, count=100):
+def heard(*faults, seed=0, people=2, count=100, source=None):
     """All (arrival in periods, scene) that come through."""
-    source = FaultySource(Walkers(count, people), faults, seed)
+    source = FaultySource(source or Walkers(count, people), faults, seed)
     source.open(0)
     out = []
     while (due := source.next_ns()) is not None:
@@ -102,11 +102,13 @@ def test_drop():
     assert 100 - 22 < len(some) < 100 - 3
 
 
-def test_delay_is_late_with_its_true_stamp():
-    scenes = heard(window("delay", delay_s=0.2))
+@pytest.mark.parametrize("growth", [0.0, 0.5])
+def test_delay_is_late_with_its_true_stamp(growth):
+    scenes = heard(window("delay", delay_s=0.2, growth=growth))
     assert sorted(sequences(scenes)) == list(range(100))
     for arrival, scene in scenes:
-        late = 5 if 25 <= scene.sequence < 50 else 0
+        grown = growth * (scene.sequence - 25)
+        late = 5 + grown if 25 <= scene.sequence < 50 else 0
         assert arrival == pytest.approx(scene.sequence + late)
         assert scene.stamp_ns == scene.sequence * PERIOD
 

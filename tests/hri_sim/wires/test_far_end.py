@@ -12,7 +12,8 @@ from hri_predict.protocol.messages import Advice, Level, NodeState, Status
 from hri_predict.protocol.reasons import Reason
 from hri_sim.bench.capacity import saturate
 from hri_sim.bench.latency import _figures, _Seen, _status_times, _Watch
-from hri_sim.wires.far_end import drain, far_end
+from hri_sim.wires.child import child
+from hri_sim.wires.far_end import drain, serial_line
 from hri_sim.wires.pty import open_pty
 
 MS = 1_000_000
@@ -20,8 +21,8 @@ MS = 1_000_000
 
 @pytest.mark.realtime
 def test_a_paced_far_end_takes_every_byte_and_never_faster_than_the_wire():
-    with far_end("serial", "20000") as (path, reports):
-        port = os.open(path, os.O_WRONLY | os.O_NOCTTY)
+    with child(serial_line, 20_000) as line:
+        port = os.open(line.receive(), os.O_WRONLY | os.O_NOCTTY)
         began = time.monotonic()
         for _ in range(2):
             os.write(port, b"x" * 1000)
@@ -29,10 +30,10 @@ def test_a_paced_far_end_takes_every_byte_and_never_faster_than_the_wire():
         while time.monotonic() - began < 0.11:  # what is not read when the port closes is lost
             time.sleep(0.01)
         os.close(port)
-    report = reports[0]
-    assert report["received"] == 2000
-    assert report["busy_s"] >= 2000 / 20_000
-    assert all(0 <= waiting < 2000 for waiting in report["backlog_bytes"])
+        report = line.report()
+    assert report.received == 2000
+    assert report.busy_s >= 2000 / 20_000
+    assert all(0 <= waiting < 2000 for waiting in report.backlog_bytes)
 
 
 def test_bytes_that_wait_before_the_first_look_are_taken():

@@ -1,27 +1,17 @@
 """Acknowledges without a person who presses, while a person hides beside the robot."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import leave, person, reach, wait, walk
 
-_HIDES: Mapping[str, Any] = {
-    "start": [3.6, 2.4],
-    "repeat": False,
-    "script": [
-        {"do": "walk", "via": [[2.4, 0.9]], "to": [1.3, 0.1]},
-        {"do": "wait", "seconds": 12.0},
-        {"do": "reach", "hand": "right", "to": [0.72, 0.1, 0.64], "hold_s": 8.0},
-    ],
-}
+_HIDES = person(
+    [3.6, 2.4], walk([1.3, 0.1], via=[[2.4, 0.9]]), wait(12.0), reach([0.72, 0.1, 0.64], hold_s=8.0)
+)
 """Walks up to the robot, is no longer seen there, and reaches into its way 12 s later."""
 
-_WENT: Mapping[str, Any] = {
-    "start": [-2.0, 2.5],
-    "repeat": False,
-    "script": [{"do": "wait", "seconds": 4.0}, {"do": "leave", "seconds": 3600.0}],
-}
+_WENT = person([-2.0, 2.5], wait(4.0), leave())
 """Leaves by a way that the node does not know."""
 
 

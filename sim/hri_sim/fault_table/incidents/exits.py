@@ -5,6 +5,7 @@ from typing import Any
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import leave, person, reach, walk
 
 _EXIT = {"polygon": [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]}
 _ENDS_S = 16.0
@@ -13,15 +14,12 @@ _LEGS = ",".join(name for name in JOINTS if name[2:] in ("knee", "ankle", "foot"
 
 def _and_back(start: list[float], to: list[float], speed_m_s: float = 1.2) -> dict[str, Any]:
     """Walks somewhere, and at once back to the robot, to reach into its way."""
-    return {
-        "start": start,
-        "repeat": False,
-        "script": [
-            {"do": "walk", "to": to, "speed_m_s": speed_m_s},
-            {"do": "walk", "to": [1.12, 0.1]},
-            {"do": "reach", "hand": "right", "to": [0.72, 0.1, 0.64], "hold_s": 6.0},
-        ],
-    }
+    return person(
+        start,
+        walk(to, speed_m_s=speed_m_s),
+        walk([1.12, 0.1]),
+        reach([0.72, 0.1, 0.64], hold_s=6.0),
+    )
 
 
 def _returns(
@@ -58,16 +56,7 @@ EXITS = (
     ),
     Incident(
         name="exit: walks out, so the cell works on",
-        people=(
-            {
-                "start": [1.8, 0.6],
-                "repeat": False,
-                "script": [
-                    {"do": "walk", "to": [4.6, 3.2]},
-                    {"do": "leave", "seconds": 3600.0},
-                ],
-            },
-        ),
+        people=(person([1.8, 0.6], walk([4.6, 3.2]), leave()),),
         duration_s=9.0,
         settings={"source": {"keeps_ids": False}, "people": {"exits": [_EXIT]}},
         moving=(6.5, 9.0),

@@ -4,18 +4,12 @@ from typing import Any
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import person, wait, walk
 
 
 def _comes(speed_m_s: float, seconds: float = 6.0) -> dict[str, Any]:
     """Comes straight towards the robot at a speed, and stays a metre before it."""
-    return {
-        "start": [9.0, 0.1],
-        "repeat": False,
-        "script": [
-            {"do": "walk", "to": [1.2, 0.1], "speed_m_s": speed_m_s},
-            {"do": "wait", "seconds": seconds},
-        ],
-    }
+    return person([9.0, 0.1], walk([1.2, 0.1], speed_m_s=speed_m_s), wait(seconds))
 
 
 _HIPS_AND_HANDS = "hide@0+20:joints=[waist, torso, l_hip, r_hip, l_wrist, l_hand, r_wrist, r_hand]"

@@ -1,49 +1,22 @@
 """An id moves from a person who is then hidden to a colleague, who walks out."""
 
-from typing import Any
-
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incident import ALL_MODES, Incident
+from hri_sim.fault_table.people import reaches_out, walks_out
 
 _HIDES_S = 5.0
-_WORKER = {
-    "id": 1,
-    "start": [3.6, 2.4],
-    "repeat": False,
-    "script": [
-        {"do": "walk", "via": [[2.4, 0.9]], "to": [1.75, 0.1]},
-        {"do": "wait", "seconds": 12.0},
-        {"do": "walk", "to": [1.12, 0.1], "speed_m_s": 1.0},
-        {"do": "reach", "hand": "right", "to": [0.72, 0.1, 0.64], "hold_s": 8.0},
-    ],
-}
-"""Walks up to the robot, stands there for a long time, then reaches into its way."""
-
-
-def _colleague(place: list[float]) -> dict[str, Any]:
-    """Stands at a place, and walks out after three seconds."""
-    return {
-        "id": 2,
-        "start": place,
-        "repeat": False,
-        "script": [
-            {"do": "wait", "seconds": _HIDES_S + 3.0},
-            {"do": "walk", "via": [[3.3, 2.1]], "to": [4.0, 2.8]},
-            {"do": "leave", "seconds": 3600.0},
-        ],
-    }
 
 
 def _incident(name: str, place: list[float], *faults: str) -> Incident:
     """The worker is hidden from ``_HIDES_S`` on; the colleague stands at ``place``."""
     return Incident(
         name=f"identity: {name}",
-        people=(_WORKER, _colleague(place)),
+        people=(reaches_out(12.0), walks_out(_HIDES_S + 3.0, place)),
         duration_s=28.0,
         faults=faults,
         settings={"source": {"keeps_ids": False}},
-        modes=("predictive", "iso", "fixed"),
+        modes=ALL_MODES,
         not_clear=(_HIDES_S, 28.0),
         says=(Reason.PERSON_LOST,),
     )

@@ -5,11 +5,9 @@ from typing import Any
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import FAR, stands
 
-_FAR: Mapping[str, Any] = {"start": [4.5, 0.2], "script": [{"do": "wait", "seconds": 30.0}]}
-"""Stands far enough away for the robot to run."""
-
-_UNSEEN: Mapping[str, Any] = {"start": [0.6, 0.3], "script": [{"do": "wait", "seconds": 30.0}]}
+_UNSEEN = stands([0.6, 0.3])
 """Stands beside the robot from the start; the source does not see this person."""
 
 
@@ -29,7 +27,7 @@ LATCHES = (
     ),
     Incident(
         name="latch blind: blind for half a second",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=9.0,
         faults=("blind@4+0.5",),
         settings=_latched("blind"),
@@ -39,7 +37,7 @@ LATCHES = (
     ),
     Incident(
         name="latch lost: a person vanishes and is found",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=9.0,
         faults=("vanish@4+1:person=1",),
         settings=_latched("lost"),

@@ -2,12 +2,9 @@
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import person, wait
 
-_STANDS_NEAR = {
-    "start": [2.2, 0.2],
-    "repeat": False,
-    "script": [{"do": "wait", "seconds": 600.0}],
-}
+_STANDS_NEAR = person([2.2, 0.2], wait(600.0))
 _LASTS_S = 75.0
 """Long enough for a rule that accepts 1 ms/s as drift to believe these scenes again."""
 
@@ -19,7 +16,6 @@ def _late(name: str, fault: str, since_s: float) -> Incident:
         duration_s=_LASTS_S,
         faults=(fault,),
         settings={"rate_hz": 10},
-        not_clear=(since_s, _LASTS_S),
         not_moving=(since_s, _LASTS_S),
         moving=(1.0, 5.0),
         says=(Reason.CLOCK_DRIFT,),

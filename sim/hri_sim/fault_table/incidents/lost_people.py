@@ -5,50 +5,42 @@ from typing import Any
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import (
+    Person,
+    leave,
+    person,
+    reach,
+    reaches_out,
+    wait,
+    walk,
+    walks_out,
+)
 
 _DOOR = [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]
 _FLOOR = [[-4, -4], [6, -4], [6, 5], [-4, 5]]
 _PALLET = {"polygon": [[1.4, -0.6], [2.2, -0.6], [2.2, 0.8], [1.4, 0.8]], "z_max": 1.3}
 
 
-def _reaches_out(waits_s: float, number: int = 1) -> dict[str, Any]:
-    """Walks up to 1.2 m from the robot, stands there for a long time, then reaches into its way."""
-    return {
-        "id": number,
-        "start": [3.6, 2.4],
-        "repeat": False,
-        "script": [
-            {"do": "walk", "via": [[2.4, 0.9]], "to": [1.75, 0.1]},
-            {"do": "wait", "seconds": waits_s},
-            {"do": "walk", "to": [1.12, 0.1], "speed_m_s": 1.0},
-            {"do": "reach", "hand": "right", "to": [0.72, 0.1, 0.64], "hold_s": 8.0},
-        ],
-    }
-
-
 def _stands(place: list[float], number: int, enter_s: float, seconds: float) -> dict[str, Any]:
     """Appears at a place, stands there, and is gone."""
-    script = [{"do": "wait", "seconds": seconds}, {"do": "leave", "seconds": 3600.0}]
-    return {
-        "id": number, "start": place, "enter_s": enter_s, "repeat": False, "script": script,
-    }  # fmt: skip
+    return person(place, wait(seconds), leave(), id=number, enter_s=enter_s)
+
+
+def _lost(name: str, *people: Person, ends_s: float = 28.0, **story: Any) -> Incident:
+    """The first person is lost after five seconds, until the story ends; he is still there."""
+    usual: dict[str, Any] = {
+        "faults": (f"vanish@5+{ends_s - 5:g}:person=1",),
+        "not_clear": (5.0, ends_s),
+        "says": (Reason.PERSON_LOST,),
+    }
+    return Incident(name=f"lost: {name}", people=people, duration_s=ends_s, **usual | story)
 
 
 def _id_moves(name: str, at_s: float, *faults: str) -> Incident:
     """He hides at ``at_s``; from then on a colleague, who soon walks out, has his id."""
-    colleague = {
-        "id": 2,
-        "start": [2.9, 1.7],
-        "repeat": False,
-        "script": [
-            {"do": "wait", "seconds": at_s + 2.0},
-            {"do": "walk", "via": [[3.3, 2.1]], "to": [4.0, 2.8]},
-            {"do": "leave", "seconds": 3600.0},
-        ],
-    }
     return Incident(
         name=f"lost: {name}",
-        people=(_reaches_out(12.0), colleague),
+        people=(reaches_out(12.0), walks_out(at_s + 2.0, [2.9, 1.7])),
         duration_s=28.0,
         faults=(
             *faults,
@@ -74,59 +66,30 @@ def _untracked(name: str, faults: tuple[str, ...], says: Reason, **settings: Any
     """A person the node cannot track vanishes after five seconds, and later reaches out."""
     return Incident(
         name=f"lost: {name}",
-        people=(_FAR, _reaches_out(12.0)),
+        people=(_FAR, reaches_out(12.0)),
         duration_s=28.0,
         faults=("vanish@5+23:person=1", *faults),
         settings=settings,
-        not_clear=(1.0, 28.0),
         not_moving=(1.0, 28.0),
         says=(says, Reason.ROOM_NOT_SEEN_EMPTY),
     )
 
 
-_RUNNER = {
-    "start": [9.0, 0.1],
-    "repeat": False,
-    "script": [
-        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 5.0},
-        {"do": "wait", "seconds": 10.0},
-    ],
-}
+_RUNNER = person([9.0, 0.1], walk([1.0, 0.1], speed_m_s=5.0), wait(10.0))
 
-_STARTS_TO_RUN = {
-    "start": [5.5, 0.1],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 2.0},
-        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 4.4},
-        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.64], "hold_s": 8.0, "duration_s": 0.7},
-    ],
-}
+_STARTS_TO_RUN = person(
+    [5.5, 0.1],
+    wait(2.0),
+    walk([1.0, 0.1], speed_m_s=4.4),
+    reach([0.6, 0.1, 0.64], hold_s=8.0, duration_s=0.7),
+)
 """Lost after 0.4 s, at 1.3 m/s; within a second he has 4.4 m/s."""
 
 _GATE = {"polygon": [[-3.7, 2.2], [-3.1, 2.2], [-3.1, 4.2], [-3.7, 4.2]]}
 
-_STAYS_AND_GOES = {
-    "start": [-2.0, 2.5],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 6.0},
-        {"do": "walk", "to": [-3.95, 3.3]},
-        {"do": "leave", "seconds": 3600.0},
-    ],
-}
+_STAYS_AND_GOES = person([-2.0, 2.5], wait(6.0), walk([-3.95, 3.3]), leave())
 
-_WALKS_BY = {
-    "id": 2,
-    "start": [3.0, -1.8],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 5.0},
-        {"do": "walk", "to": [2.6, 2.6]},
-        {"do": "walk", "to": [4.5, -2.0]},
-        {"do": "wait", "seconds": 60.0},
-    ],
-}
+_WALKS_BY = person([3.0, -1.8], wait(5.0), walk([2.6, 2.6]), walk([4.5, -2.0]), wait(60.0), id=2)
 """Crosses the line of sight before the vehicle."""
 
 _FREE_SPACE = {
@@ -140,29 +103,21 @@ _FREE_SPACE = {
 }
 
 LOST_PEOPLE = (
-    Incident(
-        name="lost: behind a pallet, then reaches out",
-        people=(_reaches_out(12.0),),
-        duration_s=28.0,
-        faults=("vanish@5+23:person=1",),
-        not_clear=(5.0, 28.0),
-        says=(Reason.PERSON_LOST,),
+    _lost("behind a pallet, then reaches out", reaches_out(12.0)),
+    _lost(
+        "a colleague stands in the door for a second",
+        reaches_out(12.0),
+        _stands([3.7, 2.5], 2, enter_s=6.0, seconds=1.0),
+        says=(),
     ),
-    Incident(
-        name="lost: a colleague stands in the door for a second",
-        people=(_reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=6.0, seconds=1.0)),
-        duration_s=28.0,
-        faults=("vanish@5+23:person=1",),
-        not_clear=(5.0, 28.0),
-    ),
-    Incident(
-        name="lost: a colleague gets the lost one's id",
-        people=(_reaches_out(12.0), _stands([3.7, 2.5], 2, enter_s=7.0, seconds=1.0)),
-        duration_s=28.0,
+    _lost(
+        "a colleague gets the lost one's id",
+        reaches_out(12.0),
+        _stands([3.7, 2.5], 2, enter_s=7.0, seconds=1.0),
         # the only visible person gets another id, and so does the colleague: 1 is lost, comes back
         faults=("vanish@5+23:person=1", "rename@7+2:person=2,to=1"),
         settings={"source": {"keeps_ids": False}},
-        not_clear=(5.0, 28.0),
+        says=(),
     ),
     _id_moves("a colleague gets the id while no scene comes", 6.5, "drop@5+1.5"),
     _id_moves(
@@ -180,7 +135,7 @@ LOST_PEOPLE = (
     ),
     Incident(
         name="lost: in the doorway, but not on the way out",
-        people=(_reaches_out(12.0) | {"enter_s": 1.0},),
+        people=(reaches_out(12.0, enter_s=1.0),),
         duration_s=24.0,
         faults=("vanish@1.1+23:person=1",),
         not_clear=(6.0, 24.0),
@@ -196,23 +151,19 @@ LOST_PEOPLE = (
         says=(Reason.PERSON_LOST,),
         never_says=(Reason.OUT_OF_VIEW,),
     ),
-    Incident(
-        name="lost: behind a vehicle that stops between, where the source sees free space",
-        people=(_reaches_out(10.0), _FAR),
-        duration_s=24.0,
-        faults=("vanish@5+19:person=1",),
+    _lost(
+        "behind a vehicle that stops between, where the source sees free space",
+        reaches_out(10.0),
+        _FAR,
+        ends_s=24.0,
         settings=_FREE_SPACE,
-        not_clear=(5.0, 24.0),
-        says=(Reason.PERSON_LOST,),
     ),
-    Incident(
-        name="lost: behind a vehicle, while a colleague walks by",
-        people=(_reaches_out(10.0), _WALKS_BY),
-        duration_s=24.0,
-        faults=("vanish@5+19:person=1",),
+    _lost(
+        "behind a vehicle, while a colleague walks by",
+        reaches_out(10.0),
+        _WALKS_BY,
+        ends_s=24.0,
         settings=_FREE_SPACE,
-        not_clear=(5.0, 24.0),
-        says=(Reason.PERSON_LOST,),
     ),
     Incident(
         name="lost: a runner, while he speeds up",
@@ -223,11 +174,9 @@ LOST_PEOPLE = (
         not_clear=(2.7, 7.0),
         not_moving=(3.3, 7.0),
     ),
-    Incident(
-        name="lost: behind a pallet, where free space is not seen",
-        people=(_reaches_out(12.0),),
-        duration_s=28.0,
-        faults=("vanish@5+23:person=1",),
+    _lost(
+        "behind a pallet, where free space is not seen",
+        reaches_out(12.0),
         settings={
             "source": {
                 "sees_free_space": True,
@@ -237,8 +186,6 @@ LOST_PEOPLE = (
             },
             "people": {"exits": [{"polygon": _DOOR}], "room": {"polygon": _FLOOR}},
         },
-        not_clear=(5.0, 28.0),
-        says=(Reason.PERSON_LOST,),
     ),
     _untracked("one too many", (), Reason.TOO_MANY_PEOPLE, people={"max_people": 1}),
     _untracked("under the id of another", ("rename@0+28:person=1,to=2",), Reason.INPUT_IMPOSSIBLE),

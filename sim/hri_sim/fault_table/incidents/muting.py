@@ -1,31 +1,12 @@
 """Requests for muting that are repeated: people are ignored for the configured time in all."""
 
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incident import ALL_MODES, Incident
+from hri_sim.fault_table.people import DEMO_ROBOT, comes
 
-_COMES = {
-    "start": [4.5, 0.2],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 4.0},
-        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 1.4},
-        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.8], "hold_s": 8.0},
-    ],
-}
-"""Walks up to a robot at full speed and reaches into its way."""
+_COMES = comes(hold_s=8.0)
 
-_MUTABLE = {
-    "robots": [
-        {
-            "name": "arm",
-            "model": "ur5e",
-            "room_from_robot": {"xyz": [0, 0, 0]},
-            "payload_kg": 2.0,
-            "max_speed_m_s": 1.0,
-            "modes": {"muting": {"max_s": 2}},
-        }
-    ]
-}
+_MUTABLE = {"robots": [{**DEMO_ROBOT, "modes": {"muting": {"max_s": 2}}}]}
 """The demo's robot, which may be muted."""
 
 
@@ -41,7 +22,7 @@ def _repeated(name: str, period_s: float, released_s: float) -> Incident:
         duration_s=12.0,
         settings=_MUTABLE,
         requests=asked,
-        modes=("predictive", "iso", "fixed"),
+        modes=ALL_MODES,
         not_moving=(6.6, 12.0),
         says=(Reason.MUTED,),
     )

@@ -1,36 +1,13 @@
 """Robots that send false reports, or do not follow their advice."""
 
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incident import ALL_MODES, Incident
+from hri_sim.fault_table.people import DEMO_ROBOT, FAR, comes
 
-_FAR = {"start": [4.5, 0.2], "script": [{"do": "wait", "seconds": 30.0}]}
-"""Stands far enough away for the robot to run."""
-
-_COMES = {
-    "start": [4.5, 0.2],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 4.0},
-        {"do": "walk", "to": [1.0, 0.1], "speed_m_s": 1.4},
-        {"do": "reach", "hand": "right", "to": [0.6, 0.1, 0.8], "hold_s": 4.0},
-    ],
-}
-"""Walks up to a robot at full speed and reaches into its way."""
+_COMES = comes(hold_s=4.0)
 
 
-_ALL_MODES = ("predictive", "iso", "fixed")
-_BY_FILE = {
-    "robots": [
-        {
-            "name": "arm",
-            "model": "ur5e",
-            "room_from_robot": {"xyz": [0, 0, 0]},
-            "payload_kg": 2.0,
-            "max_speed_m_s": 1.0,
-            "motion": {"kind": "trajectory", "file": "pick_and_place"},
-        }
-    ]
-}
+_BY_FILE = {"robots": [{**DEMO_ROBOT, "motion": {"kind": "trajectory", "file": "pick_and_place"}}]}
 """The demo's robot, taken to follow its file although it does as advised."""
 
 
@@ -57,7 +34,7 @@ ROBOT_LIES = (
     ),
     Incident(
         name="robot: position jumps",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=8.0,
         lies=({"kind": "jump", "start_s": 3.0, "jump_rad": 0.8},),
         not_moving=(3.2, 5.5),
@@ -65,7 +42,7 @@ ROBOT_LIES = (
     ),
     Incident(
         name="robot: both controllers repeat a state of its motion",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=8.0,
         lies=({"kind": "freeze", "start_s": 2.5},),
         not_moving=(2.8, 8.0),
@@ -73,7 +50,7 @@ ROBOT_LIES = (
     ),
     Incident(
         name="robot: both controllers hold its place, with true velocities",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=8.0,
         lies=({"kind": "hold", "start_s": 2.5},),
         not_moving=(2.8, 3.4),
@@ -84,7 +61,7 @@ ROBOT_LIES = (
         people=(_COMES,),
         duration_s=9.0,
         lies=({"kind": "stand", "start_s": 3.5},),
-        modes=_ALL_MODES,
+        modes=ALL_MODES,
         not_moving=(3.7, 9.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     ),
@@ -99,7 +76,7 @@ ROBOT_LIES = (
     ),
     Incident(
         name="robot: two controllers put it 0.5 m apart",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=5.0,
         lies=({"kind": "jump", "jump_rad": 0.7},),
         liars=("drive",),
@@ -111,7 +88,7 @@ ROBOT_LIES = (
         people=(_COMES,),
         duration_s=9.0,
         settings=_BY_FILE,
-        modes=_ALL_MODES,
+        modes=ALL_MODES,
         not_moving=(1.0, 9.0),
         says=(Reason.ROBOT_STATES_CONTRADICT,),
     ),
@@ -124,7 +101,7 @@ ROBOT_LIES = (
     ),
     Incident(
         name="robot: brakes six times slower",
-        people=(_FAR,),
+        people=(FAR,),
         duration_s=9.0,
         faults=("blind@3.8+1.5",),
         lies=({"kind": "brakes_late", "factor": 6.0},),

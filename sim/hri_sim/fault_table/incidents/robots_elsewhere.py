@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incident import ALL_MODES, Incident
+from hri_sim.fault_table.people import person, reach, wait, walk
 
 _PATHS = Path(__file__).parent.parent / "paths"
-_ALL_MODES = ("predictive", "iso", "fixed")
 _VEHICLE = {
     "model": "ur5e",
     "payload_kg": 2.0,
@@ -39,12 +39,7 @@ _VEHICLE = {
 
 def _walks_up(start: list[float], to: list[float], wait_s: float) -> Mapping[str, Any]:
     """Walks into the robot's way in full view, and stays there."""
-    script = [
-        {"do": "wait", "seconds": wait_s},
-        {"do": "walk", "to": to, "speed_m_s": 1.4},
-        {"do": "wait", "seconds": 60.0},
-    ]
-    return {"start": start, "repeat": False, "script": script}
+    return person(start, wait(wait_s), walk(to, speed_m_s=1.4), wait(60.0))
 
 
 def _elsewhere(
@@ -68,15 +63,21 @@ def _elsewhere(
     )
 
 
+def _drives(name: str, **story: Any) -> Incident:
+    """A vehicle drives a long way, and a person walks up beside it."""
+    walker = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
+    return _elsewhere(name, _LONG_WAY, _VEHICLE, walker, modes=ALL_MODES, **story)
+
+
 def _reaches_into_its_way(wait_s: float, speed_m_s: float) -> Mapping[str, Any]:
-    script = [
-        {"do": "wait", "seconds": wait_s},
-        {"do": "walk", "to": [0.25, -1.5], "speed_m_s": speed_m_s},
-        {"do": "wait", "seconds": 0.4},
-        {"do": "reach", "hand": "right", "to": [0.1, -1.05, 0.9], "hold_s": 8.0},
-        {"do": "wait", "seconds": 20.0},
-    ]
-    return {"start": [2.5, -4.5], "repeat": False, "script": script}
+    return person(
+        [2.5, -4.5],
+        wait(wait_s),
+        walk([0.25, -1.5], speed_m_s=speed_m_s),
+        wait(0.4),
+        reach([0.1, -1.05, 0.9], hold_s=8.0),
+        wait(20.0),
+    )
 
 
 def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
@@ -88,7 +89,6 @@ def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incid
         _reaches_into_its_way(wait_s, speed_m_s),
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": since_s},),
-        not_clear=(since_s + 0.2, 16.0),
         not_moving=(since_s + 0.2, 16.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     )
@@ -103,8 +103,7 @@ def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> 
         _reaches_into_its_way(wait_s, speed_m_s),
         duration_s=20.0,
         lies=({"kind": "stand", "start_s": since_s},),
-        modes=_ALL_MODES,
-        not_clear=(4.0, 20.0),
+        modes=ALL_MODES,
         not_moving=(4.0, 20.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     )
@@ -112,55 +111,39 @@ def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> 
 
 def _waits(name: str, script: Sequence[Mapping[str, Any]], **story: Any) -> Incident:
     """An arm that reports the truth, and waits for 4 s at a station."""
-    person = {"start": [2.5, -4.5], "repeat": False, "script": script}
     return _elsewhere(
         f"it is not, an arm waits at a station, {name}",
         "swings_and_waits.yaml",
         _DOUBTED,
-        person,
+        person([2.5, -4.5], *script),
         **story,
     )
 
 
 _UR10E: Mapping[str, Any] = {"model": "ur10e", "payload_kg": 5.0, "max_speed_m_s": 1.2}
 _DOUBTED = {**_UR10E, "motion": {"kind": "state", "stale_s": 0.1, "still_s": 2.0}}
-_BESIDE_ITS_WAY = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
 _LONG_WAY = "vehicle_drives_far.yaml"
 _RAIL = "rail_end_to_end.yaml"
 
 ROBOTS_ELSEWHERE = (
-    _elsewhere(
+    _drives(
         "a vehicle's place is frozen while it drives",
-        _LONG_WAY,
-        _VEHICLE,
-        _BESIDE_ITS_WAY,
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": 6.0},),
-        modes=_ALL_MODES,
-        not_clear=(6.2, 16.0),
         not_moving=(6.2, 16.0),
         says=(Reason.ROBOT_STATE_FROZEN,),
     ),
-    _elsewhere(
+    _drives(
         "one of two controllers says that the vehicle stands",
-        _LONG_WAY,
-        _VEHICLE,
-        _BESIDE_ITS_WAY,
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": 3.0},),
         liars=("monitor",),
-        modes=_ALL_MODES,
-        not_clear=(6.0, 16.0),
         not_moving=(6.0, 16.0),
         says=(Reason.ROBOT_STATES_CONTRADICT,),
     ),
-    _elsewhere(
+    _drives(
         "it is not, a vehicle drives up",
-        _LONG_WAY,
-        _VEHICLE,
-        _BESIDE_ITS_WAY,
         duration_s=9.0,
-        modes=_ALL_MODES,
         moving=(1.0, 6.0),
         never_says=(Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT),
     ),
@@ -170,19 +153,19 @@ ROBOTS_ELSEWHERE = (
     _frozen_while_it_stands(1.0, wait_s=2.5, speed_m_s=1.0),
     _waits(
         "people are far away",
-        [{"do": "wait", "seconds": 20.0}],
+        [wait(20.0)],
         duration_s=8.0,
-        modes=_ALL_MODES,
+        modes=ALL_MODES,
         moving=(4.0, 8.0),
         never_says=(Reason.ROBOT_STATE_FROZEN,),
     ),
     _waits(
         "a person comes within its reach and goes again",
         [
-            {"do": "walk", "to": [1.5, -2.6], "speed_m_s": 1.4},
-            {"do": "wait", "seconds": 4.0},
-            {"do": "walk", "to": [2.5, -4.8], "speed_m_s": 1.4},
-            {"do": "wait", "seconds": 20.0},
+            walk([1.5, -2.6], speed_m_s=1.4),
+            wait(4.0),
+            walk([2.5, -4.8], speed_m_s=1.4),
+            wait(20.0),
         ],
         duration_s=13.0,
         not_moving=(4.0, 5.5),
@@ -200,8 +183,7 @@ ROBOTS_ELSEWHERE = (
         },
         _walks_up([6.5, 0.3], [2.6, 0.15], 5.0),
         duration_s=28.0,
-        modes=_ALL_MODES,
-        not_clear=(4.0, 28.0),
+        modes=ALL_MODES,
         not_moving=(4.0, 28.0),
         says=(Reason.ROBOT_STATES_CONTRADICT,),
     ),

@@ -2,19 +2,12 @@
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import person, stands, wait, walk
 
-_FAR = {"start": [5.0, 3.0], "script": [{"do": "wait", "seconds": 20.0}]}
+_FAR = stands([5.0, 3.0], 20.0)
 """Stands far enough away for the robot to move."""
 
-_WALKS_IN = {
-    "start": [5.0, 3.0],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 3.0},
-        {"do": "walk", "to": [1.3, 0.2]},
-        {"do": "wait", "seconds": 9.0},
-    ],
-}
+_WALKS_IN = person([5.0, 3.0], wait(3.0), walk([1.3, 0.2]), wait(9.0))
 """Walks up to the robot while another node on the bus sees an empty room."""
 
 SECOND_SENDER = (

@@ -1,18 +1,11 @@
 """Trackers that lost a person and go on sending one, while the person walks to the robot."""
 
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incident import ALL_MODES, Incident
+from hri_sim.fault_table.people import person, wait, walk
 
-_WALKS_UP = {
-    "start": [4.6, 0.3],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 1.0},
-        {"do": "walk", "to": [1.0, 0.1]},
-        {"do": "wait", "seconds": 9.0},
-    ],
-}
-_STANDS = {"start": [4.6, 0.3], "repeat": False, "script": [{"do": "wait", "seconds": 30.0}]}
+_WALKS_UP = person([4.6, 0.3], wait(1.0), walk([1.0, 0.1]), wait(9.0))
+_STANDS = person([4.6, 0.3], wait(30.0))
 _LOST_S = 2.3
 """In the middle of a step."""
 
@@ -24,7 +17,7 @@ def _lie(name: str, fault: str, known_s: float) -> Incident:
         people=(_WALKS_UP,),
         duration_s=9.0,
         faults=(f"made_up@{_LOST_S}:{fault}",),
-        modes=("predictive", "iso", "fixed"),
+        modes=ALL_MODES,
         not_clear=(_LOST_S + known_s, 9.0),
         says=(Reason.INPUT_REPEATS,),
     )

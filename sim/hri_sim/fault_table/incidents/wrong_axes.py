@@ -2,30 +2,19 @@
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.people import person, reach, wait, walk
 
-_WALKS_BY = {
-    "start": [4.4, -1.6],
-    "repeat": False,
-    "script": [
-        {"do": "walk", "to": [4.4, 1.6]},
-        {"do": "wait", "seconds": 2.0},
-        {"do": "walk", "to": [4.4, -1.6]},
-        {"do": "wait", "seconds": 9.0},
-    ],
-}
+_WALKS_BY = person([4.4, -1.6], walk([4.4, 1.6]), wait(2.0), walk([4.4, -1.6]), wait(9.0))
 """Walks past the cell, far enough for the robot to work: only the axes can be wrong here."""
-_BENDS = {
-    "start": [4.0, 0.5],
-    "repeat": False,
-    "script": [
-        {"do": "wait", "seconds": 1.0},
-        {"do": "reach", "hand": "right", "to": [3.4, 0.4, 0.7], "hold_s": 2.0},
-        {"do": "walk", "to": [4.4, -1.0], "backwards": True},
-        {"do": "wait", "seconds": 2.0},
-        {"do": "walk", "to": [4.4, 1.0]},
-        {"do": "wait", "seconds": 9.0},
-    ],
-}
+_BENDS = person(
+    [4.0, 0.5],
+    wait(1.0),
+    reach([3.4, 0.4, 0.7], hold_s=2.0),
+    walk([4.4, -1.0], backwards=True),
+    wait(2.0),
+    walk([4.4, 1.0]),
+    wait(9.0),
+)
 _S = "0.7071067811865476"
 _ABOUT = "about=[4.4,0,1.4]"
 
@@ -36,7 +25,6 @@ def _wrong(name: str, fault: str, not_clear: tuple[float, float]) -> Incident:
         people=(_WALKS_BY,),
         duration_s=8.0,
         faults=(fault,),
-        not_clear=not_clear,
         not_moving=not_clear,
         says=(Reason.BODY_NOT_UPRIGHT,),
     )

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,29 +21,25 @@ import numpy as np
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.can import CanFrame, CanSender
+from hri_predict.protocol.definition import BY_TYPE
+from hri_predict.protocol.fields import MAX_ROBOTS, Field
+from hri_predict.protocol.generate.dbc import numbered_items
 from hri_predict.protocol.messages import (
     Advice,
-    Level,
     Message,
-    NodeState,
-    OperatingMode,
     Pose,
     RobotMode,
     RobotState,
     Schema,
     Status,
     Zone,
-    ZoneCapsule,
 )
-from hri_predict.protocol.reasons import Reason
+from hri_sim.wires.random_messages import random_message, signals
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
 
 DBC = Path(__file__).resolve().parents[4] / "drivers" / "dbc"
 MULTICAST = "239.74.163.2"
 ROUNDS = 40
-NOT_AVAILABLE = {"m": -32.768, "s": 65.535, "m/s": 65.535, "echo": 65535}
-NOT_AVAILABLE |= {"index": 63, "tool": 255, "soon": 4.095}
-LIMIT = {"m": 32.767, "s": 65.534, "m/s": 65.534, "soon": 4.094}
 
 
 # -- the listener ---------------------------------------------------------------------------------
@@ -120,118 +117,26 @@ def _ended() -> bool:
 
 
 def random_messages(rng: np.random.Generator, fd: bool) -> list[Message]:
-    def maybe(low: float, high: float) -> float | None:
-        return None if rng.random() < 0.2 else float(rng.uniform(low, high))
-
-    def index() -> int | None:
-        return None if rng.random() < 0.2 else int(rng.integers(0, 63))
-
-    def point() -> tuple[float, float, float]:
-        x, y, z = rng.uniform(-40, 40, 3)
-        return float(x), float(y), float(z)
-
-    messages: list[Message] = [
-        Advice(
-            robot=int(robot),
-            level=Level(int(rng.integers(0, 6))),
-            reason=Reason(int(rng.choice([r.value for r in Reason]))),
-            latch_id=int(rng.integers(0, 65536)),
-            separation_m=maybe(-40, 40),
-            predicted_separation_m=maybe(-40, 40),
-            time_to_breach_s=maybe(0, 80),
-            speed_limit_m_s=maybe(0, 80),
-            body_part=index(),
-            robot_link=index(),
-            mode=OperatingMode(int(rng.integers(0, 4))),
-            tool=index(),
-        )
-        for robot in rng.permutation(8)[:3]
-    ]
-    messages.append(
-        Status(
-            node_state=NodeState(int(rng.integers(0, 6))),
-            reason=Reason(int(rng.choice([r.value for r in Reason]))),
-            people=int(rng.integers(0, 15)),
-            predictor=int(rng.integers(0, 256)),
-            cycle=int(rng.integers(0, 256)),
-            age_s=maybe(0, 80),
-        )
-    )
-    messages.append(Schema(int(rng.integers(0, 65536)), int(rng.integers(0, 2**32))))
-    if fd:
-        capsules = tuple(
-            ZoneCapsule(int(i), point(), point(), float(rng.uniform(0, 3))) for i in range(3)
-        )
-        joints = tuple((int(i), *point()) for i in range(7))
-        person, step = int(rng.integers(0, 65536)), int(rng.integers(0, 256))
-        messages.append(
-            Zone(person=person, step=step, horizon_s=float(rng.uniform(0, 3)), capsules=capsules)
-        )
-        messages.append(
-            Pose(person=person, step=step, horizon_s=float(rng.uniform(0, 3)), joints=joints)
-        )
-    return messages
+    """Messages of the node; numbers go beyond the ranges of their fields."""
+    robots = rng.permutation(MAX_ROBOTS)[:3].tolist()
+    found: list[Message] = []
+    for robot in robots:
+        advice = random_message(rng, Advice, beyond=1.2)
+        assert isinstance(advice, Advice)
+        found.append(replace(advice, robot=robot, echo=None))
+    kinds = [Status, Schema, *((Zone, Pose) if fd else ())]
+    return found + [random_message(rng, kind, items=4, beyond=1.2) for kind in kinds]
 
 
-def expected(message: Message) -> dict[str, tuple[Any, str]]:
-    """Signal -> (value, unit) of a message, written down by hand from the messages' meaning."""
-    match message:
-        case Advice():
-            return {
-                "LEVEL": (message.level, ""),
-                "REASON": (message.reason, ""),
-                "LATCH_ID": (message.latch_id, ""),
-                "SEPARATION": (message.separation_m, "m"),
-                "PREDICTED_SEPARATION": (message.predicted_separation_m, "m"),
-                "TIME_TO_BREACH": (message.time_to_breach_s, "soon"),
-                "SPEED_LIMIT": (message.speed_limit_m_s, "m/s"),
-                "BODY_PART": (message.body_part, "index"),
-                "ROBOT_LINK": (message.robot_link, "index"),
-                "ECHO": (message.echo, "echo"),
-                "OPERATING_MODE": (message.mode, ""),
-                "TOOL": (message.tool, "tool"),
-                "AGE": (message.age_s, "s"),
-            }
-        case Status():
-            return {
-                "NODE_STATE": (message.node_state, ""),
-                "REASON": (message.reason, ""),
-                "PEOPLE": (message.people, ""),
-                "PREDICTOR": (message.predictor, ""),
-                "CYCLE": (message.cycle, ""),
-                "AGE": (message.age_s, "s"),
-            }
-        case Schema():
-            return {"SCHEMA_VERSION": (message.version, ""), "SCHEMA_HASH": (message.hash, "")}
-        case Zone():
-            signals: dict[str, tuple[Any, str]] = {
-                "PERSON": (message.person, ""),
-                "STEP": (message.step, ""),
-                "HORIZON": (message.horizon_s, "s"),
-            }
-            for i, capsule in enumerate(message.capsules):
-                signals[f"SEGMENT_{i}"] = (capsule.segment, "")
-                signals[f"RADIUS_{i}"] = (capsule.radius, "s")  # unsigned, as times are
-                for axis, a, b in zip("XYZ", capsule.a, capsule.b, strict=True):
-                    signals[f"A_{axis}_{i}"], signals[f"B_{axis}_{i}"] = (a, "m"), (b, "m")
-            return signals
-        case Pose():
-            signals = {"PERSON": (message.person, ""), "STEP": (message.step, "")}
-            for i, (joint, *xyz) in enumerate(message.joints):
-                signals[f"JOINT_{i}"] = (joint, "")
-                signals |= {f"{a}_{i}": (v, "m") for a, v in zip("XYZ", xyz, strict=True)}
-            return signals
-    raise AssertionError(message)
-
-
-def agrees(value: Any, unit: str, decoded: float) -> bool:
-    """Whether a decoded signal is the value within the field's resolution, 1 mm, 1 ms, 1 mm/s."""
+def agrees(field: Field, value: Any, decoded: float) -> bool:
+    """Whether a decoded signal is the value within the field's resolution."""
     if value is None:
-        return abs(decoded - NOT_AVAILABLE[unit]) < 1e-6
-    if unit in LIMIT:
-        value = max(-LIMIT[unit], min(LIMIT[unit], value))
-        return abs(decoded - value) <= 0.001 + 1e-9
-    return decoded == value
+        assert field.not_available is not None
+        return abs(decoded - field.not_available * field.resolution) < 1e-6
+    if not field.scale:
+        return bool(decoded == value)
+    low, high = (raw * field.resolution for raw in field.raw_range)
+    return abs(decoded - min(high, max(low, value))) <= field.resolution + 1e-9
 
 
 def talk(interface: str, fd: bool) -> dict[str, Any]:
@@ -283,8 +188,8 @@ def talk(interface: str, fd: bool) -> dict[str, Any]:
 def compare(sent: list[Message], decoded: list[Any]) -> dict[str, Any]:
     """Hold every signal that was decoded against what was posted, stream by stream."""
     heard: dict[str, list[dict[str, float]]] = {}
-    for name, signals in decoded:
-        heard.setdefault(name, []).append(signals)
+    for name, row in decoded:
+        heard.setdefault(name, []).append(row)
     compared, wrong = 0, []
     position: dict[str, int] = {}
     for message in sent:
@@ -297,12 +202,14 @@ def compare(sent: list[Message], decoded: list[Any]) -> dict[str, Any]:
         for name in names:
             if at < len(heard[name]):
                 merged |= heard[name][at]
-        for signal, (value, unit) in expected(message).items():
+        fields = BY_TYPE[type(message)]
+        known = {f.signal: f for f in (*fields.fields, *numbered_items(fields))}
+        for signal, value in signals(message).items():
             compared += 1
             if signal == "ECHO":  # filled by the link: what the listener itself has sent
                 fine = signal in merged and merged[signal] in {65535, *range(256)}
             else:
-                fine = signal in merged and agrees(value, unit, merged[signal])
+                fine = signal in merged and agrees(known[signal], value, merged[signal])
             if not fine:
                 wrong.append(f"{stem} {at} {signal}: {value} != {merged.get(signal)}")
     return {"frames": len(decoded), "compared": compared, "wrong": wrong[:5]}

@@ -11,7 +11,7 @@ from hri_predict.cli.check.joint_map import joint_map_cost
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
-from hri_sim.bench.command.bench import app
+from hri_sim.bench.command import app
 
 LIVE = ("live_json", "live_mvn", "live_serial", "live_udp", "live_websocket")
 

@@ -11,7 +11,7 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.lab.calibration.inferred import HELD, fit, fitted, recordings, shares
 from hri_predict.people.body import inferred
 from hri_predict.people.body.inferred import SHAPES, Inference
-from hri_sim.bench.command.joint_maps import joint_maps
+from hri_sim.bench.joint_maps import joint_maps
 from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"

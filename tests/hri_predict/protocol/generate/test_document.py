@@ -3,10 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
-from hri_predict.base.errors import ConfigError
-from hri_predict.protocol.generate.document import BLOCKS, renewed
 from hri_predict.protocol.generate.examples import EXAMPLES
 from hri_predict.protocol.messages import Advice, Level
 
@@ -32,17 +28,6 @@ def example_bytes(link: str) -> list[bytes]:
     text = text.partition("<!-- end -->")[0]
     rows = re.findall(rf"^\| {link}[^|]*\| `([0-9A-F ]+)` \|$", text, re.MULTILINE)
     return [bytes.fromhex(row) for row in rows]
-
-
-def test_every_table_is_that_of_the_definition() -> None:
-    text = DOCUMENT.read_text(encoding="utf-8")
-    assert renewed(text) == text, "run: hri-predict protocol document"
-    assert set(re.findall(r"<!-- table: ([\w ]+) -->", text)) == set(BLOCKS)
-
-
-def test_a_table_that_nobody_writes_is_an_error() -> None:
-    with pytest.raises(ConfigError, match="no table 'nonsense'; there are: Acknowledge"):
-        renewed("<!-- table: nonsense -->\n<!-- end -->")
 
 
 def test_classic_example_follows_the_words_alone() -> None:

@@ -1,0 +1,136 @@
+"""Measure the node. Compare times only within one run, not between machines."""
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hri_predict.base.errors import ConfigError, HriPredictError
+from hri_predict.cli.common import one_of, progress, tell, warn, without_effect
+from hri_sim.bench import host, saved, table
+from hri_sim.bench import plot as plots
+from hri_sim.bench.faults import faults, soak
+from hri_sim.bench.fleet import fleet
+from hri_sim.bench.forecasts import predictors
+from hri_sim.bench.joint_maps import joint_maps
+from hri_sim.bench.links import links
+from hri_sim.bench.memory import memory
+from hri_sim.bench.rows import QUICK, Row, Scope
+from hri_sim.bench.sections import SECTIONS
+from hri_sim.bench.trackers import trackers
+
+app = typer.Typer(invoke_without_command=True)
+for command in (predictors, links, fleet, joint_maps, trackers, faults, memory, soak):
+    app.command()(command)
+
+
+@app.callback()
+def bench(
+    *,
+    context: typer.Context,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A minute or two instead of a quarter of an hour.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help=f"Measure only this section. Repeatable: {', '.join(SECTIONS)}."),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write all figures into this file, as JSON.")
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw them into this file (.png or .svg).")
+    ] = None,
+    baseline: Annotated[
+        Path | None, typer.Option(help="Compare with this file of --save: ratios alone.")
+    ] = None,
+    worse_than: Annotated[
+        float | None,
+        typer.Option(
+            help="With --baseline: ratio from which a figure got worse.", show_default="1.5"
+        ),
+    ] = None,
+    as_json: table.JsonOption = False,
+) -> None:
+    """Measure the node: its parts, forecasts, age, jitter, load, scaling, start and speed.
+
+    Exit status 1: with --baseline, something got worse by more than --worse-than times.
+
+    Example: hri-predict bench --quick --save before.json
+    """
+    if context.invoked_subcommand is not None:
+        flags: dict[str, Any] = {
+            "--quick": quick or None,
+            "--only": only,
+            "--save": save,
+            "--plot": plot,
+        }
+        flags |= {"--baseline": baseline, "--worse-than": worse_than, "--json": as_json or None}
+        without_effect(flags, f"before {context.invoked_subcommand}")
+        return
+    factor = _factor(baseline, worse_than)
+    for name in only or ():
+        one_of("--only", name, tuple(SECTIONS))
+    if plot is not None:
+        plots.check(plot)
+    for flag, path in (("--save", save), ("--plot", plot)):
+        if path is not None:
+            saved.check(flag, path)
+    before = None if baseline is None else saved.read(baseline)
+    machine = host.machine()
+    if busy := host.busy(machine["load_average"]):
+        warn(busy)
+    chosen = [name for name in SECTIONS if not only or name in only]
+    told = _measured(chosen, QUICK if quick else Scope(), machine, save)
+    if plot is not None:
+        plots.plot(plot, told, host.described(machine))
+    changes = [] if before is None else saved.compare(before[1], told, factor)
+    if as_json:
+        print(json.dumps(saved.as_json(machine, told) | saved.changes_json(changes)))
+    else:
+        console = table.console()
+        for name, found in told.items():
+            table.show(console, f"{name}: {SECTIONS[name].about}", found)
+        if before is not None:
+            table.show_changes(console, changes, factor)
+            for line in saved.other_machine(before[0], machine):
+                console.print(f"- {line}", markup=False, highlight=False)
+        console.print(host.described(machine), markup=False, highlight=False)
+    if written := [path for path in (save, plot) if path is not None]:
+        tell(written)
+    if any(change.verdict == "worse" for change in changes):
+        raise typer.Exit(1)
+
+
+def _factor(baseline: Path | None, worse_than: float | None) -> float:
+    if baseline is None:
+        without_effect({"--worse-than": worse_than}, "without --baseline")
+    factor = 1.5 if worse_than is None else worse_than
+    if not 1.0 <= factor <= 100.0:
+        raise ConfigError(f"--worse-than {factor:g}: give 1 to 100")
+    return factor
+
+
+def _measured(
+    chosen: list[str], scope: Scope, machine: dict[str, Any], save: Path | None
+) -> dict[str, list[Row]]:
+    """Measure these sections; each is saved when it is done, so that none is lost."""
+    told: dict[str, list[Row]] = {}
+    with progress() as bar:
+        task = bar.add_task("", total=len(chosen))
+        for name in chosen:
+            told[name] = []
+            bar.update(task, description=name)
+            try:
+                for row in SECTIONS[name].rows(scope):
+                    told[name].append(row)
+                    bar.update(task, description=f"{name}: {row.part}"[:50])
+            except HriPredictError as error:  # the other sections are worth their while
+                told[name].append(Row(part="ended early", unit="", note=str(error)))
+            bar.advance(task)
+            machine["load_average_end"] = round(os.getloadavg()[0], 2)
+            if save is not None:
+                saved.save(save, saved.as_json(machine, told))
+    return told

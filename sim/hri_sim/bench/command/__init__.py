@@ -1,1 +1,0 @@
-"""``hri-predict bench``: what the node costs."""

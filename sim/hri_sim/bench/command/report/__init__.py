@@ -1,1 +1,0 @@
-"""Rows of figures, the machine they stand for, and how they are shown and compared."""

@@ -1,0 +1,86 @@
+"""``bench faults`` and ``bench soak``: the reaction to faults, one by one and at random."""
+
+import json
+import sys
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from hri_predict.base.errors import ConfigError
+from hri_sim.bench.table import JsonOption, facts, figures
+
+_COLUMNS = {
+    "fault": "{fault}",
+    "expected": "{expected}",
+    "acted by": "{acts}",
+    "limit ms": "{limit_ms}",
+    "measured ms": "{measured_ms}",
+    "recovered ms": "{recovered_ms}",
+    "reason": "{reason}",
+    "": "{verdict}",
+}
+_TEXTS = ("expected", "acted by", "reason", "")
+
+
+def faults(
+    only: Annotated[
+        str | None, typer.Option(help="Run only faults whose name contains this.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run each fault of the fault table alone, with a person near; exit status 1 if one fails.
+
+    Example: hri-predict bench faults --only monitor
+    """
+    rows = []
+    from hri_sim.fault_table.table import run_table
+
+    for row in run_table(only):
+        rows.append(row)
+        print(f"{'ok  ' if row.fine else 'FAIL'} {row.fault}", file=sys.stderr)
+    if not rows:
+        raise ConfigError(
+            f"--only {only}: no fault's name contains this; run without --only to see all names"
+        )
+    if as_json:
+        print(json.dumps([asdict(row) for row in rows]))
+    else:
+        shown = []
+        for row in rows:
+            times = {"limit_ms": row.limit_ms, "measured_ms": row.measured_ms}
+            times["recovered_ms"] = row.recovered_ms
+            shown.append(
+                asdict(row)
+                | {key: "-" if ms is None else f"{ms:.0f}" for key, ms in times.items()}
+                | {"reason": row.reason.lower(), "verdict": "ok" if row.fine else "FAIL"}
+            )
+        figures("Each fault alone, with a person near", _COLUMNS, shown, _TEXTS)
+    if not all(row.fine for row in rows):
+        raise typer.Exit(1)
+
+
+def soak(
+    hours: Annotated[float, typer.Option(help="Hours of node time.")] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed of the faults.")] = 0,
+    speed: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1,
+            max=20,
+            help="Seconds of node time per second, with real threads and clock; default: as "
+            "fast as possible on the virtual clock.",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the demo's cell with random faults and a person always near; exit status 1 if one fails.
+
+    Example: hri-predict bench soak --hours 0.1
+    """
+    from hri_sim.fault_table.soak import run_soak
+
+    result = run_soak(hours, seed, speed)
+    facts(result, as_json)
+    if not result["fine"]:
+        raise typer.Exit(1)

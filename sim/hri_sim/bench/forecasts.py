@@ -1,0 +1,285 @@
+"""Section ``predictors`` and ``bench predictors``: how long a forecast takes.
+
+The section also measures forecasts in a hot loop, the start, and memory.
+"""
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, LinkError, PredictorError
+from hri_predict.base.settings import validated
+from hri_predict.base.skeleton import CANONICAL
+from hri_predict.cli.common import one_of, predictor_settings, progress
+from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Predictor
+from hri_sim.bench.rows import Row, Scope, measured, spread
+from hri_sim.bench.table import JsonOption, figures
+from hri_sim.fault_table.resident import resident_mib
+from hri_sim.wires.child import child
+
+_RATE_HZ = 25.0
+_HORIZON_S = 1.0
+_ENGINES = ("torch", "onnxruntime")
+_LEAST = 5  # forecasts in a hot loop
+_FLOOR = "floor: the network's operations over the rate that this core reaches in a large product"
+_COLUMNS = {
+    "predictor": "{predictor}",
+    "engine": "{engine}",
+    "people": "{people}",
+    "p50": "{p50_ms:.1f}",
+    "p99": "{p99_ms:.1f}",
+    "max": "{max_ms:.1f}",
+    "floor": "{floor}",
+    "from torch, mm": "{differs_mm:.1g}",
+}
+
+
+def predictors(
+    predictor: Annotated[
+        list[str] | None,
+        typer.Option(help="Predictor; default: all with shipped weights. Repeatable."),
+    ] = None,
+    people: Annotated[
+        list[int] | None,
+        typer.Option(min=1, max=64, help="People at once; default: 1, 4 and 16. Repeatable."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Seconds to measure each row.")] = 4.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure each predictor's forecasts, 25 a second as the node makes them, by engine.
+
+    The engines take turns, so that other programs disturb them alike: compare
+    their ratio, and no times from two runs. The floor is what the network's
+    products alone would take at the rate of a large product of matrices on one
+    core: no program is faster, and a good one takes two or three times as long.
+
+    Example: hri-predict bench predictors --predictor sinn
+    """
+    if not 1.0 <= seconds <= 600.0:
+        raise ConfigError(f"--seconds {seconds:g}: give 1 to 600")
+    known = registry.names("predictors")
+    for name in predictor or []:
+        one_of("--predictor", name, known)
+    names = predictor or with_weights()
+    sizes = people or [1, 4, 16]
+    rows: list[dict[str, Any]] = []
+    with progress() as bar:
+        task = bar.add_task("forecasting", total=len(names) * len(sizes))
+        for some in measure(names, sizes, seconds):
+            rows += some
+            bar.advance(task)
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        floors = ("" if row["floor_ms"] is None else f"{row['floor_ms']:.1f}" for row in rows)
+        shown = [row | {"floor": floor} for row, floor in zip(rows, floors, strict=True)]
+        figures("A forecast, 25 a second, milliseconds", _COLUMNS, shown, ("engine",))
+
+
+def with_weights() -> list[str]:
+    """The predictors with shipped weights."""
+    return [name for name in registry.names("predictors") if _has_weights(name)]
+
+
+def measure(
+    names: Sequence[str], people: Sequence[int], seconds: float
+) -> Iterator[list[dict[str, Any]]]:
+    """Yield rows, one for each engine, of each predictor and number of people.
+
+    A row holds ``predictor``, ``engine``, ``people``, ``p50_ms``, ``p99_ms``, ``max_ms``,
+    ``forecasts`` (how many were measured), ``differs_mm`` (from torch) and ``floor_ms`` (``None``:
+    it has no network).
+
+    Args:
+        names: of predictors; they must have shipped weights or need none.
+        people: at once.
+        seconds: to measure each row.
+    """
+    from hri_predict.predictors.neural.floor import products_per_second
+
+    rate = products_per_second()
+    for name in names:
+        yield from _by_people(name, people, seconds, rate)
+
+
+def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:
+    """Milliseconds of all its networks' products."""
+    from hri_predict.predictors.neural.floor import products
+
+    members = getattr(predictor, "members", [predictor])
+    networks = [m.network for m in members if hasattr(m, "network")]
+    return 1e3 * sum(products(n, people) for n in networks) / rate if networks else None
+
+
+def _has_weights(name: str) -> bool:
+    from hri_predict.predictors.neural.network import network_class_of
+    from hri_predict.predictors.neural.settings import shipped_weights
+
+    return network_class_of(name) is not None and shipped_weights(name).is_file()
+
+
+def _by_people(
+    name: str, sizes: Sequence[int], seconds: float, rate: float
+) -> Iterator[list[dict[str, Any]]]:
+    """Yield the rows of each number of people."""
+    built = _engines(name)
+    for people in sizes:
+        each_one = list(built.values())
+        seen = _walk(each_one[0].history_steps, people)
+        taken = _paced(each_one, *seen, seconds)
+        wanted = each_one[0].predict(*seen).positions
+        floor_ms = _floor_ms(each_one[0], people, rate)
+        rows = []
+        for (engine, each), times in zip(built.items(), taken, strict=True):
+            found = each.predict(*seen).positions
+            rows.append(
+                {
+                    "predictor": name,
+                    "engine": engine,
+                    "people": people,
+                    **{f"{key}_ms": ms for key, ms in spread(times).items()},
+                    "forecasts": len(times),
+                    "differs_mm": float(1e3 * np.abs(found - wanted).max()),
+                    "floor_ms": floor_ms,
+                }
+            )
+        yield rows
+
+
+def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:
+    """The predictor by engine, in this order; by the one name "–" if it has no network.
+
+    An engine that is not installed is left out, but for the first.
+    """
+    base = predictor_settings(name, None, _RATE_HZ, _HORIZON_S)
+    cls = registry.load("predictors", name)
+    if "engine" not in type(base).model_fields:
+        return {"–": cls(base)}
+    found = {}
+    for engine in wanted:
+        settings = validated(type(base), base.model_dump() | {"engine": engine}, "predictor")
+        try:
+            found[engine] = cls(settings)
+        except (ConfigError, PredictorError):
+            if engine == wanted[0]:
+                raise
+    return found
+
+
+def _walk(steps: int, people: int) -> tuple[Floats, Bools]:
+    """Histories of people who move at up to some metres a second."""
+    shape = (people, steps, len(CANONICAL.joints), 3)
+    rng = np.random.default_rng(people)
+    history = 0.01 * rng.standard_normal(shape).cumsum(1) + 0.3 * rng.standard_normal(shape)[:, :1]
+    return history, np.ones(shape[:3], dtype=bool)
+
+
+def _paced(
+    built: Sequence[Predictor], history: Floats, observed: Bools, seconds: float
+) -> list[list[float]]:
+    """Milliseconds of each one's forecasts, a period apart and in turn."""
+    taken: list[list[float]] = [[] for _ in built]
+    begin = time.perf_counter()
+    for number in range(round(seconds * _RATE_HZ) * len(built)):
+        time.sleep(max(0.0, begin + number / _RATE_HZ - time.perf_counter()))
+        before = time.perf_counter()
+        built[number % len(built)].predict(history, observed)
+        taken[number % len(built)].append(1e3 * (time.perf_counter() - before))
+    return taken
+
+
+def rows(scope: Scope) -> Iterator[Row]:
+    """Milliseconds of a forecast, in a hot loop and 25 a second, by engine and people."""
+    for name in (scope.baseline, *(scope.predictors or with_weights())):
+        floors: dict[int, float] = {}
+        for paced in measure([name], scope.batches, max(1.0, 0.3 * scope.seconds)):
+            for row in paced:
+                floors[row["people"]] = row.get("floor_ms") or 0.0
+                yield _paced_row(row)
+        engines = _engines(name)
+        for people in scope.batches:
+            for engine, times in _hot(engines, people, scope.seconds).items():
+                part = f"{_named(name, engine)}, {_people(people)}, hot"
+                floor = floors.get(people) or None
+                yield measured(part, "ms", times, floor=floor, why=_FLOOR if floor else "")
+        for engine in engines:
+            yield from _fresh(name, engine)
+
+
+def _people(count: int) -> str:
+    return "1 person" if count == 1 else f"{count} people"
+
+
+def _named(predictor: str, engine: str) -> str:
+    return predictor if engine == "–" else f"{predictor} {engine}"
+
+
+def _paced_row(row: dict[str, Any]) -> Row:
+    """The row of ``bench predictors``."""
+    who = _named(row["predictor"], row["engine"])
+    return Row(
+        part=f"{who}, {_people(row['people'])}, 25 Hz",
+        unit="ms",
+        p50=row["p50_ms"],
+        p99=row["p99_ms"],
+        max=row["max_ms"],
+        floor=row.get("floor_ms"),
+        why=_FLOOR if row.get("floor_ms") else "",
+        axis="people, 25 forecasts a second",
+        size=row["people"],
+        series=who,
+        note=_difference(row["differs_mm"]),
+        more={"differs_mm": row["differs_mm"]},
+    )
+
+
+def _difference(mm: float) -> str:
+    return f"differs from torch by {mm:.1g} mm" if mm > 0.01 else ""
+
+
+def _hot(engines: dict[str, Predictor], people: int, seconds: float) -> dict[str, list[float]]:
+    """Milliseconds of forecasts made again and again; the engines take turns."""
+    taken: dict[str, list[float]] = {engine: [] for engine in engines}
+    history, observed = _walk(next(iter(engines.values())).history_steps, people)
+    end = time.perf_counter() + 0.1 * seconds * len(engines)
+    while time.perf_counter() < end or len(next(iter(taken.values()))) < _LEAST:
+        for engine, predictor in engines.items():
+            began = time.perf_counter()
+            predictor.predict(history, observed)
+            taken[engine].append(1e3 * (time.perf_counter() - began))
+    return taken
+
+
+def _fresh(name: str, engine: str) -> Iterator[Row]:
+    """Start and memory in a process of its own."""
+    who, began = _named(name, engine), time.perf_counter()
+    try:
+        with child(one_forecast, name, engine) as process:
+            told = process.receive()
+    except LinkError as error:
+        yield Row(part=f"{who}, start", unit="s", note=str(error))
+        return
+    seconds = time.perf_counter() - began
+    yield Row(part=f"{who}, start to a forecast", unit="s", p50=seconds)
+    yield Row(
+        part=f"{who}, resident",
+        unit="MiB",
+        p50=told["resident_mib"],
+        floor=told["before_mib"],
+        why="floor of resident: the command line with numpy, before the predictor is loaded",
+    )
+
+
+def one_forecast(_: Connection, name: str, engine: str) -> dict[str, float]:
+    """Load a predictor and forecast for one person; for ``child``. Reports the memory."""
+    before = resident_mib()
+    predictor = _engines(name, (engine,))[engine]
+    predictor.predict(*_walk(predictor.history_steps, 1))
+    return {"before_mib": before, "resident_mib": resident_mib()}

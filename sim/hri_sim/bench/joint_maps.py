@@ -1,0 +1,62 @@
+"""``bench joint-maps``: how large the zones of one standing body are with each tracker's joints."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from hri_predict.cli.check.joint_map import StandingBody
+from hri_predict.cli.common import without_effect
+from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.lab.calibration.inferred import fitted
+from hri_predict.run import assemble
+from hri_predict.run import config as configuration
+from hri_sim.bench.table import JsonOption, figures
+
+_AT_S = (0.0, 0.4, 1.0)
+
+
+def joint_maps(
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Take the predictor and the zones from it; default: the demo's."),
+    ] = None,
+    fit: Annotated[
+        Path | None,
+        typer.Option(help="Fit on this folder's recordings where missing joints are; print that."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare the shipped joint maps: the volume of the zones around a person who stands still.
+
+    Missing joints are bounded by the skeleton's reach ("reach"), or inferred.
+
+    Example: hri-predict bench joint-maps
+    """
+    if fit is not None:
+        without_effect({"--config": config, "--json": as_json or None}, "with --fit")
+        for name, (place, within) in fitted(fit).items():
+            print(f'    "{name}": ({place}, {within}),')
+        return
+    loaded = configuration.load(config or configuration.shipped("demo.yaml"))
+    body = StandingBody(loaded, assemble.build_predictor(loaded))
+    steps = [body.step_at(seconds) for seconds in _AT_S]
+    rows: list[dict[str, Any]] = []
+    for name in map_names():
+        if name != "bvh":  # built from each file's own names
+            delivered = load_joint_map(name).mapped
+            row: dict[str, Any] = {"joint_map": name, "missing": int(np.sum(~delivered))}
+            for key, infers in (("reach", False), ("inferred", True)):
+                volumes = body.cubic_metres(body.snapshot(delivered, infers)).sum(1)
+                row[key] = [round(float(volumes[step]), 3) for step in steps]
+            rows.append(row)
+    if as_json:
+        print(json.dumps(rows))
+        return
+    columns = {"joint map": "{joint_map}", "missing": "{missing}"}
+    for k, step in enumerate(steps):
+        head = f"{1e3 * float(body.times_s[step]):.0f} ms"
+        columns[head] = f"{{reach[{k}]:.2f}}, {{inferred[{k}]:.2f}}"
+    figures("Zones around a standing body, m3: by reach, inferred", columns, rows)

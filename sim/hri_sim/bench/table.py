@@ -1,0 +1,129 @@
+"""The bench on the screen: a table for each section, legible at 80 columns, or JSON."""
+
+import json
+import sys
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Annotated, Any
+
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict.cli.common import progress
+from hri_sim.bench.rows import Row
+from hri_sim.bench.saved import Change
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
+_WIDTH = 150  # where no terminal says
+
+
+def console() -> Console:
+    """The console of standard output; wide where that is not a terminal."""
+    return Console(width=None if sys.stdout.isatty() else _WIDTH)
+
+
+def measure(rows: Iterable[dict[str, Any]], count: int, description: str) -> list[dict[str, Any]]:
+    """Take rows as they are measured, with a progress bar."""
+    with progress() as bar:
+        return list(bar.track(rows, total=count, description=description))
+
+
+def figures(
+    title: str,
+    columns: Mapping[str, str],
+    rows: Iterable[Mapping[str, Any]],
+    texts: Collection[str] = (),
+) -> None:
+    """Print rows of figures.
+
+    Args:
+        title: of the table.
+        columns: head -> how its cell is formatted from a row, as for ``str.format``.
+        rows: key -> figure.
+        texts: heads of the columns that are text, besides the first.
+    """
+    table = Table(title=title, title_justify="left")
+    for index, head in enumerate(columns):
+        text = index == 0 or head in texts
+        table.add_column(head, justify="left" if text else "right", no_wrap=index == 0)
+    for row in rows:
+        table.add_row(*(form.format_map(row) for form in columns.values()))
+    console().print(table)
+
+
+def facts(result: Mapping[str, Any], as_json: bool) -> None:
+    """Print a single result: a line for each fact, or JSON."""
+    if as_json:
+        print(json.dumps(result))
+        return
+    for name, value in result.items():
+        print(f"{name.replace('_', ' ')}: {value}")
+
+
+def show(console: Console, about: str, rows: Sequence[Row]) -> None:
+    """Print a section: its table, then what its floors, aims and notes say."""
+    beside = any(row.floor is not None or row.aim is not None for row in rows)
+    table = _table(about, ("p50", "p99", "max", *(("beside", "times") if beside else ())), True)
+    for row in rows:
+        cells = [number(row.p50), number(row.p99), number(row.max)]
+        if beside:
+            cells += [_beside(row), _times(row)]
+        table.add_row(row.part, row.unit, *cells)
+    console.print(table)
+    for why in dict.fromkeys(row.why for row in rows if row.why):
+        console.print(f"- {why}", markup=False, highlight=False)
+    for note in dict.fromkeys(f"{row.part}: {row.note}" for row in rows if row.note):
+        console.print(f"- {note}", markup=False, highlight=False)
+
+
+def show_changes(console: Console, changes: Sequence[Change], factor: float) -> None:
+    """Print the ratios of a comparison, and which figures got worse."""
+    table = _table("New over old", ("p50", "p99"), False)
+    for change in changes:
+        ratios = ("" if r is None else f"{r:.2f}" for r in (change.p50, change.p99))
+        table.add_row(f"{change.section}: {change.part}", change.verdict, *ratios)
+    console.print(table)
+    worse = [f"{c.section}: {c.part}" for c in changes if c.verdict == "worse"]
+    if worse:
+        told = f"{len(worse)} of {len(changes)} got worse by more than {factor:g} times:"
+        console.print("\n  ".join((told, *worse)), markup=False, highlight=False)
+    else:
+        told = f"nothing of {len(changes)} got worse by more than {factor:g} times"
+        console.print(told, markup=False, highlight=False)
+
+
+def number(value: float | None) -> str:
+    """Three digits, without an exponent; "" for none."""
+    if value is None:
+        return ""
+    size = abs(value)
+    if size == 0.0:
+        return "0"
+    if size < 0.01:
+        return f"{value:.1g}"
+    return f"{value:.0f}" if size >= 100 else f"{value:.1f}" if size >= 10 else f"{value:.2f}"
+
+
+def _beside(row: Row) -> str:
+    """The aim with the figure that it is for, or the floor."""
+    if row.aim is None:
+        return "" if row.floor is None else f"floor {number(row.floor)}"
+    of = "" if row.aim_of == "p50" else f"{row.aim_of} "
+    return f"{of}{'>' if row.more_is_better else '<'} {number(row.aim)}"
+
+
+def _times(row: Row) -> str:
+    """Return the figure as a multiple of the aim or the floor."""
+    limit, of = (row.floor, "p50") if row.aim is None else (row.aim, row.aim_of)
+    value = getattr(row, of)
+    return f"{value / limit:.2f}" if limit and value is not None else ""
+
+
+def _table(title: str, heads: Sequence[str], unit: bool) -> Table:
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("part", overflow="fold", min_width=22)
+    table.add_column("" if not unit else "unit", no_wrap=True)
+    for head in heads:
+        table.add_column(head, justify="right", no_wrap=True)
+    return table

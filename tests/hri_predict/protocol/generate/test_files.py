@@ -1,0 +1,38 @@
+"""Every file that follows from the definition of the messages is the one that it gives now."""
+
+from pathlib import Path
+
+import pytest
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.protocol.generate import blocks, c_header, document
+from hri_predict.protocol.generate.files import COMMAND, generated
+
+DRIVERS = Path(__file__).resolve().parents[4] / "drivers"
+
+
+def test_no_committed_file_is_stale() -> None:
+    texts = generated(DRIVERS)
+    stale = [p.name for p, text in texts.items() if p.read_text(encoding="utf-8") != text]
+    assert not stale, f"run: {COMMAND}"
+
+
+def test_each_generated_part_has_its_place() -> None:
+    text = (DRIVERS / "PROTOCOL.md").read_text(encoding="utf-8")
+    assert set(blocks.names(text, blocks.DOCUMENT)) == set(document.BLOCKS)
+    files = ("hri_predict.h", "hri_decode.c", "examples/decode.c")
+    parts = [n for f in files for n in blocks.names((DRIVERS / "c" / f).read_text())]
+    assert sorted(parts) == sorted(c_header.BLOCKS)
+
+
+def test_a_part_between_two_marks_is_written_again_and_the_rest_is_kept() -> None:
+    mark = "/* generated: begin kinds (renew: COMMAND) */\n"
+    end = "/* generated: end */\nafter"
+    assert blocks.renewed(f"before\n{mark}old\n{end}", {"kinds": lambda: "new\n"}) == (
+        f"before\n{mark}new\n{end}"
+    )
+
+
+def test_a_part_without_a_writer_is_an_error() -> None:
+    with pytest.raises(ConfigError, match="no table 'nonsense'; there are: Acknowledge"):
+        blocks.renewed("<!-- table: nonsense -->\n<!-- end -->", document.BLOCKS, blocks.DOCUMENT)
