@@ -42,13 +42,20 @@ class Seen:
         return zip(self.snapshots, self.forecasts, self.reasons, strict=True)
 
 
-def watch(config: Config, source: Source, predictor: Predictor) -> Seen:
-    """Run people and predictor over all scenes of a source, as the node would."""
+def watch(
+    config: Config, source: Source, predictor: Predictor, seconds: float | None = None
+) -> Seen:
+    """Run people and predictor over the scenes of a source, as the node would.
+
+    ``seconds``: how long; ``None``: until its end.
+    """
     people = assemble.build_people(config, source, predictor)
     runner = PredictionRunner(predictor, deadline_s=None)
     found = Seen()
     ticks = ticks_of(config.node, source.rate_hz, VIRTUAL_START_NS)
     for tick_ns in _ticks(source, people, ticks):
+        if seconds is not None and tick_ns - VIRTUAL_START_NS > seconds * 1e9:
+            break
         snapshot = people.snapshot(tick_ns)
         forecast, reason = runner.run(snapshot)
         found.snapshots.append(snapshot)
