@@ -103,6 +103,11 @@ SIGHTS = {
 assert all(joint in JOINTS for each in SIGHTS.values() for joint in (*each.lacks, *each.hidden))
 
 
+def own_sights() -> list[str]:
+    """Names of sights that are not the name of a joint map."""
+    return [name for name, sight in SIGHTS.items() if sight.tracker is None]
+
+
 def sights(names: Sequence[str]) -> list[Sight]:
     """The sights of ``--tracker``: a name of ``SIGHTS``, or any joint map's name or file.
 

@@ -15,7 +15,14 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
-from hri_predict.run.working_distance.measure import Measure, Situation, alone, robot_of
+from hri_predict.run.working_distance.measure import (
+    FARTHEST_M,
+    NEAREST_M,
+    Measure,
+    Situation,
+    alone,
+    robot_of,
+)
 from hri_predict.run.working_distance.seen import Seen, watch
 from hri_predict.zones.body_zones import BodyZones
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
@@ -27,6 +34,10 @@ from hri_sim.simulation.work import with_predictor
 
 RATE_HZ = 30.0
 """Captures per second, where the cell's source does not say."""
+LEAST_NOISE_M = 0.004
+"""Of simulated people: without any, a body that sways as one is taken for a tracker's invention."""
+SPACING_M = 0.25
+"""Between the distances of a curve that is drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,24 +47,32 @@ class DistancePlan:
     Attributes:
         config: path of the configuration.
         robot: name of the robot; ``None``: the first that moves.
-        modes: see ``cell.variants``.
         seconds: how long each person is watched.
+        draws: whether to measure enough distances for a curve.
     """
 
     config: str
     robot: str | None
-    modes: tuple[str, ...]
     seconds: float
+    draws: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
-    """One person as one tracker sees them, under one predictor (``None``: the cell's own)."""
+    """One person as one tracker sees them, under one predictor, in some modes.
+
+    Attributes:
+        activity, sight: what the person does, and what is seen of it.
+        noise_m: white noise on each coordinate, standard deviation.
+        predictor: its name; ``None``: the cell's own.
+        modes: see ``cell.variants``.
+    """
 
     activity: Activity
     sight: Sight
     noise_m: float
     predictor: str | None
+    modes: tuple[str, ...]
 
 
 def cell_of(plan: DistancePlan, predictor: str | None) -> Config:
@@ -68,10 +87,14 @@ def measure(plan: DistancePlan, case: Case) -> dict[str, Any]:
     """The working distance in each mode, and the speeds that were found on the way; plain data."""
     person = PlacedPerson(plan, case)
     result: dict[str, Any] = {}
-    for variant in variants(person.config, plan.modes, ()):
-        found = person.measure(variant.name)
-        result[variant.name] = {
-            "distance_m": found.distance_m(),
+    for mode in case.modes:
+        found = person.measure(mode)
+        distance_m = found.distance_m()
+        if plan.draws:
+            for at_m in np.arange(NEAREST_M, FARTHEST_M + 1e-9, SPACING_M):
+                found.limits(float(at_m))
+        result[mode] = {
+            "distance_m": distance_m,
             "curve": [
                 [at_m, float(v.mean()), float(np.quantile(v, 0.1))]
                 for at_m, v in sorted(found.known.items())
@@ -147,7 +170,7 @@ def _with_person(config: Config, case: Case) -> Config:
         "tracker": case.sight.tracker,
         "lacks": list(case.sight.lacks),
         "hidden": list(case.sight.hidden),
-        "noise_m": case.noise_m,
+        "noise_m": case.noise_m if case.activity.is_recorded else max(case.noise_m, LEAST_NOISE_M),
     }
     people = config.node.people
     absent = sorted({*people.absent_parts, *case.activity.absent})
