@@ -24,6 +24,7 @@ from hri_predict.run.working_distance.measure import (
     robot_of,
 )
 from hri_predict.run.working_distance.seen import Seen, watch
+from hri_predict.run.working_distance.waterfall import Waterfall, waterfall
 from hri_predict.zones.body_zones import BodyZones
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
 from hri_sim.simulation.bodies import TrueFuture, foreknown
@@ -125,6 +126,27 @@ class PlacedPerson:
         if true:
             zones = self._true_future(seen, zones)
         return Measure(situation, seen, zones, self.middle)
+
+    def waterfall(self, mode: str, step: float = 0.01) -> Waterfall:
+        """What each term costs in one mode."""
+        (variant,) = variants(self.config, [mode], ())
+
+        def watched(whole: bool, fresh: bool) -> tuple[Situation, Seen]:
+            """The cell and the person, in full or fresh if asked for."""
+            config = with_risk(self.config, variant)
+            settings = self._settings
+            if whole:
+                update = {"tracker": None, "lacks": [], "hidden": []}
+                settings = settings.model_copy(update=update)
+            if fresh:
+                node = config.node.model_copy(update={"ticks": "capture", "max_rate_hz": None})
+                settings = settings.model_copy(update={"min_latency_s": 0.0})
+                config = replace(config, node=node)
+            config, source = replace(config, source=settings), ApproachSource(settings)
+            seen = watch(config, source, self._predictor, self._plan.seconds)
+            return Situation.of(config, source, self._predictor, self._robot), seen
+
+        return waterfall(watched, self.middle, step=step)
 
     def situation(self, config: Config, *, whole: bool) -> Situation:
         """The cell with this person's source; ``whole``: all joints, and no noise."""
