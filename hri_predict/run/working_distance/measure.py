@@ -26,8 +26,10 @@ from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.robots.trajectory import Trajectory, load_trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.run.working_distance.seen import Seen, moved_zones
 from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.calibration import Calibration
 
 FAST = 0.9
 """Share of the robot's highest speed that counts as working."""
@@ -79,8 +81,17 @@ class Situation:
     def engine(self, trackers: Sequence[RobotTracker]) -> RiskEngine:
         """A new risk stage."""
         return assemble.build_risk(
-            self.config, self.source, self.predictor, trackers, budget=self.budget
+            self.config,
+            self.source,
+            self.predictor,
+            trackers,
+            budget=self.budget,
+            calibration=self._calibration,
         )
+
+    @cached_property
+    def _calibration(self) -> Calibration | None:
+        return assemble.build_calibration(self.config)
 
     @cached_property
     def models(self) -> tuple[RobotModel, ...]:
@@ -101,6 +112,45 @@ class Situation:
         """(K) where people may be, in their own frame."""
         engine = self.engine(self.trackers(seen.snapshots[0].now_ns))
         return [engine.zones(*tick) for tick in seen.ticks()]
+
+    @cached_property
+    def paths(self) -> list[Trajectory | None]:
+        """The path of each robot, if it is known."""
+        return [path_of(self.config, model, i) for i, model in enumerate(self.models)]
+
+    @property
+    def path(self) -> Trajectory:
+        """The path of the robot that is measured.
+
+        Raises:
+            ConfigError: it is not known.
+        """
+        path = self.paths[self.robot]
+        if path is None:
+            raise ConfigError(
+                f"robots.{self.robot}: no path of robot {self.config.node.robots[self.robot].name} "
+                f"is known, so its speed beside people cannot be measured; give motion.plan, such "
+                f"as pick_and_place"
+            )
+        return path
+
+    def robots(self, seen: Seen) -> list[list[RobotNow]]:
+        """(K) all robots at each tick: they work at full speed, and report it."""
+        start_ns = seen.snapshots[0].now_ns
+        trackers = self.trackers(start_ns)
+        engine = self.engine(trackers)
+        period_ns, counter, next_ns = round(self.state_s * 1e9), 0, start_ns
+        found = []
+        for snapshot in seen.snapshots:
+            now_ns = snapshot.now_ns
+            while next_ns <= now_ns:
+                at_ns = next_ns if period_ns else now_ns
+                for tracker, path in zip(trackers, self.paths, strict=True):
+                    _report(tracker, path, (at_ns, start_ns), counter)
+                counter = (counter + 1) % 65536
+                next_ns = at_ns + (period_ns or 1)
+            found.append(engine.robots(now_ns))
+        return found
 
 
 def alone(config: Config) -> Config:
@@ -152,40 +202,30 @@ class Measure:
         situation: the cell.
         seen: people in a frame of their own.
         zones: (K) of them, see ``Situation.zones``.
+        robots: (K) all robots, see ``Situation.robots``.
         middle: (2,) their mean place in that frame.
 
-    Raises:
-        ConfigError: the robot's path is not known.
+    Attributes:
+        known: distance -> (N,) permitted speeds that were measured.
     """
 
     def __init__(
-        self, situation: Situation, seen: Seen, zones: Sequence[BodyZones], middle: Floats
+        self,
+        situation: Situation,
+        seen: Seen,
+        *,
+        zones: Sequence[BodyZones],
+        robots: Sequence[Sequence[RobotNow]],
+        middle: Floats,
     ) -> None:
         self._situation, self._seen, self._zones, self._middle = situation, seen, zones, middle
-        self._start_ns = seen.snapshots[0].now_ns
-        self._trackers = situation.trackers(self._start_ns)
-        self._paths = {
-            i: path_of(situation.config, model, i) for i, model in enumerate(situation.models)
-        }
-        if self._paths[situation.robot] is None:
-            name = situation.config.node.robots[situation.robot].name
-            raise ConfigError(
-                f"robots.{situation.robot}: no path of {name} is known, so its speed beside people "
-                f"cannot be measured; give motion.plan, such as pick_and_place"
-            )
-        engine = situation.engine(self._trackers)
-        self._robots: list[list[RobotNow]] = []
-        self._counter = 0
-        heard_ns = self._start_ns
-        for snapshot in seen.snapshots:
-            heard_ns = self._hear(heard_ns, snapshot.now_ns)
-            self._robots.append(engine.robots(snapshot.now_ns))
-        model, path = situation.models[situation.robot], self._paths[situation.robot]
-        assert path is not None
+        self._trackers = situation.trackers(seen.snapshots[0].now_ns)
+        self._robots = robots
+        model = situation.models[situation.robot]
         assert model.base is not None  # robot_of has checked it
-        self._base, self._ahead_rad = model.base, _ahead_rad(model, path)
+        self._base, self._ahead_rad = model.base, _ahead_rad(model, situation.path)
         self._counts = np.array(
-            [(s.now_ns - self._start_ns) * 1e-9 >= WARM_S for s in seen.snapshots]
+            [(s.now_ns - VIRTUAL_START_NS) * 1e-9 >= WARM_S for s in seen.snapshots]
         )
         self.known: dict[float, Floats] = {}
 
@@ -240,27 +280,23 @@ class Measure:
         matrix[:2, 3] = self._base[:2] + here
         return matrix
 
-    def _hear(self, next_ns: int, now_ns: int) -> int:
-        """Take all RobotStates from ``next_ns`` to now; return when the next one comes."""
-        period_ns = round(self._situation.state_s * 1e9)
-        while next_ns <= now_ns:
-            at_ns = next_ns if period_ns else now_ns
-            for i, tracker in enumerate(self._trackers):
-                path, motion = self._paths[i], tracker.settings.motion
-                if path is None or not isinstance(motion, StateMotion):
-                    continue
-                q, qd = path.at((at_ns - self._start_ns) * 1e-9 - motion.delay_s)
-                state = RobotState(
-                    robot=i,
-                    mode=RobotMode.AUTOMATIC,
-                    counter=self._counter,
-                    positions=tuple(q.tolist()),
-                    velocities=tuple(qd.tolist()),
-                )
-                tracker.update(state, at_ns)
-            self._counter = (self._counter + 1) % 65536
-            next_ns = at_ns + (period_ns or 1)
-        return next_ns
+
+def _report(
+    tracker: RobotTracker, path: Trajectory | None, times_ns: tuple[int, int], counter: int
+) -> None:
+    """Let a robot that works since the second of the times report its state at the first."""
+    motion = tracker.settings.motion
+    if path is None or not isinstance(motion, StateMotion):
+        return
+    q, qd = path.at((times_ns[0] - times_ns[1]) * 1e-9 - motion.delay_s)
+    state = RobotState(
+        robot=0,
+        mode=RobotMode.AUTOMATIC,
+        counter=counter,
+        positions=tuple(q.tolist()),
+        velocities=tuple(qd.tolist()),
+    )
+    tracker.update(state, times_ns[0])
 
 
 def path_of(config: Config, model: RobotModel, index: int) -> Trajectory | None:

@@ -17,6 +17,7 @@ from hri_predict.base.skeleton import Skeleton
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.robots.model import StateMotion
+from hri_predict.robots.tracker import RobotNow
 from hri_predict.run.config import Config
 from hri_predict.run.working_distance.measure import FARTHEST_M, Measure, Situation
 from hri_predict.run.working_distance.seen import Seen
@@ -24,6 +25,8 @@ from hri_predict.zones.body_zones import BodyZones
 
 LEAST_STRETCH = 1e-6
 """A robot whose stopping is taken away stops in a millionth of its time."""
+NEXT_M = 0.2
+"""A term costs less than this more often than not: where to look first."""
 _SOON_M_S2 = 1e3  # the limit rises at once
 
 
@@ -122,56 +125,67 @@ class Waterfall:
         return [(term, self.costs_m[term.key]) for term in ranked[:count] if self.costs_m]
 
 
-def waterfall(
-    watch: Watch, middle: Floats, *, step: float = 0.01, both_orders: bool = True
-) -> Waterfall:
+def waterfall(watch: Watch, middle: Floats, *, step: float = 0.01, every: int = 1) -> Waterfall:
     """Measure the waterfall of one person in one cell.
 
     Args:
         watch: shows the person to the cell's node.
         middle: (2,) see ``Measure``.
         step: of the distances, metres.
-        both_orders: whether the terms are also taken away in the reverse order.
+        every: one tick in this many is judged.
     """
-    cells = _Cells(watch, middle)
+    cells = _Cells(watch, middle, every)
     total_m = cells.measure(()).distance_m(step=step)
     if total_m is None:
         return Waterfall(total_m=None, costs_m={}, rest_m=0.0)
-    keys = [term.key for term in TERMS]
-    orders = [keys, keys[::-1]] if both_orders else [keys]
-    costs_m = dict.fromkeys(keys, 0.0)
-    rest_m = total_m
-    for order in orders:
+    keys = [term.key for term in TERMS if cells.counts(term.key)]
+    rest_m = cells.measure(keys).distance_m(low=total_m / 2, high=total_m, step=step) or total_m
+    costs_m = {term.key: 0.0 for term in TERMS}
+    for order in (keys, keys[::-1]):
         before_m = total_m
-        for i, key in enumerate(order):
-            last = i == len(order) - 1
-            found = rest_m if last and order is orders[-1] and both_orders else None
-            if found is None:
-                found = cells.measure(order[: i + 1]).distance_m(
-                    low=before_m - 0.2, high=before_m, step=step
-                )
-            after_m = FARTHEST_M if found is None else found
-            costs_m[key] += (before_m - after_m) / len(orders)
+        for i, key in enumerate(order, start=1):
+            after_m: float | None = rest_m
+            if i < len(order):
+                near_m = max(rest_m, before_m - NEXT_M)
+                measure = cells.measure(order[:i])
+                after_m = measure.distance_m(low=near_m, high=before_m, step=step)
+            after_m = FARTHEST_M if after_m is None else after_m
+            costs_m[key] += (before_m - after_m) / 2
             before_m = after_m
-        rest_m = before_m
     return Waterfall(total_m=total_m, costs_m=costs_m, rest_m=rest_m)
 
 
 class _Cells:
     """The cell without some of its terms."""
 
-    def __init__(self, watch: Watch, middle: Floats) -> None:
-        self._watch, self._middle = watch, middle
+    def __init__(self, watch: Watch, middle: Floats, every: int) -> None:
+        self._watch, self._middle, self._every = watch, middle, every
         self._seen: dict[tuple[bool, bool], tuple[Situation, Seen, list[BodyZones]]] = {}
+        self._robots: dict[tuple[bool, bool], list[list[RobotNow]]] = {}
+
+    def counts(self, key: str) -> bool:
+        """Whether there is anything of a term in this cell."""
+        situation, seen, _ = self._looked(False, False)
+        if key == "link_delay":
+            return any(link.delay_s > 0 for link in situation.budget.links)
+        if key in ("silence_timeout", "reaction"):
+            return bool(situation.budget.links)
+        if key == "unseen":
+            return not all(s.measured[:, -1].all() for s in seen.snapshots)
+        return key != "seen" or situation.config.node.risk.judges_over_time
+
+    def _looked(self, whole: bool, fresh: bool) -> tuple[Situation, Seen, list[BodyZones]]:
+        if (whole, fresh) not in self._seen:
+            situation, seen = self._watch(whole, fresh)
+            zones = situation.zones(seen)[:: self._every]
+            self._seen[whole, fresh] = situation, seen.every(self._every), zones
+        return self._seen[whole, fresh]
 
     def measure(self, taken: Iterable[str]) -> Measure:
         """The measure without the terms that are taken away."""
         gone = set(taken)
-        how = "unseen" in gone, "age" in gone
-        if how not in self._seen:
-            situation, seen = self._watch(*how)
-            self._seen[how] = situation, seen, situation.zones(seen)
-        situation, seen, zones = self._seen[how]
+        fresh = "age" in gone
+        situation, seen, zones = self._looked("unseen" in gone, fresh)
         if "unseen" in gone:
             ends = _ends(situation.predictor.skeleton, zones[0])
             zones = [_of_seen(b, s, ends) for b, s in zip(zones, seen.snapshots, strict=True)]
@@ -186,7 +200,10 @@ class _Cells:
             stretch=LEAST_STRETCH if "stopping" in gone else situation.stretch,
             state_s=0.0 if "robot_state" in gone else situation.state_s,
         )
-        return Measure(changed, seen, zones, self._middle)
+        how = fresh, "robot_state" in gone
+        if how not in self._robots:
+            self._robots[how] = changed.robots(seen)
+        return Measure(changed, seen, zones=zones, robots=self._robots[how], middle=self._middle)
 
 
 def _config(config: Config, gone: set[str]) -> Config:

@@ -125,7 +125,8 @@ class PlacedPerson:
         zones = situation.zones(seen)
         if true:
             zones = self._true_future(seen, zones)
-        return Measure(situation, seen, zones, self.middle)
+        robots = situation.robots(seen)
+        return Measure(situation, seen, zones=zones, robots=robots, middle=self.middle)
 
     def waterfall(self, mode: str, step: float = 0.01) -> Waterfall:
         """What each term costs in one mode."""
