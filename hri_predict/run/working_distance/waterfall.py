@@ -101,6 +101,8 @@ TERMS = (
 )
 """In the order in which they are taken away."""
 
+REST = "what is left: the robot's reach and the body itself"
+
 Watch = Callable[[bool, bool], tuple[Situation, Seen]]
 """(whether all joints are seen, whether captures are fresh) -> the cell and the person in it."""
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,16 @@ from hri_predict.base.work.workers_for import workers_for
 from hri_predict.lab.evaluation.table import Table
 from hri_predict.run.compared_predictors import asked_predictors
 from hri_predict.run.working_distance.measure import FARTHEST_M, FAST, HELD, WARM_S, robot_of
+from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
 from hri_sim.simulation.cell import FOREKNOWN, variants
 from hri_sim.simulation.distance.people import Activity, Sight, activities, pack, sights
-from hri_sim.simulation.distance.work import Case, DistancePlan, cell_of, measure
+from hri_sim.simulation.distance.work import (
+    Case,
+    DistancePlan,
+    cell_of,
+    measure,
+    measure_terms,
+)
 from hri_sim.simulation.request import DistanceRequest, SimulationReport
 
 ACTIVITIES = ("window", "tools", "talking")
@@ -43,15 +51,20 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
         config = cell_of(plan, name)
         variants(config, request.modes or MODES, ())
         robot_of(config, request.robot)
-    found: list[Found] = []
-    progress(0, len(cases))
-    with workers_for(request.jobs if len(cases) > 1 else 1, request.cluster) as workers:
-        done: dict[int, dict[str, Any]] = {}
-        for place, result in workers.each(measure, [(plan, case) for case in cases]):
+    first = replace(cases[0], modes=cases[0].modes[:1])
+    tasks = [(measure_terms, plan, first), *((measure, plan, case) for case in cases)]
+    done: dict[int, Any] = {}
+    progress(0, len(tasks))
+    with workers_for(request.jobs, request.cluster) as workers:
+        for place, result in workers.each(_call, tasks):
             done[place] = result
-            progress(len(done), len(cases))
-    found = [(case, done[place]) for place, case in enumerate(cases)]
-    return _report(request, plan, found, notes)
+            progress(len(done), len(tasks))
+    found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
+    return _report(request, plan, found, (first, done[0]), notes)
+
+
+def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, case: Case) -> Any:
+    return function(plan, case)
 
 
 def _cases(
@@ -79,7 +92,11 @@ def _cases(
 
 
 def _report(
-    request: DistanceRequest, plan: DistancePlan, found: Sequence[Found], notes: Sequence[str]
+    request: DistanceRequest,
+    plan: DistancePlan,
+    found: Sequence[Found],
+    terms: tuple[Case, Waterfall],
+    notes: Sequence[str],
 ) -> SimulationReport:
     config = cell_of(plan, None)
     robot = config.node.robots[robot_of(config, plan.robot)]
@@ -89,17 +106,23 @@ def _report(
         f"{WARM_S:g} to {plan.seconds:g} s; each person is only moved and turned over the floor.",
         *notes,
     ]
-    table = _table(found, request.modes or MODES, config.predictor.name)
+    tables = [_table(found, request.modes or MODES, config.predictor.name)]
+    tables += _terms_table(*terms)
     data = {
         "configuration": Path(plan.config).name,
         "robot": robot.name,
         "seconds": plan.seconds,
         "cases": [_plain(case, result, config.predictor.name) for case, result in found],
+        "waterfall": _plain_terms(*terms),
         "notes": said,
     }
     text = json.dumps(data, indent=1)
-    files = [] if request.out is None else _written(request.out, table, said, text, found)
-    return SimulationReport(tables=[table], notes=said, json=text, files=files, disagreements=[])
+    files = [] if request.out is None else _written(request.out, tables, said, text)
+    if request.out is not None:
+        from hri_sim.simulation.distance.plot import write_plots  # needs matplotlib
+
+        files += write_plots(found, terms, request.out)
+    return SimulationReport(tables=tables, notes=said, json=text, files=files, disagreements=[])
 
 
 def _table(found: Sequence[Found], modes: Sequence[str], own: str) -> Table:
@@ -138,13 +161,34 @@ def _plain(case: Case, result: dict[str, Any], own: str) -> dict[str, Any]:
     }
 
 
-def _written(
-    out: Path, table: Table, said: Sequence[str], text: str, found: Sequence[Found]
-) -> list[Path]:
-    from hri_sim.simulation.distance.plot import write_plots  # needs matplotlib
+def _terms_table(case: Case, found: Waterfall) -> list[Table]:
+    """What each term costs; nothing where the distance is too large to be measured."""
+    if found.total_m is None:
+        return []
+    title = (
+        f"What the distance is made of: {case.activity.text}, {case.sight.name}, {case.modes[0]}"
+    )
+    rows = [(term.text, f"{100 * found.costs_m[term.key]:.0f}") for term in TERMS]
+    rows += [(REST, f"{100 * found.rest_m:.0f}"), ("sum", f"{100 * found.total_m:.0f}")]
+    return [Table(title, ("term", "cm"), tuple(rows))]
 
+
+def _plain_terms(case: Case, found: Waterfall) -> dict[str, Any]:
+    return {
+        "activity": case.activity.name,
+        "tracker": case.sight.name,
+        "noise_m": case.noise_m,
+        "mode": case.modes[0],
+        "total_m": found.total_m,
+        "costs_m": found.costs_m,
+        "rest_m": found.rest_m,
+    }
+
+
+def _written(out: Path, tables: Sequence[Table], said: Sequence[str], text: str) -> list[Path]:
     notes = "\n".join(f"- {line}" for line in said)
-    markdown = f"# Working distance\n\n{table.markdown()}\n{notes}\n"
+    shown = "\n".join(table.markdown() for table in tables)
+    markdown = f"# Working distance\n\n{shown}\n{notes}\n"
     files = [out / "distance.md", out / "distance.json"]
     try:
         for path, content in zip(files, (markdown, text + "\n"), strict=True):
@@ -153,4 +197,4 @@ def _written(
         raise ConfigError(
             f"--out {out}: cannot be written: {error.strerror}; name another folder"
         ) from error
-    return [*files, *write_plots(found, out)]
+    return files

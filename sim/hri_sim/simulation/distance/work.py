@@ -104,6 +104,11 @@ def measure(plan: DistancePlan, case: Case) -> dict[str, Any]:
     return result
 
 
+def measure_terms(plan: DistancePlan, case: Case) -> Waterfall:
+    """What each term costs in the case's first mode."""
+    return PlacedPerson(plan, case).waterfall(case.modes[0])
+
+
 class PlacedPerson:
     """One case, ready to be measured in any mode."""
 
