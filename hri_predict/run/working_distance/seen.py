@@ -41,10 +41,6 @@ class Seen:
         """What ``RiskEngine.zones`` takes, tick by tick."""
         return zip(self.snapshots, self.forecasts, self.reasons, strict=True)
 
-    def every(self, count: int) -> "Seen":
-        """One tick of each ``count``, from the first."""
-        return Seen(self.snapshots[::count], self.forecasts[::count], self.reasons[::count])
-
 
 def watch(
     config: Config, source: Source, predictor: Predictor, seconds: float | None = None

@@ -121,26 +121,23 @@ class Waterfall:
     costs_m: dict[str, float]
     rest_m: float
 
-    def largest(self, count: int) -> list[tuple[Term, float]]:
-        """The terms that cost most."""
-        ranked = sorted(TERMS, key=lambda term: -self.costs_m.get(term.key, 0.0))
-        return [(term, self.costs_m[term.key]) for term in ranked[:count] if self.costs_m]
 
-
-def waterfall(watch: Watch, middle: Floats, *, step: float = 0.01, every: int = 1) -> Waterfall:
+def waterfall(
+    watch: Watch, middle: Floats, *, step: float = 0.01, leaves: Sequence[str] = ()
+) -> Waterfall:
     """Measure the waterfall of one person in one cell.
 
     Args:
         watch: shows the person to the cell's node.
         middle: (2,) see ``Measure``.
         step: of the distances, metres.
-        every: one tick in this many is judged.
+        leaves: keys of terms that are not taken away.
     """
-    cells = _Cells(watch, middle, every)
+    cells = _Cells(watch, middle)
     total_m = cells.measure(()).distance_m(step=step)
     if total_m is None:
         return Waterfall(total_m=None, costs_m={}, rest_m=0.0)
-    keys = [term.key for term in TERMS if cells.counts(term.key)]
+    keys = [t.key for t in TERMS if t.key not in leaves and cells.counts(t.key)]
     rest_m = cells.measure(keys).distance_m(low=total_m / 2, high=total_m, step=step) or total_m
     costs_m = {term.key: 0.0 for term in TERMS}
     for order in (keys, keys[::-1]):
@@ -160,8 +157,8 @@ def waterfall(watch: Watch, middle: Floats, *, step: float = 0.01, every: int = 
 class _Cells:
     """The cell without some of its terms."""
 
-    def __init__(self, watch: Watch, middle: Floats, every: int) -> None:
-        self._watch, self._middle, self._every = watch, middle, every
+    def __init__(self, watch: Watch, middle: Floats) -> None:
+        self._watch, self._middle = watch, middle
         self._seen: dict[tuple[bool, bool], tuple[Situation, Seen, list[BodyZones]]] = {}
         self._robots: dict[tuple[bool, bool], list[list[RobotNow]]] = {}
 
@@ -179,8 +176,7 @@ class _Cells:
     def _looked(self, whole: bool, fresh: bool) -> tuple[Situation, Seen, list[BodyZones]]:
         if (whole, fresh) not in self._seen:
             situation, seen = self._watch(whole, fresh)
-            zones = situation.zones(seen)[:: self._every]
-            self._seen[whole, fresh] = situation, seen.every(self._every), zones
+            self._seen[whole, fresh] = situation, seen, situation.zones(seen)
         return self._seen[whole, fresh]
 
     def measure(self, taken: Iterable[str]) -> Measure:
