@@ -55,6 +55,7 @@ class Situation:
         predictor: of its forecasts.
         robot: index of the robot that is measured.
         budget: the delays.
+        calibration: of the zones; ``None``: they have none.
         stretch: factor of the robots' stopping times and distances.
         state_s: time between two RobotStates; 0: one at each tick.
     """
@@ -64,14 +65,21 @@ class Situation:
     predictor: Predictor
     robot: int
     budget: DelayBudget
+    calibration: Calibration | None
     stretch: float = 1.0
     state_s: float = STATE_S
 
     @classmethod
     def of(cls, config: Config, source: Source, predictor: Predictor, robot: int) -> "Situation":
         """The situation as configured."""
-        budget = assemble.build_budget(config, source)
-        return cls(config=config, source=source, predictor=predictor, robot=robot, budget=budget)
+        return cls(
+            config=config,
+            source=source,
+            predictor=predictor,
+            robot=robot,
+            budget=assemble.build_budget(config, source),
+            calibration=assemble.build_calibration(config),
+        )
 
     @property
     def max_speed_m_s(self) -> float:
@@ -86,12 +94,8 @@ class Situation:
             self.predictor,
             trackers,
             budget=self.budget,
-            calibration=self._calibration,
+            calibration=self.calibration,
         )
-
-    @cached_property
-    def _calibration(self) -> Calibration | None:
-        return assemble.build_calibration(self.config)
 
     @cached_property
     def models(self) -> tuple[RobotModel, ...]:

@@ -17,6 +17,7 @@ from hri_predict.run.working_distance.seen import Seen
 
 TICK_S = 0.4
 """Between two ticks: a person who stands changes nothing meanwhile, and a robot little."""
+_SETTLE = 2  # ticks before those that count
 _CAPTURES = 12  # of a source at 30 Hz in that time
 _FACING = np.array([-1.0, -1.0, 1.0])  # the robot, which is on the side of -x
 
@@ -76,12 +77,13 @@ def standing(predictor: Predictor, delivered: Bools, *, age_s: float, seconds: f
         seconds: time that counts, after ``WARM_S``.
     """
     found, body = Seen(), standing_body() * _FACING
-    for tick in range(ceil((WARM_S + seconds) / TICK_S)):
+    for tick in range(_SETTLE + ceil(seconds / TICK_S)):
+        later_s = WARM_S if tick >= _SETTLE else 0.0
         snapshot = standing_snapshot(
             delivered,
             predictor.history_steps,
             predictor.rate_hz,
-            now_ns=VIRTUAL_START_NS + round(tick * TICK_S * 1e9),
+            now_ns=VIRTUAL_START_NS + round((later_s + tick * TICK_S) * 1e9),
             age_s=age_s,
             captures=1 + tick * _CAPTURES,
             body=body,

@@ -14,7 +14,6 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.skeleton import Skeleton
-from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.robots.model import StateMotion
 from hri_predict.robots.tracker import RobotNow
@@ -185,8 +184,7 @@ class _Cells:
         fresh = "age" in gone
         situation, seen, zones = self._looked("unseen" in gone, fresh)
         if "unseen" in gone:
-            ends = _ends(situation.predictor.skeleton, zones[0])
-            zones = [_of_seen(b, s, ends) for b, s in zip(zones, seen.snapshots, strict=True)]
+            zones = only_seen(situation.predictor.skeleton, seen, zones)
         if "seen" in gone:
             zones = [_without_growth(bodies) for bodies in zones]
         if "margins" in gone:
@@ -239,22 +237,22 @@ def _budget(budget: DelayBudget, gone: set[str]) -> DelayBudget:
     return replace(budget, links=links, **cycle)
 
 
-def _ends(skeleton: Skeleton, bodies: BodyZones) -> tuple[Sequence[int], Sequence[int]]:
-    """(S,) the joints at both ends of the zones' segments."""
+def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> list[BodyZones]:
+    """(K) the zones of the segments of which both ends are measured, in the place of the others."""
     by_name = dict(zip(skeleton.segment_names, skeleton.segments, strict=True))
-    segments = [by_name[name] for name in bodies.zones.segments]
-    return [s.joint_a for s in segments], [s.joint_b for s in segments]
+    segments = [by_name[name] for name in zones[0].zones.segments]
+    a, b = [s.joint_a for s in segments], [s.joint_b for s in segments]
+    return [
+        _chosen(bodies, snapshot.measured[:, -1][:, a] & snapshot.measured[:, -1][:, b])
+        for snapshot, bodies in zip(seen.snapshots, zones, strict=True)
+    ]
 
 
-def _of_seen(
-    bodies: BodyZones, snapshot: PeopleSnapshot, ends: tuple[Sequence[int], Sequence[int]]
-) -> BodyZones:
-    """The zones of segments of which both ends are measured, in the place of the others."""
-    now: Bools = snapshot.measured[:, -1]
+def _chosen(bodies: BodyZones, measured: Bools) -> BodyZones:
+    """The same without the segments that are not measured (P, S): others stand in their place."""
     zones = bodies.zones.capsules
     a, b, radius = zones.a.copy(), zones.b.copy(), zones.radius.copy()
-    for person, measured in enumerate(now):
-        seen = measured[list(ends[0])] & measured[list(ends[1])]
+    for person, seen in enumerate(measured):
         if seen.any():
             chosen = np.where(seen, np.arange(len(seen)), int(seen.argmax()))
             for each in (a, b, radius):

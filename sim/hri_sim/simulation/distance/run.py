@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from hri_sim.simulation.distance.work import (
     Case,
     DistancePlan,
     cell_of,
+    joints_seen,
     measure,
     measure_terms,
 )
@@ -70,24 +72,29 @@ def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, cas
 def _cases(
     request: DistanceRequest, people: Sequence[Activity], seen: Sequence[Sight]
 ) -> list[Case]:
-    """All cases; the true future does not depend on what is seen, so it is measured once each."""
+    """All cases: each person once with the same joints, and once with the true future.
+
+    Raises:
+        ConfigError: no tracker sees anything of the people.
+    """
     modes, cases = request.modes or MODES, []
+    noises_m = request.noises_m or NOISES_M
     asked_predictors(request.predictors)
-    for predictor in request.predictors or (None,):
-        for activity in people:
-            for first, (sight, noise_m) in enumerate(
-                (sight, noise_m) for sight in seen for noise_m in request.noises_m or NOISES_M
-            ):
-                own = tuple(mode for mode in modes if mode != FOREKNOWN or first == 0)
-                cases.append(
-                    Case(
-                        activity=activity,
-                        sight=sight,
-                        noise_m=noise_m,
-                        predictor=predictor,
-                        modes=own,
-                    )
-                )
+    for predictor, activity in product(request.predictors or (None,), people):
+        known: set[tuple[float, tuple[bool, ...]]] = set()
+        own = modes
+        for sight, noise_m in product(seen, noises_m):
+            case = Case(
+                activity=activity, sight=sight, noise_m=noise_m, predictor=predictor, modes=own
+            )
+            joints = joints_seen(case)
+            if not any(joints) or (noise_m, joints) in known:
+                continue
+            known.add((noise_m, joints))
+            cases.append(case)
+            own = tuple(mode for mode in modes if mode != FOREKNOWN)
+    if not cases:
+        raise ConfigError("--tracker: sees no joint of these people; name another")
     return [case for case in cases if case.modes]
 
 
@@ -104,6 +111,7 @@ def _report(
         f"Distance, m, from the base of robot {robot.name} to the person's mean place at which it "
         f"may run at {FAST * robot.max_speed_m_s:.2g} m/s or more for {HELD:.0%} of the time, from "
         f"{WARM_S:g} to {plan.seconds:g} s; each person is only moved and turned over the floor.",
+        "A tracker of which a recording has no more joints than of one above it is left out.",
         *notes,
     ]
     tables = [_table(found, request.modes or MODES, config.predictor.name)]

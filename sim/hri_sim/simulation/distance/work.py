@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.run import assemble
@@ -24,9 +25,9 @@ from hri_predict.run.working_distance.measure import (
     robot_of,
 )
 from hri_predict.run.working_distance.seen import Seen, watch
-from hri_predict.run.working_distance.waterfall import Waterfall, waterfall
+from hri_predict.run.working_distance.waterfall import Waterfall, only_seen, waterfall
 from hri_predict.zones.body_zones import BodyZones
-from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
+from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact, map_of
 from hri_sim.simulation.bodies import TrueFuture, foreknown
 from hri_sim.simulation.cell import FOREKNOWN, variants, with_risk
 from hri_sim.simulation.distance.people import Activity, Sight
@@ -74,6 +75,14 @@ class Case:
     noise_m: float
     predictor: str | None
     modes: tuple[str, ...]
+
+
+def joints_seen(case: Case) -> tuple[bool, ...]:
+    """(2 J) which canonical joints the tracker can deliver of this person, and which it sees."""
+    motion = load_motion(case.activity.motion, RATE_HZ)
+    able = map_of([motion], case.sight.tracker, None, case.sight.lacks).mapped
+    hidden = np.isin(JOINTS, list(case.sight.hidden))
+    return tuple(np.append(able, able & ~hidden).tolist())
 
 
 def cell_of(plan: DistancePlan, predictor: str | None) -> Config:
@@ -129,7 +138,7 @@ class PlacedPerson:
         seen = self.seen(whole=true)
         zones = situation.zones(seen)
         if true:
-            zones = self._true_future(seen, zones)
+            zones = only_seen(self._predictor.skeleton, seen, self._true_future(seen, zones))
         robots = situation.robots(seen)
         return Measure(situation, seen, zones=zones, robots=robots, middle=self.middle)
 
