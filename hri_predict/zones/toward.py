@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats, Ints
-from hri_predict.base.geometry import norm
+from hri_predict.base.geometry import norm, transform
 
 STILL_M = 0.05
 """A joint whose forecast moves less than this has no direction of motion."""
@@ -55,6 +55,14 @@ class Toward(NamedTuple):
     def of(self, people: Ints) -> "Toward":
         """Return the support of some people, by their indices."""
         return Toward._make(rows[people] for rows in self)
+
+    def moved(self, matrix: Floats) -> "Toward":
+        """Return the support after a rigid motion (4, 4) that keeps z upright."""
+        return self._replace(
+            mid=transform(matrix, self.mid),
+            path=transform(matrix, self.path),
+            way=self.way @ matrix[:3, :3].T,
+        )
 
 
 NOTHING = Toward(

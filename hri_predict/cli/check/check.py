@@ -29,6 +29,7 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
+from hri_predict.cli.check.distance import distance_facts, distance_lines
 from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
@@ -142,7 +143,8 @@ def _print(found: dict[str, Any]) -> None:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
     computed = (*engine_lines(found["engine"]), found["loops"])
-    for line in (*computed, *calibration_lines(found["calibration"])):
+    zones = *calibration_lines(found["calibration"]), *distance_lines(found["working_distance"])
+    for line in (*computed, *zones):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
@@ -227,6 +229,7 @@ def examine(config: Config) -> dict[str, Any]:
         "joint_map": joint_map_cost(
             config, assembly.prediction.predictor, assembly.source.joint_map
         ),
+        "working_distance": distance_facts(config, assembly.source, assembly.prediction.predictor),
         "latch": list(config.node.risk.latch),
         "state": state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},

@@ -9,13 +9,11 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.predictor import Forecast, Predictor
-from hri_predict.people.body.body_model import body_model
-from hri_predict.people.body.inferred import Inference, Rule, rule_of
-from hri_predict.people.body.standing import standing_body
-from hri_predict.people.inferring import with_inferred
-from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
+from hri_predict.people.body.inferred import Rule, rule_of
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.run.working_distance.standing import standing_snapshot
 from hri_predict.zones.body_zones import ZoneBuilder
 from hri_predict.zones.learned_scale import LEADS_S
 from hri_predict.zones.radii import Radii
@@ -62,26 +60,8 @@ class StandingBody:
 
     def snapshot(self, delivered: Bools, infers: bool = True) -> PeopleSnapshot:
         """The body as a source sees it that delivers some joints (J,)."""
-        shape = (1, self._history_steps, len(JOINTS))
-        history = np.broadcast_to(np.where(delivered[:, None], standing_body(), 0.0), (*shape, 3))
-        observed = np.broadcast_to(delivered, shape)
-        snapshot = PeopleSnapshot(
-            now_ns=_NOW_NS,
-            ids=(1,),
-            history=history,
-            observed=observed,
-            capture_ns=np.array([_NOW_NS]),
-            last_positions=np.where(delivered[:, None], history[:, -1], np.nan),
-            joint_age_s=np.where(delivered, 0.0, np.inf)[None],
-            lost=(),
-            reasons=(),
-            newest_capture_ns=_NOW_NS,
-            captures=1,
-            counters={},
-            recent=RecentCaptures.of_history(history, observed, self._rate_hz),
-        )
-        return (
-            with_inferred(snapshot, Inference(body_model()), self._rate_hz) if infers else snapshot
+        return standing_snapshot(
+            delivered, self._history_steps, self._rate_hz, now_ns=_NOW_NS, infers=infers
         )
 
     def cubic_metres(self, snapshot: PeopleSnapshot) -> Floats:

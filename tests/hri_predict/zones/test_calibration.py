@@ -12,10 +12,10 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.predictors.baselines import ZeroVelocitySettings
 from hri_predict.zones import calibration as module
+from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.zones.calibration import (
     calibration_for,
     identity,
-    levels_text,
     load_calibration,
     save_text,
 )
