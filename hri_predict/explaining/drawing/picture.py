@@ -11,7 +11,7 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
-from hri_predict.base.markup import LEVEL_COLOURS
+from hri_predict.base.looks import LEVEL_COLOURS
 from hri_predict.explaining.episodes import level_of
 from hri_predict.explaining.reason_clause import distance_of, needed_by, part_of, person_of
 from hri_predict.explaining.situation import Situation
