@@ -1,7 +1,7 @@
 """Pages of HTML from templates. Every value is escaped, wherever it came from.
 
-A template has the name and folder of the module that fills it. ``base/page.html`` is the frame of a report: one
-file that loads nothing and runs no script. ``base/parts.html`` has tables and lists.
+A template has the name and folder of the module that fills it. ``base/page.html`` is the frame of a
+report: one file that loads nothing and runs no script. ``base/parts.html`` has tables and lists.
 """
 
 from functools import cache

@@ -1,6 +1,5 @@
 """An explanation as a picture: the plan of the room, and below it the seconds around."""
 
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_predict.base.errors import ConfigError
-from hri_predict.base.files import atomic_write
-from hri_predict.base.looks import LEVEL_COLOURS
+from hri_predict.base.figures import Axes, Figure, write_figure
+from hri_predict.base.looks import LEVEL_COLOURS, PALETTE
 from hri_predict.explaining.episodes import level_of
 from hri_predict.explaining.reason_clause import distance_of, needed_by, part_of, person_of
 from hri_predict.explaining.situation import Situation
@@ -143,15 +141,7 @@ def _line(
 
 # --------------------------------------------------------------------------------------------------
 
-try:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-except ImportError as error:  # an extra of its own
-    raise ConfigError(
-        "--picture needs matplotlib; install it with pip install 'hri-predict[train]'"
-    ) from error
-
-PERSON, LOST, ROBOT = "#0072B2", "#777777", "#444444"
+PERSON, LOST, ROBOT = PALETTE[0], "#777777", "#444444"
 BEFORE_S, AFTER_S = 8.0, 6.0
 _ROUND = np.linspace(-np.pi / 2, np.pi / 2, 13)
 
@@ -170,17 +160,7 @@ def draw(about: Situation, found: Mapping[str, Any], path: Path) -> None:
     _plan(above, about)
     times = _timeline(middle, below, about)
     _levels(levels, about, times)
-    drawn = io.BytesIO()
-    kind = path.suffix.lower().removeprefix(".")
-    facts = {"Date": None} if kind == "svg" else None
-    figure.savefig(drawn, format=kind, dpi=110, metadata=facts)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(path, drawn.getvalue())
-    except OSError as error:
-        raise ConfigError(
-            f"--picture {path}: cannot be written: {error.strerror}; name another file"
-        ) from error
+    write_figure(figure, path, dpi=110, option="--picture")
 
 
 def _broken(answer: str) -> str:
@@ -273,7 +253,7 @@ def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
     middle.plot(times, _series(around, needed_by), color=LEVEL_COLOURS["STOP"], label="needed")
     middle.set_ylabel("m")
     below.plot(times, of("speed_limit_m_s"), color="black", lw=1, label="speed limit")
-    below.plot(times, of("speed_m_s"), color="#56B4E9", label="robot's speed")
+    below.plot(times, of("speed_m_s"), color=PALETTE[5], label="robot's speed")
     below.set_ylabel("m/s")
     for axes in (middle, below):
         axes.axvline(0.0, color="black", lw=0.8, ls=":")

@@ -10,6 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from hri_predict.base.arrays import Floats
+from hri_predict.base.figures import README_INCHES, Figure, write_figure
+from hri_predict.base.looks import PALETTE
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.lab.calibration.coverage import Coverage
@@ -17,7 +19,6 @@ from hri_predict.lab.calibration.filmstrip import write_zone_filmstrip
 from hri_predict.lab.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.lab.calibration.scene import middle_window, zone_scene
 from hri_predict.lab.calibration.scores import Scores, evidence_of
-from hri_predict.lab.evaluation.figures import COLOURS, README_INCHES, Figure, write_png
 from hri_predict.zones.calibration import OFS, Calibration, Of, plain
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import LEVELS, CoverageSettings, HumanLimits
@@ -31,7 +32,7 @@ LIMBS: tuple[tuple[str, _Part], ...] = (("hand", "arm"), ("foot", "leg"), ("wais
 """Joints whose radii are shown, without their side, and the limb that ``Reach`` bounds."""
 _RADII_M = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
 _QUESTIONS = (("joint", "Each joint by itself"), ("body", "Whole body (all joints at once)"))
-_BLUE, _ORANGE, _GREEN, _PINK = COLOURS[:4]
+_BLUE, _ORANGE, _GREEN, _PINK = PALETTE[:4]
 _TICKS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 _ASIDE = 0.24  # between the marks of the same horizon
 _TOP = 0.9995  # 100.0 % when rounded; the scale has no end
@@ -131,7 +132,7 @@ def write_reliability(path: Path, coverage: Coverages, predictor: str, rate_hz: 
     Raises:
         ConfigError: the file cannot be written.
     """
-    return write_png(reliability(coverage, predictor, rate_hz), path)
+    return write_figure(reliability(coverage, predictor, rate_hz), path)
 
 
 def reliability(coverage: Coverages, predictor: str, rate_hz: float) -> Figure:
@@ -265,7 +266,7 @@ def write_radii(
     Raises:
         ConfigError: the file cannot be written.
     """
-    return write_png(radii(methods, data, limits or HumanLimits(), level), path)
+    return write_figure(radii(methods, data, limits or HumanLimits(), level), path)
 
 
 def radii(
