@@ -17,6 +17,7 @@ from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.explaining.window import newest
 from hri_predict.recording import Told
+from hri_predict.recording.mcap.well_known import DAMAGED, capsules_of
 
 # -- content of a plan view of a moment: bodies, zones and the robot as capsules seen from above
 
@@ -85,34 +86,12 @@ def _robots(view: Told | None) -> dict[str, Floats]:
         name = text(entity.get("id"))
         if not name.startswith("robot "):
             continue
-        parts = [_ball(mapped(each)) for each in listed(entity.get("spheres"))]
-        parts += [_cylinder(mapped(each)) for each in listed(entity.get("cylinders"))]
-        capsules = np.array([part for part in parts if part is not None]).reshape(-1, 7)
-        found[name.removeprefix("robot ")] = capsules
+        try:
+            capsules = capsules_of(dict(entity))
+        except DAMAGED:
+            capsules = np.zeros((0, 7))
+        found[name.removeprefix("robot ")] = capsules[np.isfinite(capsules).all(axis=1)]
     return found
-
-
-def _xyz(value: Any, keys: str = "xyz") -> list[float] | None:
-    numbers = [number(mapped(value).get(key)) for key in keys]
-    known = [n for n in numbers if n is not None]
-    return known if len(known) == len(keys) else None
-
-
-def _ball(ball: Any) -> list[float] | None:
-    at, size = _xyz(mapped(ball.get("pose")).get("position")), _xyz(ball.get("size"))
-    return None if at is None or size is None else [*at, *at, size[0] / 2]
-
-
-def _cylinder(cylinder: Any) -> list[float] | None:
-    pose = mapped(cylinder.get("pose"))
-    at, size = _xyz(pose.get("position")), _xyz(cylinder.get("size"))
-    turn = _xyz(pose.get("orientation"), "xyzw")
-    if at is None or size is None or turn is None:
-        return None
-    x, y, z, w = turn
-    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    half = axis * size[2] / 2
-    return [*(np.array(at) - half).tolist(), *(np.array(at) + half).tolist(), size[0] / 2]
 
 
 def _line(
