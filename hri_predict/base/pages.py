@@ -43,3 +43,8 @@ def render(template: str, **values: Any) -> Markup:
         values: what its names stand for; functions among them format values.
     """
     return Markup(_templates().get_template(template).render(values))
+
+
+def macros(template: str) -> Any:
+    """The macros of a template, as functions that return markup."""
+    return _templates().get_template(template).module
