@@ -13,6 +13,9 @@ INK, LINE = "#222", "#bbb"
 _LEFT, _RIGHT, _TOP, _BOTTOM = 46.0, 10.0, 12.0, 36.0
 _BAR, _GAP, _NAMES = 18.0, 4.0, 64.0
 
+Look = Mapping[str, str | float]
+_STROKE: Look = {"stroke": INK, "stroke_width": 0.6}
+
 
 def _n(value: str | float) -> str:
     return value if isinstance(value, str) else f"{value:.2f}".rstrip("0").rstrip(".")
@@ -32,7 +35,7 @@ class Drawing:
     def __init__(self) -> None:
         self._shapes: list[_Shape] = []
 
-    def add(self, kind: str, *, title: str = "", words: str = "", **look: str | float) -> None:
+    def add(self, kind: str, look: Look, *, title: str = "", words: str = "") -> None:
         """Draw a shape of SVG; ``title`` is shown under the mouse."""
         named = {key.replace("_", "-"): _n(value) for key, value in look.items()}
         self._shapes.append(_Shape(kind, named, title, words))
@@ -48,18 +51,18 @@ class Drawing:
         **look: str | float,
     ) -> None:
         """Draw a rectangle from its upper left corner."""
-        self.add("rect", title=title, x=x, y=y, width=width, height=height, **look)
+        self.add("rect", {"x": x, "y": y, "width": width, "height": height, **look}, title=title)
 
     def line(self, x1: float, y1: float, x2: float, y2: float, **look: str | float) -> None:
         """Draw a thin line, unless ``look`` has another."""
-        self.add("line", **{"x1": x1, "y1": y1, "x2": x2, "y2": y2, **_STROKE, **look})
+        self.add("line", {"x1": x1, "y1": y1, "x2": x2, "y2": y2, **_STROKE, **look})
 
     def text(
         self, x: float, y: float, words: str, anchor: str = "middle", **look: str | float
     ) -> None:
         """Write words at a place."""
-        shown = {"x": x, "y": y, "text_anchor": anchor, "font_size": 9, "fill": INK}
-        self.add("text", words=words, **{**shown, **look})
+        shown: Look = {"x": x, "y": y, "text_anchor": anchor, "font_size": 9, "fill": INK}
+        self.add("text", {**shown, **look}, words=words)
 
     def svg(self, *, left: float, top: float, width: float, height: float, label: str) -> Markup:
         """The drawing: what of it is seen, and what it shows for those who cannot see it."""
@@ -69,9 +72,6 @@ class Drawing:
             "aria-label": label,
         }
         return render("base/charts.html", frame=frame, shapes=self._shapes)
-
-
-_STROKE: dict[str, str | float] = {"stroke": INK, "stroke_width": 0.6}
 
 
 class Plot(Drawing):
@@ -128,11 +128,13 @@ class Plot(Drawing):
         """Draw a line through points."""
         pairs = zip(xs, ys, strict=True)
         places = " ".join(f"{_n(self.x(x))},{_n(self.y(y))}" for x, y in pairs)
-        self.add("polyline", points=places, fill="none", stroke=INK, stroke_width=1.4)
+        look: Look = {"points": places, "fill": "none", "stroke": INK, "stroke_width": 1.4}
+        self.add("polyline", look)
 
     def point(self, x: float, y: float, colour: str) -> None:
         """Draw a dot."""
-        self.add("circle", cx=self.x(x), cy=self.y(y), r=3.2, fill=colour, fill_opacity=0.75)
+        at: Look = {"cx": self.x(x), "cy": self.y(y), "r": 3.2}
+        self.add("circle", {**at, "fill": colour, "fill_opacity": 0.75})
 
     def bar(self, x: float, width: float, y: float, colour: str, *, title: str = "") -> None:
         """Draw a column that begins at ``x``; nothing for 0."""

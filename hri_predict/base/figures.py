@@ -74,8 +74,8 @@ def legend_below(figure: Figure, *, most_columns: int = 4) -> None:
             named.setdefault(label, handle)
     each = 0.6 + 0.075 * max(map(len, named), default=0)  # inches: the line, and 9 points a letter
     columns = max(1, min(most_columns, int(figure.get_figwidth() / each)))
-    where = "outside lower center"
-    figure.legend(list(named.values()), list(named), loc=where, ncols=columns, fontsize=9)
+    shown = {"ncols": columns, "fontsize": 9}
+    figure.legend(list(named.values()), list(named), loc="outside lower center", **shown)
 
 
 def scene_grid(
@@ -114,5 +114,5 @@ def scale_bar(axes: Axes, at: tuple[float, float], length_m: float, fontsize: fl
 def corner_text(axes: Axes, text: str, *, line: int = 0, right: bool = False, **style: Any) -> None:
     """Write at the upper left corner of a scene, or the right one; lines below each other."""
     x, align = (0.97, "right") if right else (0.03, "left")
-    place = {"va": "top", "ha": align, "transform": axes.transAxes}
+    place: dict[str, Any] = {"va": "top", "ha": align, "transform": axes.transAxes}
     axes.text(x, 0.97 - 0.09 * line, text, **place, **style)

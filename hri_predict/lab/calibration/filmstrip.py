@@ -1,7 +1,6 @@
 """Zones around recorded people beside a robot, drawn to scale from the right and from above."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from hri_predict.base.figures import (
     frame,
     scale_bar,
     scene_grid,
-    write_figure,
 )
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.looks import PALETTE
@@ -36,28 +34,17 @@ _WIDE_M, _TALL_M, _DEEP_M = (-1.3, 2.4), (-0.12, 2.6), (-1.1, 1.95)
 """Extent of the pictures, metres: ahead of the person, above the floor, and to the left."""
 
 
-def write_zone_filmstrip(
-    *, path: Path, scenes: Sequence[ZoneScene], skeleton: Skeleton, predictor: str, what: str
-) -> Path:
+def zone_filmstrip(
+    scenes: Sequence[ZoneScene], skeleton: Skeleton, predictor: str, what: str
+) -> Figure:
     """Draw scenes, two rows each (from the side, from above), a column per moment.
 
     Args:
-        path: the PNG.
         scenes: see ``scene.zone_scene``; at least one.
         skeleton: skeleton of the scenes.
         predictor: name of the predictor, for the title.
         what: kind of zones, for the title ("99 % of the whole body, estimated").
-
-    Raises:
-        ConfigError: the file cannot be written.
     """
-    return write_figure(zone_filmstrip(scenes, skeleton, predictor, what), path)
-
-
-def zone_filmstrip(
-    scenes: Sequence[ZoneScene], skeleton: Skeleton, predictor: str, what: str
-) -> Figure:
-    """The figure of ``write_zone_filmstrip``."""
     heights = [np.ptp(_TALL_M), np.ptp(_DEEP_M)] * len(scenes)
     cell = (README_INCHES - 0.4) / len(SHOWN_MS)
     tall = sum(heights) * cell / float(np.ptp(_WIDE_M)) + 1.35

@@ -15,7 +15,7 @@ from hri_predict.base.looks import PALETTE
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.lab.calibration.coverage import Coverage
-from hri_predict.lab.calibration.filmstrip import write_zone_filmstrip
+from hri_predict.lab.calibration.filmstrip import zone_filmstrip
 from hri_predict.lab.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.lab.calibration.scene import middle_window, zone_scene
 from hri_predict.lab.calibration.scores import Scores, evidence_of
@@ -78,14 +78,15 @@ def write_pictures(
     Raises:
         ConfigError: a file cannot be written.
     """
-    coverage, rate_hz = judged.coverage, judged.rate_hz
-    files = [write_reliability(out / "zones_reliability.png", coverage, judged.predictor, rate_hz)]
+    figures = {
+        "zones_reliability.png": reliability(judged.coverage, judged.predictor, judged.rate_hz)
+    }
     walks = [i for i, s in enumerate(scores) if s.action.startswith(_WALKING)]
     shown = walks or range(len(scores))
     methods = {judged.predictor: (judged.calibration, [scores[i] for i in shown])}
     methods |= {name: (c, [theirs[i] for i in shown]) for name, (theirs, c, _) in beside.items()}
     what = f"recordings of {_WALKING}" if walks else "recordings"
-    files.append(write_radii(path=out / "zones_radii.png", methods=methods, data=what))
+    figures["zones_radii.png"] = radii(methods, what, HumanLimits())
     actions = [a for a in _FILMED if a in judged.actions] or list(judged.actions[:2])
     settings = CoverageSettings()
     scenes = [
@@ -102,41 +103,26 @@ def write_pictures(
     if scenes:
         held = "each joint" if settings.of == "joint" else "the whole body"
         subject = f"{100 * settings.level:g} % of {held}, {settings.basis}"
-        path = out / "zones_filmstrip.png"
-        files.append(
-            write_zone_filmstrip(
-                path=path,
-                scenes=scenes,
-                skeleton=predictor.skeleton,
-                predictor=judged.predictor,
-                what=subject,
-            )
+        figures["zones_filmstrip.png"] = zone_filmstrip(
+            scenes, predictor.skeleton, judged.predictor, subject
         )
-    return files
+    return [write_figure(figure, out / name) for name, figure in figures.items()]
 
 
 # -- coverage -----------------------------------------------------------------------------------
 
 
-def write_reliability(path: Path, coverage: Coverages, predictor: str, rate_hz: float) -> Path:
+def reliability(coverage: Coverages, predictor: str, rate_hz: float) -> Figure:
     """Draw stated against measured coverage, with 95 % intervals by recording.
 
-    A horizon that was not measured has no mark, and a single recording has no interval.
+    One panel per question, one group per level. A horizon that was not measured has no mark, and a
+    single recording has no interval.
 
     Args:
-        path: the PNG.
         coverage: of one set of recordings, with estimated radii; missing ways are skipped.
         predictor: name of the predictor, for the title.
         rate_hz: steps per second.
-
-    Raises:
-        ConfigError: the file cannot be written.
     """
-    return write_figure(reliability(coverage, predictor, rate_hz), path)
-
-
-def reliability(coverage: Coverages, predictor: str, rate_hz: float) -> Figure:
-    """The figure of ``write_reliability``: one panel per question, one group per level."""
     figure = Figure(figsize=(README_INCHES, 5.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     ways = [way for way in WAYS if any(way == key[2] for key in coverage)]
@@ -245,37 +231,23 @@ def _explain(figure: Figure, axes: Any, ways: Sequence[str], count: int) -> None
 # -- radii --------------------------------------------------------------------------------------
 
 
-def write_radii(
-    *,
-    path: Path,
+def radii(
     methods: Mapping[str, tuple[Calibration, Sequence[Scores]]],
     data: str,
-    limits: HumanLimits | None = None,
+    limits: HumanLimits,
     level: float = LEVELS[-1],
-) -> Path:
+) -> Figure:
     """Draw the radius of a hand's, a foot's and the trunk's zone by horizon.
 
+    Metres, without the limb's thickness.
+
     Args:
-        path: the PNG.
         methods: name -> a predictor's calibration, and its scores of the recordings over whose
             windows is averaged; the first one is shown with the range of 90 % of them.
         data: description of the recordings, for the title ("test recordings of walking").
         limits: see ``HumanLimits``.
         level: of the calibrated radii.
-
-    Raises:
-        ConfigError: the file cannot be written.
     """
-    return write_figure(radii(methods, data, limits or HumanLimits(), level), path)
-
-
-def radii(
-    methods: Mapping[str, tuple[Calibration, Sequence[Scores]]],
-    data: str,
-    limits: HumanLimits,
-    level: float,
-) -> Figure:
-    """The figure of ``write_radii``: one panel per limb, metres without the limb's thickness."""
     figure = Figure(figsize=(README_INCHES, 4.9), layout="constrained")
     panels = figure.subplots(1, len(LIMBS), sharey=True)
     end_s = 1.0
