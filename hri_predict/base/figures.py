@@ -74,7 +74,7 @@ def legend_below(figure: Figure, *, most_columns: int = 4) -> None:
             named.setdefault(label, handle)
     each = 0.6 + 0.075 * max(map(len, named), default=0)  # inches: the line, and 9 points a letter
     columns = max(1, min(most_columns, int(figure.get_figwidth() / each)))
-    shown = {"ncols": columns, "fontsize": 9}
+    shown: dict[str, Any] = {"ncols": columns, "fontsize": 9}
     figure.legend(list(named.values()), list(named), loc="outside lower center", **shown)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from markupsafe import Markup
 
-from hri_predict.base.charts import LINE, Drawing, Plot
+from hri_predict.base.charts import LINE, Drawing, Look, Plot
 from hri_predict.commissioning.report import Curve, GridResult, LinkEcho, Stop
 
 PASSED, FAILED, SEEN = "#1b7837", "#b2182b", "#2166ac"
@@ -55,7 +55,9 @@ def grid_plot(grid: GridResult) -> Markup:
         return column * side, height - (row + 1) * side
 
     def square(cell: int, **look: str | float) -> None:
-        drawing.rect(*corner(cell), side, side, **look)
+        x, y = corner(cell)
+        at: Look = {"x": x, "y": y, "width": side, "height": side}
+        drawing.add("rect", {**at, **look})
 
     most = max(grid.seen.values(), default=1)
     area = set(grid.area)
