@@ -132,7 +132,7 @@ def need_plots() -> None:
     Raises:
         ConfigError: matplotlib is not installed.
     """
-    importlib.import_module("hri_predict.lab.evaluation.figures")
+    importlib.import_module("hri_predict.base.figures")
 
 
 def need_extra(package: str, extra: str) -> None:

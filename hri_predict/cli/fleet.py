@@ -18,17 +18,16 @@ from rich.table import Table
 from rich.text import Text
 
 from hri_predict.base.errors import ConfigError, HriPredictError, LinkError
+from hri_predict.base.looks import LOOKS
 from hri_predict.base.settings import validated
 from hri_predict.cli.common import wrapped_widths
 from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, published
-from hri_predict.cli.terminal.view import COLOURS
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import ObservesFleet, Transport
 from hri_predict.operation.monitoring.fleet import SILENT, SILENT_S, UNKNOWN, CellRow, Fleet
 from hri_predict.operation.monitoring.fleet_changes import FleetChanges
 from hri_predict.operation.monitoring.fleet_levels import tile
 from hri_predict.protocol.keyed import ROOT, Keyed, split_key
-from hri_predict.protocol.messages import Level
 from hri_predict.viewing.fleet_feed import FLEET, FleetFeed
 from hri_predict.viewing.screen import LOOPBACK, ScreenSettings
 
@@ -311,4 +310,4 @@ def _because(row: CellRow) -> str:
 def _colour(level: str) -> str:
     if level == SILENT:
         return "bold red"
-    return COLOURS[Level[level.upper()]] if level != UNKNOWN else COLOURS[Level.UNKNOWN]
+    return LOOKS["UNKNOWN" if level == UNKNOWN else level.upper()].terminal

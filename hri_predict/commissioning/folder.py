@@ -12,7 +12,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write, read_text
 from hri_predict.base.settings import Settings
 from hri_predict.commissioning.identity import identity_of
-from hri_predict.commissioning.page.page import page_of
+from hri_predict.commissioning.page import page_of
 from hri_predict.commissioning.report import PAGE, Lines, Report, Signature, Steps, write_report
 from hri_predict.run.config import Config
 from hri_predict.run.review.less_safe import less_safe_settings

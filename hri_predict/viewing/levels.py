@@ -3,15 +3,10 @@
 from collections.abc import Iterable
 from operator import attrgetter
 
-from hri_predict.base.markup import LEVEL_COLOURS
+from hri_predict.base.looks import LOOKS, Rgb
 from hri_predict.protocol.messages import Level
 
-Rgb = tuple[int, int, int]
-
-COLOURS: dict[str, Rgb] = {
-    level: (int(code[1:3], 16), int(code[3:5], 16), int(code[5:7], 16))
-    for level, code in LEVEL_COLOURS.items()
-}
+COLOURS: dict[str, Rgb] = {level: look.rgb for level, look in LOOKS.items()}
 GREY: Rgb = (128, 128, 128)
 """Nothing is known: no node, no picture."""
 PERSON: Rgb = (30, 105, 230)

@@ -21,6 +21,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.view import PAIR
+from hri_predict.recording.mcap.well_known import DAMAGED, FARTHEST_M, capsules_of, lines_of
 from hri_predict.viewing.levels import worst
 from hri_predict.viewing.packing import (
     bodies_of,
@@ -40,11 +41,9 @@ BEFORE_NS = 2_000_000_000
 OLD_NS = 600_000_000
 """Zones and forecasts of longer ago are not those of this picture: three are missing."""
 BONE_M = 0.06
-FARTHEST_M = 1e4
 _CHILDREN = [joint for joint, parent in enumerate(PARENTS) if parent >= 0]
 """A recorded bone goes from each of these joints to its parent."""
 _TOPICS = ("/status", "/advice", "/zones", "/forecast", "/view/scene")
-_WRONG = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
 
 class RecordedPictures:
@@ -158,7 +157,7 @@ class RecordedPictures:
         )
         try:
             return list(self._pictures(messages))
-        except _WRONG as error:
+        except DAMAGED as error:
             raise RecordingError(
                 f"recording {self._path}: a message is damaged ({error}); it cannot be shown"
             ) from error
@@ -302,16 +301,14 @@ def _entities(
     for entity in entities:
         kind, _, name = entity["id"].partition(" ")
         if kind == "person":
-            line = entity["lines"][0]
-            ends = _floats([[p["x"], p["y"], p["z"]] for p in line["points"]]).reshape(-1, 6)
-            seen = line["color"]["a"] >= 1.0
-            (people if seen else lost)[int(name)] = _body(ends)
+            seen = entity["lines"][0]["color"]["a"] >= 1.0
+            bones = lines_of(entity).reshape(-1, 6).astype(np.float32)
+            (people if seen else lost)[int(name)] = _body(bones)
         elif kind == "robot":
-            rows = [_ball(each) for each in entity["spheres"]]
-            rows += [_rod(each) for each in entity["cylinders"]]
-            robots[name] = _floats(rows).reshape(-1, 7)
+            robots[name] = capsules_of(entity).astype(np.float32)
         elif kind == PAIR:
-            pairs[name] = [_xyz(point) for point in entity["lines"][0]["points"][:2]]
+            line = lines_of(entity)[0]
+            pairs[name] = line.tolist() if np.isfinite(line).all() else None
     return people, lost, robots, pairs
 
 
@@ -324,24 +321,6 @@ def _body(bones: Shapes) -> Shapes:
     joints[0, [PARENTS[child] for child in _CHILDREN]] = bones[:, 3:]
     joints[0, _CHILDREN] = bones[:, :3]
     return bodies_of(joints)[0]
-
-
-def _ball(sphere: dict[str, Any]) -> list[float]:
-    at = _xyz(sphere["pose"]["position"])
-    return [*at, *at, sphere["size"]["x"] / 2]
-
-
-def _rod(cylinder: dict[str, Any]) -> list[float]:
-    turn = cylinder["pose"]["orientation"]
-    x, y, z, w = (float(turn[k]) for k in "xyzw")
-    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    half = axis * cylinder["size"]["z"] / 2
-    at = np.array(_xyz(cylinder["pose"]["position"]))
-    return [*(at - half), *(at + half), cylinder["size"]["x"] / 2]
-
-
-def _xyz(point: dict[str, Any]) -> list[float]:
-    return [float(point[k]) for k in "xyz"]
 
 
 def _padded(bones: list[Shapes]) -> Shapes:

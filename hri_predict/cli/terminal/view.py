@@ -21,6 +21,7 @@ from rich.text import Text
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import Capsules
+from hri_predict.base.looks import LOOKS
 from hri_predict.contracts.source import SourceCounters, live_part
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Advice, Level
@@ -116,14 +117,6 @@ class CharacterPlan:
 
 # --------------------------------------------------------------------------------------------------
 
-COLOURS = {
-    Level.UNKNOWN: "magenta",
-    Level.CLEAR: "green",
-    Level.WARN: "yellow",
-    Level.SLOW: "dark_orange",
-    Level.STOP: "red",
-    Level.FAULT: "white on red",
-}
 REDRAW_HZ = 8.0
 SIDE, LEAST_SIDE = 58, 36  # columns beside the plan
 MOST_ROWS = 40
@@ -223,7 +216,9 @@ class TerminalView(View):
         table = Table.grid(padding=(0, 1))
         robot = assembly.trackers[advice.robot].at(tick.now_ns)
         limit = advice.speed_limit_m_s
-        level = Text(f" {advice.level.name} ", style=f"bold reverse {COLOURS[advice.level]}")
+        level = Text(
+            f" {advice.level.name} ", style=f"bold reverse {LOOKS[advice.level.name].terminal}"
+        )
         table.add_row("advice", level)
         table.add_row("reason", advice.reason.text)
         table.add_row("nearest", _metres(advice.separation_m))
@@ -287,7 +282,7 @@ def _clock(utc_s: float) -> str:
 
 def _change(advice: Advice, utc_s: float) -> Text:
     text = Text(f"{_clock(utc_s)} ", no_wrap=True, overflow="ellipsis")
-    text.append(f"{advice.level.name:8}", style=COLOURS[advice.level])
+    text.append(f"{advice.level.name:8}", style=LOOKS[advice.level.name].terminal)
     return text.append(advice.reason.text)
 
 

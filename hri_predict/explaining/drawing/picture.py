@@ -1,6 +1,5 @@
 """An explanation as a picture: the plan of the room, and below it the seconds around."""
 
-import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_predict.base.errors import ConfigError
-from hri_predict.base.files import atomic_write
-from hri_predict.base.markup import LEVEL_COLOURS
+from hri_predict.base.figures import Axes, Figure, write_figure
+from hri_predict.base.looks import LEVEL_COLOURS, PALETTE
 from hri_predict.explaining.episodes import level_of
 from hri_predict.explaining.reason_clause import distance_of, needed_by, part_of, person_of
 from hri_predict.explaining.situation import Situation
@@ -19,6 +17,7 @@ from hri_predict.explaining.times import NS
 from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.explaining.window import newest
 from hri_predict.recording import Told
+from hri_predict.recording.mcap.well_known import DAMAGED, capsules_of
 
 # -- content of a plan view of a moment: bodies, zones and the robot as capsules seen from above
 
@@ -87,34 +86,12 @@ def _robots(view: Told | None) -> dict[str, Floats]:
         name = text(entity.get("id"))
         if not name.startswith("robot "):
             continue
-        parts = [_ball(mapped(each)) for each in listed(entity.get("spheres"))]
-        parts += [_cylinder(mapped(each)) for each in listed(entity.get("cylinders"))]
-        capsules = np.array([part for part in parts if part is not None]).reshape(-1, 7)
-        found[name.removeprefix("robot ")] = capsules
+        try:
+            capsules = capsules_of(dict(entity))
+        except DAMAGED:
+            capsules = np.zeros((0, 7))
+        found[name.removeprefix("robot ")] = capsules[np.isfinite(capsules).all(axis=1)]
     return found
-
-
-def _xyz(value: Any, keys: str = "xyz") -> list[float] | None:
-    numbers = [number(mapped(value).get(key)) for key in keys]
-    known = [n for n in numbers if n is not None]
-    return known if len(known) == len(keys) else None
-
-
-def _ball(ball: Any) -> list[float] | None:
-    at, size = _xyz(mapped(ball.get("pose")).get("position")), _xyz(ball.get("size"))
-    return None if at is None or size is None else [*at, *at, size[0] / 2]
-
-
-def _cylinder(cylinder: Any) -> list[float] | None:
-    pose = mapped(cylinder.get("pose"))
-    at, size = _xyz(pose.get("position")), _xyz(cylinder.get("size"))
-    turn = _xyz(pose.get("orientation"), "xyzw")
-    if at is None or size is None or turn is None:
-        return None
-    x, y, z, w = turn
-    axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
-    half = axis * size[2] / 2
-    return [*(np.array(at) - half).tolist(), *(np.array(at) + half).tolist(), size[0] / 2]
 
 
 def _line(
@@ -143,15 +120,7 @@ def _line(
 
 # --------------------------------------------------------------------------------------------------
 
-try:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-except ImportError as error:  # an extra of its own
-    raise ConfigError(
-        "--picture needs matplotlib; install it with pip install 'hri-predict[train]'"
-    ) from error
-
-PERSON, LOST, ROBOT = "#0072B2", "#777777", "#444444"
+PERSON, LOST, ROBOT = PALETTE[0], "#777777", "#444444"
 BEFORE_S, AFTER_S = 8.0, 6.0
 _ROUND = np.linspace(-np.pi / 2, np.pi / 2, 13)
 
@@ -170,17 +139,7 @@ def draw(about: Situation, found: Mapping[str, Any], path: Path) -> None:
     _plan(above, about)
     times = _timeline(middle, below, about)
     _levels(levels, about, times)
-    drawn = io.BytesIO()
-    kind = path.suffix.lower().removeprefix(".")
-    facts = {"Date": None} if kind == "svg" else None
-    figure.savefig(drawn, format=kind, dpi=110, metadata=facts)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(path, drawn.getvalue())
-    except OSError as error:
-        raise ConfigError(
-            f"--picture {path}: cannot be written: {error.strerror}; name another file"
-        ) from error
+    write_figure(figure, path, dpi=110, option="--picture")
 
 
 def _broken(answer: str) -> str:
@@ -273,7 +232,7 @@ def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
     middle.plot(times, _series(around, needed_by), color=LEVEL_COLOURS["STOP"], label="needed")
     middle.set_ylabel("m")
     below.plot(times, of("speed_limit_m_s"), color="black", lw=1, label="speed limit")
-    below.plot(times, of("speed_m_s"), color="#56B4E9", label="robot's speed")
+    below.plot(times, of("speed_m_s"), color=PALETTE[5], label="robot's speed")
     below.set_ylabel("m/s")
     for axes in (middle, below):
         axes.axvline(0.0, color="black", lw=0.8, ls=":")

@@ -1,13 +1,21 @@
 """Zones around recorded people beside a robot, drawn to scale from the right and from above."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.figures import (
+    README_INCHES,
+    Figure,
+    corner_text,
+    frame,
+    scale_bar,
+    scene_grid,
+)
 from hri_predict.base.geometry import Capsules
+from hri_predict.base.looks import PALETTE
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.lab.calibration.scene import (
     BALL_M_S,
@@ -18,43 +26,31 @@ from hri_predict.lab.calibration.scene import (
     robot_beside,
     views,
 )
-from hri_predict.lab.evaluation.figures import COLOURS, README_INCHES, Figure, write_png
 
-_ZONE, _ZONE_FILL, _TRUE, _PREDICTED = COLOURS[0], "#CDE2F0", "#8A8A8A", COLOURS[1]
-_ROBOT, _TABLE = COLOURS[2], "#E9E4DC"
+_ZONE, _ZONE_FILL, _TRUE, _PREDICTED = PALETTE[0], "#CDE2F0", "#8A8A8A", PALETTE[1]
+_ROBOT, _TABLE = PALETTE[2], "#E9E4DC"
 _GRID_M = 0.02
 _WIDE_M, _TALL_M, _DEEP_M = (-1.3, 2.4), (-0.12, 2.6), (-1.1, 1.95)
 """Extent of the pictures, metres: ahead of the person, above the floor, and to the left."""
 
 
-def write_zone_filmstrip(
-    *, path: Path, scenes: Sequence[ZoneScene], skeleton: Skeleton, predictor: str, what: str
-) -> Path:
+def zone_filmstrip(
+    scenes: Sequence[ZoneScene], skeleton: Skeleton, predictor: str, what: str
+) -> Figure:
     """Draw scenes, two rows each (from the side, from above), a column per moment.
 
     Args:
-        path: the PNG.
         scenes: see ``scene.zone_scene``; at least one.
         skeleton: skeleton of the scenes.
         predictor: name of the predictor, for the title.
         what: kind of zones, for the title ("99 % of the whole body, estimated").
-
-    Raises:
-        ConfigError: the file cannot be written.
     """
-    return write_png(zone_filmstrip(scenes, skeleton, predictor, what), path)
-
-
-def zone_filmstrip(
-    scenes: Sequence[ZoneScene], skeleton: Skeleton, predictor: str, what: str
-) -> Figure:
-    """The figure of ``write_zone_filmstrip``."""
     heights = [np.ptp(_TALL_M), np.ptp(_DEEP_M)] * len(scenes)
     cell = (README_INCHES - 0.4) / len(SHOWN_MS)
     tall = sum(heights) * cell / float(np.ptp(_WIDE_M)) + 1.35
-    figure = Figure(figsize=(README_INCHES, tall), layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.015, h_pad=0.025, wspace=0.0, hspace=0.0)  # type: ignore
-    grid = figure.subplots(len(heights), len(SHOWN_MS), squeeze=False, height_ratios=heights)
+    figure, grid = scene_grid(
+        size=(README_INCHES, tall), heights=heights, columns=len(SHOWN_MS), pad=(0.015, 0.025)
+    )
     for index, scene in enumerate(scenes):
         rows = grid[2 * index : 2 * index + 2]
         side, above = views(scene, skeleton)
@@ -64,7 +60,7 @@ def zone_filmstrip(
         ):
             axes[0].set_ylabel(name, fontsize=9.5)
             for column, ms in enumerate(SHOWN_MS):
-                _frame(axes[column], _TALL_M if view is side else _DEEP_M)
+                frame(axes[column], _WIDE_M, _TALL_M if view is side else _DEEP_M)
                 if ms not in scene.shown_ms:
                     axes[column].text(0.0, 0.3, "beyond its horizon", fontsize=8.5)
                     continue
@@ -83,25 +79,12 @@ def zone_filmstrip(
     return figure
 
 
-def _frame(axes: Any, height: tuple[float, float]) -> None:
-    axes.set_aspect("equal")
-    axes.set_xlim(*_WIDE_M)
-    axes.set_ylim(*height)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_color("#BBBBBB")
-
-
 def _where(axes: Any, scene: ZoneScene) -> None:
     """Which recording, when, and a scale bar of 1 m."""
-    text = f"{scene.recording}, {scene.time_s:.1f} s"
-    axes.text(0.03, 0.965, text, fontsize=8.5, va="top", transform=axes.transAxes)
+    corner_text(axes, f"{scene.recording}, {scene.time_s:.1f} s", fontsize=8.5)
     if scene.widened:
-        axes.text(0.03, 0.88, "widened", fontsize=8.5, va="top", transform=axes.transAxes)
-    left = _WIDE_M[1] - 1.1
-    axes.plot([left, left + 1.0], [0.18, 0.18], color="black", linewidth=2, solid_capstyle="butt")
-    axes.text(left + 0.5, 0.23, "1 m", fontsize=8.5, ha="center")
+        corner_text(axes, "widened", line=1, fontsize=8.5)
+    scale_bar(axes, (_WIDE_M[1] - 1.1, 0.18), 1.0, 8.5)
 
 
 def _cell(

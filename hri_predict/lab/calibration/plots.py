@@ -10,14 +10,15 @@ from typing import Any, Literal
 import numpy as np
 
 from hri_predict.base.arrays import Floats
+from hri_predict.base.figures import README_INCHES, Figure, write_figure
+from hri_predict.base.looks import PALETTE
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.lab.calibration.coverage import Coverage
-from hri_predict.lab.calibration.filmstrip import write_zone_filmstrip
+from hri_predict.lab.calibration.filmstrip import zone_filmstrip
 from hri_predict.lab.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.lab.calibration.scene import middle_window, zone_scene
 from hri_predict.lab.calibration.scores import Scores, evidence_of
-from hri_predict.lab.evaluation.figures import COLOURS, README_INCHES, Figure, write_png
 from hri_predict.zones.calibration import OFS, Calibration, Of, plain
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import LEVELS, CoverageSettings, HumanLimits
@@ -31,7 +32,7 @@ LIMBS: tuple[tuple[str, _Part], ...] = (("hand", "arm"), ("foot", "leg"), ("wais
 """Joints whose radii are shown, without their side, and the limb that ``Reach`` bounds."""
 _RADII_M = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
 _QUESTIONS = (("joint", "Each joint by itself"), ("body", "Whole body (all joints at once)"))
-_BLUE, _ORANGE, _GREEN, _PINK = COLOURS[:4]
+_BLUE, _ORANGE, _GREEN, _PINK = PALETTE[:4]
 _TICKS = (0.01, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999)
 _ASIDE = 0.24  # between the marks of the same horizon
 _TOP = 0.9995  # 100.0 % when rounded; the scale has no end
@@ -77,14 +78,15 @@ def write_pictures(
     Raises:
         ConfigError: a file cannot be written.
     """
-    coverage, rate_hz = judged.coverage, judged.rate_hz
-    files = [write_reliability(out / "zones_reliability.png", coverage, judged.predictor, rate_hz)]
+    figures = {
+        "zones_reliability.png": reliability(judged.coverage, judged.predictor, judged.rate_hz)
+    }
     walks = [i for i, s in enumerate(scores) if s.action.startswith(_WALKING)]
     shown = walks or range(len(scores))
     methods = {judged.predictor: (judged.calibration, [scores[i] for i in shown])}
     methods |= {name: (c, [theirs[i] for i in shown]) for name, (theirs, c, _) in beside.items()}
     what = f"recordings of {_WALKING}" if walks else "recordings"
-    files.append(write_radii(path=out / "zones_radii.png", methods=methods, data=what))
+    figures["zones_radii.png"] = radii(methods, what, HumanLimits())
     actions = [a for a in _FILMED if a in judged.actions] or list(judged.actions[:2])
     settings = CoverageSettings()
     scenes = [
@@ -101,41 +103,26 @@ def write_pictures(
     if scenes:
         held = "each joint" if settings.of == "joint" else "the whole body"
         subject = f"{100 * settings.level:g} % of {held}, {settings.basis}"
-        path = out / "zones_filmstrip.png"
-        files.append(
-            write_zone_filmstrip(
-                path=path,
-                scenes=scenes,
-                skeleton=predictor.skeleton,
-                predictor=judged.predictor,
-                what=subject,
-            )
+        figures["zones_filmstrip.png"] = zone_filmstrip(
+            scenes, predictor.skeleton, judged.predictor, subject
         )
-    return files
+    return [write_figure(figure, out / name) for name, figure in figures.items()]
 
 
 # -- coverage -----------------------------------------------------------------------------------
 
 
-def write_reliability(path: Path, coverage: Coverages, predictor: str, rate_hz: float) -> Path:
+def reliability(coverage: Coverages, predictor: str, rate_hz: float) -> Figure:
     """Draw stated against measured coverage, with 95 % intervals by recording.
 
-    A horizon that was not measured has no mark, and a single recording has no interval.
+    One panel per question, one group per level. A horizon that was not measured has no mark, and a
+    single recording has no interval.
 
     Args:
-        path: the PNG.
         coverage: of one set of recordings, with estimated radii; missing ways are skipped.
         predictor: name of the predictor, for the title.
         rate_hz: steps per second.
-
-    Raises:
-        ConfigError: the file cannot be written.
     """
-    return write_png(reliability(coverage, predictor, rate_hz), path)
-
-
-def reliability(coverage: Coverages, predictor: str, rate_hz: float) -> Figure:
-    """The figure of ``write_reliability``: one panel per question, one group per level."""
     figure = Figure(figsize=(README_INCHES, 5.4), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
     ways = [way for way in WAYS if any(way == key[2] for key in coverage)]
@@ -244,37 +231,23 @@ def _explain(figure: Figure, axes: Any, ways: Sequence[str], count: int) -> None
 # -- radii --------------------------------------------------------------------------------------
 
 
-def write_radii(
-    *,
-    path: Path,
+def radii(
     methods: Mapping[str, tuple[Calibration, Sequence[Scores]]],
     data: str,
-    limits: HumanLimits | None = None,
+    limits: HumanLimits,
     level: float = LEVELS[-1],
-) -> Path:
+) -> Figure:
     """Draw the radius of a hand's, a foot's and the trunk's zone by horizon.
 
+    Metres, without the limb's thickness.
+
     Args:
-        path: the PNG.
         methods: name -> a predictor's calibration, and its scores of the recordings over whose
             windows is averaged; the first one is shown with the range of 90 % of them.
         data: description of the recordings, for the title ("test recordings of walking").
         limits: see ``HumanLimits``.
         level: of the calibrated radii.
-
-    Raises:
-        ConfigError: the file cannot be written.
     """
-    return write_png(radii(methods, data, limits or HumanLimits(), level), path)
-
-
-def radii(
-    methods: Mapping[str, tuple[Calibration, Sequence[Scores]]],
-    data: str,
-    limits: HumanLimits,
-    level: float,
-) -> Figure:
-    """The figure of ``write_radii``: one panel per limb, metres without the limb's thickness."""
     figure = Figure(figsize=(README_INCHES, 4.9), layout="constrained")
     panels = figure.subplots(1, len(LIMBS), sharey=True)
     end_s = 1.0

@@ -1,39 +1,31 @@
 """Plot of a benchmark as PNG: error by horizon, a panel per action, printed numbers as marks."""
 
 import itertools
-import math
 from typing import Any
 
 import numpy as np
 
+from hri_predict.base.figures import Figure, legend_below, panels
+from hri_predict.base.looks import PALETTE
 from hri_predict.lab.evaluation.benchmark import mean_over
 from hri_predict.lab.evaluation.benchmark_result import MEAN, BenchmarkResult, printed_at
-from hri_predict.lab.evaluation.figures import COLOURS, Figure
 
 # baselines are grey
 _BASELINES = {"zero_velocity": "-", "constant_velocity": "--"}
-_COLUMNS = 3
 
 
 def error_by_horizon(result: BenchmarkResult) -> Figure:
     """Measured errors as lines, errors that papers print for the same protocol as marks."""
-    panels = (MEAN, *result.actions)
-    rows = math.ceil(len(panels) / _COLUMNS)
-    figure = Figure(figsize=(13, 3.2 * rows + 0.8), layout="constrained")
-    grid = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
-    handles: dict[str, Any] = {}
-    for axes, action in zip(grid, panels, strict=False):
+    actions = (MEAN, *result.actions)
+    figure, grid = panels(len(actions), 3, (4.2, 3.2))
+    for axes, action in zip(grid, actions, strict=True):
         _measured(axes, result, action)
         _printed(axes, result, action)
         axes.set_title(action, fontsize=10)
         axes.set_xlabel("frames ahead", fontsize=8)
         axes.set_ylabel(result.protocol.unit, fontsize=8)
         axes.grid(alpha=0.3)
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
-    for axes in grid[len(panels) :]:
-        axes.set_visible(False)
-    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=5)
+    legend_below(figure, most_columns=5)
     return figure
 
 
@@ -63,7 +55,7 @@ def _colours(result: BenchmarkResult) -> dict[str, str]:
     """Colour of each method, the same for measured and printed errors."""
     measured = (name for name in result.scores if name not in _BASELINES)
     methods = dict.fromkeys(_key(n) for n in (*measured, *(e.method for e in result.printed)))
-    return dict(zip(methods, itertools.cycle(COLOURS), strict=False))
+    return dict(zip(methods, itertools.cycle(PALETTE), strict=False))
 
 
 def _key(method: str) -> str:

@@ -167,7 +167,9 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
     Raises:
         ConfigError: they cannot be written, or matplotlib is missing.
     """
-    from hri_predict.lab.evaluation.benchmark_plot import error_by_horizon  # wants matplotlib
+    # both need matplotlib
+    from hri_predict.base.figures import write_figure
+    from hri_predict.lab.evaluation.benchmark_plot import error_by_horizon
 
     protocol = result.protocol
     lengths = f"{protocol.n_in}to{protocol.n_out}"
@@ -181,7 +183,7 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
     try:
         for ending, text in texts.items():
             atomic_write(out / f"{stem}{ending}", text.encode())
-        error_by_horizon(result).savefig(out / f"{stem}.png", dpi=130)
+        write_figure(error_by_horizon(result), out / f"{stem}.png", dpi=130)
     except OSError as error:
         raise ConfigError(
             f"--out {out}: cannot be written: {error.strerror}; name another folder"

@@ -12,9 +12,15 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.figures import (
+    Figure,
+    corner_text,
+    frame,
+    scale_bar,
+    scene_grid,
+    write_figure,
+)
 from hri_predict.contracts.predictor import Predictor
-from hri_predict.lab.evaluation.figures import Figure
 from hri_predict.lab.evaluation.recordings import forecast
 from hri_predict.lab.evaluation.windows import (
     FUTURE_STEPS,
@@ -114,16 +120,11 @@ def write_filmstrips(
     scenes = [scene for scene in found if scene is not None]
     if not scenes:
         return []
-    files = [out_dir / f"filmstrip_{name.replace('/', '_')}.png" for name in predictors]
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        for (name, predictor), file in zip(predictors.items(), files, strict=True):
-            forecasts = [forecast(predictor, scene.window)[0] for scene in scenes]
-            draw(name, scenes, forecasts).savefig(file, dpi=100)
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out_dir}: cannot be written: {error.strerror}; name another folder"
-        ) from error
+    files = []
+    for name, predictor in predictors.items():
+        forecasts = [forecast(predictor, scene.window)[0] for scene in scenes]
+        file = out_dir / f"filmstrip_{name.replace('/', '_')}.png"
+        files.append(write_figure(draw(name, scenes, forecasts), file, dpi=100))
     return files
 
 
@@ -134,9 +135,7 @@ def draw(name: str, scenes: Sequence[Scene], forecasts: Sequence[Floats]) -> Fig
     heights = [view.high - view.low for view in views]
     columns, inches_per_m = 1 + len(SHOWN_MS), _INCHES / (2 * half)
     size = _INCHES * columns + 0.6, inches_per_m * sum(heights) + 1.7
-    figure = Figure(figsize=size, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.03, wspace=0.0, hspace=0.0)  # type: ignore
-    grid = figure.subplots(len(scenes), columns, squeeze=False, height_ratios=heights)
+    figure, grid = scene_grid(size=size, heights=heights, columns=columns, pad=(0.02, 0.03))
     for row, (scene, predicted, view) in enumerate(zip(scenes, forecasts, views, strict=True)):
         for axes, ms in zip(grid[row], (0, *SHOWN_MS), strict=True):
             _frame(axes=axes, view=view, scene=scene, ms=ms, half=half)
@@ -216,28 +215,19 @@ def _middle(positions: Floats, seen: Bools, side: str) -> Floats:
 def _frame(*, axes: Any, view: _View, scene: Scene, ms: int, half: float) -> None:
     """Limits of the picture, and the lines of the room behind it."""
     centre = view.centre(scene, ms)
-    axes.set_aspect("equal")
-    axes.set_xlim(centre - half, centre + half)
-    axes.set_ylim(view.low, view.high)
+    frame(axes, (centre - half, centre + half), (view.low, view.high))
     for low, high, line in (
         (centre - half, centre + half, axes.axvline),
         (view.low, view.high, axes.axhline),
     ):
         for k in range(int(np.ceil(low / _GRID_M)), int(np.floor(high / _GRID_M)) + 1):
             line(k * _GRID_M, color=_GRID, linewidth=0.9, zorder=0)
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_color("#BBBBBB")
 
 
 def _where(axes: Any, scene: Scene) -> None:
     """Which recording, when, and a scale bar."""
-    text = f"{scene.recording}, {scene.time_s:.1f} s"
-    axes.text(0.03, 0.97, text, fontsize=10, va="top", transform=axes.transAxes)
-    left, low = axes.get_xlim()[0] + 0.05, axes.get_ylim()[0] + 0.04
-    axes.plot([left, left + _GRID_M], [low, low], color="black", linewidth=2.5)
-    axes.text(left + _GRID_M / 2, low + 0.02, f"{_GRID_M:g} m", fontsize=10, ha="center")
+    corner_text(axes, f"{scene.recording}, {scene.time_s:.1f} s", fontsize=10)
+    scale_bar(axes, (axes.get_xlim()[0] + 0.05, axes.get_ylim()[0] + 0.04), _GRID_M, 10)
 
 
 def _cell(*, axes: Any, view: _View, scene: Scene, predicted: Floats, ms: int) -> None:
@@ -245,36 +235,18 @@ def _cell(*, axes: Any, view: _View, scene: Scene, predicted: Floats, ms: int) -
     true, known = scene.true(ms)
     if ms == 0:
         for ago, shade in zip(_AGO_MS, (0.12, 0.2, 0.3), strict=True):
-            past, seen = scene.true(-ago)
-            _body(
-                axes=axes,
-                view=view,
-                positions=past,
-                seen=seen,
-                colour=_TRUE,
-                width=2.5,
-                alpha=shade,
-            )
-        _body(axes=axes, view=view, positions=true, seen=known, colour=_TRUE, width=5.0)
-        return
-    _body(axes=axes, view=view, positions=true, seen=known, colour=_TRUE, width=5.0)
+            _body(axes, view, *scene.true(-ago), color=_TRUE, linewidth=2.5, alpha=shade)
+    _body(axes, view, true, known, color=_TRUE, linewidth=5.0)
     step = round(ms * RATE_HZ / 1000)
     if step > len(predicted):
-        axes.text(0.03, 0.97, "beyond its horizon", va="top", transform=axes.transAxes)
+        corner_text(axes, "beyond its horizon")
+    if not 0 < step <= len(predicted):
         return
-    _body(
-        axes=axes,
-        view=view,
-        positions=predicted[step - 1],
-        seen=known,
-        colour=_PREDICTED,
-        width=2.0,
-    )
+    _body(axes, view, predicted[step - 1], known, color=_PREDICTED, linewidth=2.0)
     error = _error_mm(predicted[step - 1], true, known)
     still = _error_mm(scene.true(0)[0], true, known & scene.true(0)[1])
-    style = {"va": "top", "transform": axes.transAxes}
-    axes.text(0.03, 0.975, f"{error:.0f} mm", color=_PREDICTED, fontsize=13, **style)
-    axes.text(0.97, 0.97, f"still: {still:.0f}", color="#555555", fontsize=11, ha="right", **style)
+    corner_text(axes, f"{error:.0f} mm", color=_PREDICTED, fontsize=13)
+    corner_text(axes, f"still: {still:.0f}", right=True, color="#555555", fontsize=11)
 
 
 def _error_mm(positions: Floats, true: Floats, known: Bools) -> float:
@@ -285,28 +257,16 @@ def _error_mm(positions: Floats, true: Floats, known: Bools) -> float:
 
 
 def _body(
-    *,
-    axes: Any,
-    view: _View,
-    positions: Floats,
-    seen: Bools,
-    colour: str,
-    width: float,
-    alpha: float = 1.0,
+    axes: Any, view: _View, positions: Floats, seen: Bools, *, linewidth: float, **style: Any
 ) -> None:
     """A stick figure; the right side of the body is drawn thinner."""
     points = view.project(positions)
     for joint, other, bridged in bones(seen):
         right = BODY.joints[joint].startswith("r_")
-        axes.plot(
-            points[[joint, other], 0],
-            points[[joint, other], 1],
-            color=colour,
-            alpha=alpha,
-            linewidth=width * (0.6 if right else 1.0) * (0.5 if bridged else 1.0),
-            linestyle=":" if bridged else "-",
-            solid_capstyle="round",
-        )
+        width = linewidth * (0.6 if right else 1.0) * (0.5 if bridged else 1.0)
+        line = ":" if bridged else "-"
+        ends = points[[joint, other]].T
+        axes.plot(*ends, line, linewidth=width, solid_capstyle="round", **style)
 
 
 def bones(seen: Bools) -> list[tuple[int, int, bool]]:

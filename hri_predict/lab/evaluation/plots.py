@@ -1,7 +1,6 @@
 """Plots of the evaluation on recordings, PNG files: error by horizon, by action and by joint."""
 
 import itertools
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_predict.lab.evaluation.figures import COLOURS, Figure
+from hri_predict.base.figures import Figure, legend_below, panels, write_figure
+from hri_predict.base.looks import PALETTE
 from hri_predict.lab.evaluation.recordings import MEAN_ACTIONS, RecordingResult
 from hri_predict.lab.evaluation.windows import FUTURE_STEPS, RATE_HZ, scored_joints
 from hri_predict.predictors.neural.body import BODY
@@ -24,7 +24,6 @@ _BASELINES = {
 _MARKERS = dict(zip(_BASELINES, "|x+1", strict=True))
 _MS = 1000.0 / RATE_HZ * np.arange(1, FUTURE_STEPS + 1)
 _DPI = 130
-_LETTER_INCHES, _NAME_INCHES = 0.075, 0.6  # in a legend of 9 points: a letter; line and space
 
 
 def write_plots(results: Sequence[RecordingResult], out_dir: Path) -> list[Path]:
@@ -37,9 +36,7 @@ def write_plots(results: Sequence[RecordingResult], out_dir: Path) -> list[Path]
         "error_by_horizon.png": error_by_horizon(clean),
         "error_by_joint.png": error_by_joint(clean),
     }
-    for name, figure in figures.items():
-        figure.savefig(out_dir / name, dpi=_DPI)
-    return [out_dir / name for name in figures]
+    return [write_figure(f, out_dir / name, dpi=_DPI) for name, f in figures.items()]
 
 
 def error_by_horizon(results: Sequence[RecordingResult]) -> Figure:
@@ -58,16 +55,11 @@ def error_by_horizon(results: Sequence[RecordingResult]) -> Figure:
 def error_by_action(results: Sequence[RecordingResult]) -> Figure:
     """One panel per action: error by horizon, one line per predictor."""
     actions = list(results[0].actions)
-    columns = min(3, len(actions))
-    rows = math.ceil(len(actions) / columns)
-    figure = Figure(figsize=(4.2 * columns + 0.6, 3.1 * rows + 0.7), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
-    for axes in grid.flat[len(actions) :]:
-        axes.set_visible(False)
-    for axes, action in zip(grid.flat, actions, strict=False):
+    figure, grid = panels(len(actions), 3, (4.2, 3.1))
+    for axes, action in zip(grid, actions, strict=True):
         _lines(axes, results, [r.actions[action].by_step() for r in results])
         axes.set_title(f"{action} ({results[0].actions[action].windows} windows)", fontsize=10)
-    _legend_below(figure, grid.flat[0])
+    legend_below(figure)
     return figure
 
 
@@ -89,16 +81,8 @@ def error_by_joint(results: Sequence[RecordingResult]) -> Figure:
         axes.set_xlabel("mean error, mm")
         axes.set_title(f"{ms} ms ahead")
     figure.axes[0].invert_yaxis()
-    _legend_below(figure, figure.axes[0])
+    legend_below(figure)
     return figure
-
-
-def _legend_below(figure: Figure, axes: Any) -> None:
-    """Name the lines below all panels, in as many columns as the picture is wide."""
-    handles, labels = axes.get_legend_handles_labels()
-    each = _NAME_INCHES + _LETTER_INCHES * max(map(len, labels))
-    columns = max(1, min(4, int(figure.get_figwidth() / each)))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9)
 
 
 def _lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[Floats]) -> None:
@@ -135,5 +119,5 @@ def _name_lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[
 
 def _styles(results: Sequence[RecordingResult]) -> list[tuple[str, str]]:
     """Colour and line of each predictor: baselines are grey."""
-    free = itertools.cycle(COLOURS)
+    free = itertools.cycle(PALETTE)
     return [_BASELINES.get(r.predictor) or (next(free), "-") for r in results]

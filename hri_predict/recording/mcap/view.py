@@ -11,7 +11,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.geometry import Capsules, nearest_points
-from hri_predict.base.markup import LEVEL_COLOURS
+from hri_predict.base.looks import LOOKS
 from hri_predict.base.skeleton import JOINTS, PARENTS
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
@@ -32,11 +32,11 @@ PAIR = "separation"
 """The name of the entity that joins the deciding pair of a robot begins with it."""
 
 
-def _rgb(code: str) -> tuple[float, float, float]:
-    return int(code[1:3], 16) / 255, int(code[3:5], 16) / 255, int(code[5:7], 16) / 255
+def _rgba(level: Level, opacity: float) -> Rgba:
+    red, green, blue = LOOKS[level.name].rgb
+    return red / 255, green / 255, blue / 255, opacity
 
 
-LEVEL_RGB = {level: _rgb(LEVEL_COLOURS[level.name]) for level in Level}
 _BONES = [(joint, parent) for joint, parent in enumerate(PARENTS) if parent >= 0]
 _WAIST = JOINTS.index("waist")
 
@@ -123,10 +123,10 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
     for id_, ends, radius in picture.zones:
         sound = np.isfinite(ends).all(axis=(1, 2)) & np.isfinite(radius)
         if sound.any():
-            rgba = (*LEVEL_RGB[worst], ZONE_OPACITY)
+            rgba = _rgba(worst, ZONE_OPACITY)
             add(f"zone {id_}", **well_known.capsules(ends[sound], radius[sound], rgba))
     for name, own, own_radius, level, text in picture.robots:
-        rgba = (*LEVEL_RGB[level], 0.9)
+        rgba = _rgba(level, 0.9)
         if own is not None and own_radius is not None:
             solid = well_known.capsules(own, own_radius, rgba)
             top = own.reshape(-1, 3).max(axis=0)
@@ -134,7 +134,7 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
             add(f"robot {name}", **solid, texts=[well_known.label(above, text, rgba)])
     for name, between, level, text in picture.pairs:
         if np.isfinite(between).all():
-            rgba = (*LEVEL_RGB[level], 1.0)
+            rgba = _rgba(level, 1.0)
             label = well_known.label(between.mean(axis=0).round(3).tolist(), text, rgba)
             line = well_known.lines(between[None], PAIR_M, rgba)
             add(f"{PAIR} {name}", lines=[line], texts=[label])

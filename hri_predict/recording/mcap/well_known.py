@@ -8,6 +8,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from hri_predict.base.arrays import Floats
 from hri_predict.base.settings import Pose
 
@@ -240,3 +242,41 @@ def _along(a: Sequence[float], b: Sequence[float], length: float) -> dict[str, f
         return {"x": 1.0, "y": 0.0, "z": 0.0, "w": 0.0}
     w = math.sqrt((1.0 + z) / 2.0)
     return {"x": round(-y / (2 * w), 4), "y": round(x / (2 * w), 4), "z": 0.0, "w": round(w, 4)}
+
+
+# -- read back ----------------------------------------------------------------------------------
+
+DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
+"""Raised by those below for an entity that this node did not write."""
+FARTHEST_M = 1e4
+"""Coordinates beyond this are in no room: they become NaN."""
+
+
+def lines_of(entity: dict[str, Any]) -> Floats:
+    """(N, 2, 3) ends of an entity's first lines; see ``lines``."""
+    points = [_coordinates(point) for point in entity["lines"][0]["points"]]
+    return _within(points).reshape(-1, 2, 3)
+
+
+def capsules_of(entity: dict[str, Any]) -> Floats:
+    """(N, 7) ax ay az bx by bz r: the balls and cylinders of an entity; see ``capsules``."""
+    rows = []
+    for ball in entity["spheres"]:
+        at = _coordinates(ball["pose"]["position"])
+        rows.append([*at, *at, ball["size"]["x"] / 2])
+    for cylinder in entity["cylinders"]:
+        turn, at = cylinder["pose"]["orientation"], _coordinates(cylinder["pose"]["position"])
+        x, y, z, w = (float(turn[key]) for key in "xyzw")
+        axis = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+        half = axis * cylinder["size"]["z"] / 2
+        rows.append([*(at - half), *(at + half), cylinder["size"]["x"] / 2])
+    return _within(rows).reshape(-1, 7)
+
+
+def _coordinates(point: dict[str, Any]) -> Floats:
+    return np.array([float(point[key]) for key in "xyz"])
+
+
+def _within(values: list[Any]) -> Floats:
+    found = np.array(values, dtype=np.float64)
+    return np.where(np.abs(found) < FARTHEST_M, found, np.nan)

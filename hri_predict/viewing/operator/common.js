@@ -1,15 +1,8 @@
-// What the pages of one cell and of many share: how levels look, the connection, alerts, sound.
+// What the pages of one cell and of many share: symbols of levels, the connection, alerts, sound.
 // All text goes in as text, never as HTML. A page that hears nothing turns grey: an old green must
 // never stand.
 "use strict";
 const GONE_MS = 1500, AGAIN_MS = 2000, STILL_MS = 3000, ROWS = 100;
-const SHAPES = { // points of a 100 x 100 field; the shape alone says the level
-  CLEAR: "circle", WARN: "50,6 96,90 4,90", SLOW: "50,2 98,50 50,98 2,50",
-  STOP: "30,2 70,2 98,30 98,70 70,98 30,98 2,70 2,30",
-  UNKNOWN: "8,8 92,8 92,92 8,92", FAULT: "8,8 92,8 92,92 8,92", GONE: "8,8 92,8 92,92 8,92",
-};
-const SIGNS = { CLEAR: "✓", WARN: "!", SLOW: "▼", STOP: "■", UNKNOWN: "?", FAULT: "×", GONE: "–" };
-const WORDS = { GONE: "NO CONTACT" };
 const UNSEEN = /[\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]/g;
 const LONGEST = 300;
 const SVG = "http://www.w3.org/2000/svg";
@@ -32,23 +25,27 @@ function part(kind, name, text) {
 }
 
 function isLevel(level) {
-  return Object.hasOwn(SHAPES, level);
+  return Object.hasOwn(LOOKS, level);
+}
+
+function word(level) {
+  return isLevel(level) ? LOOKS[level].word : level;
 }
 
 function symbol(level) {
   const svg = document.createElementNS(SVG, "svg");
   svg.setAttribute("viewBox", "0 0 100 100");
   svg.setAttribute("aria-hidden", "true");
-  const isCircle = SHAPES[level] === "circle";
+  const look = LOOKS[level], isCircle = look.shape === "circle";
   const shape = document.createElementNS(SVG, isCircle ? "circle" : "polygon");
   if (isCircle) for (const [key, value] of [["cx", 50], ["cy", 50], ["r", 48]])
     shape.setAttribute(key, value);
-  else shape.setAttribute("points", SHAPES[level]);
+  else shape.setAttribute("points", look.shape);
   shape.setAttribute("fill", "#fff");
   const sign = document.createElementNS(SVG, "text");
   for (const [key, value] of [["x", 50], ["y", level === "WARN" ? 82 : 72], ["font-size", 62],
     ["text-anchor", "middle"], ["font-weight", 900], ["fill", "#111"]]) sign.setAttribute(key, value);
-  sign.textContent = SIGNS[level];
+  sign.textContent = look.sign;
   svg.append(shape, sign);
   return svg;
 }
@@ -70,7 +67,6 @@ function times(ms) {
   return at.getTimezoneOffset() ? [here, ", " + at.toISOString().slice(11, 19) + " UTC"] : [here];
 }
 
-const SLOWED = ["SLOW", "STOP", "UNKNOWN", "FAULT"];
 function explained(ms) { // the command that says why, as it stands in a terminal
   const at = new Date(ms);
   return isNaN(at) ? "" : "hri-predict explain RECORDING --at " + at.toISOString().slice(0, 19);
@@ -78,11 +74,11 @@ function explained(ms) { // the command that says why, as it stands in a termina
 
 function row(alert, nameOf) {
   const line = part("li", (isLevel(alert.level) ? alert.level : "UNKNOWN") + (alert.read ? " read" : ""), "");
-  if (SLOWED.includes(alert.level)) line.title = explained(alert.utc_s * 1000);
+  if (isLevel(alert.level) && LOOKS[alert.level].slows) line.title = explained(alert.utc_s * 1000);
   const [here, utc] = times(alert.utc_s * 1000), when = part("span", "when", here);
   if (utc) when.append(part("small", "", utc));
   line.append(when,
-    part("span", "level", WORDS[alert.level] || alert.level),
+    part("span", "level", word(alert.level)),
     part("span", "from", nameOf(alert)), part("span", "text", alert.reason));
   if (!alert.read) {
     const button = part("button", "", "Mark as read");

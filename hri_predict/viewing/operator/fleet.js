@@ -1,7 +1,7 @@
 // The page of many cells: a tile for each, always at the same place, so that a hand and an eye find
 // it. What is bad stands out by its fill, by the counts at the top and by the list beside them.
 "use strict";
-const ORDER = ["FAULT", "GONE", "UNKNOWN", "STOP", "SLOW", "WARN", "CLEAR"];
+const ORDER = Object.keys(LOOKS);
 const LEAST_PX = 150, WIDE = 1.45, NAMED = 7;
 const tiles = new Map();
 let chosen = asked(), details = "", header = "";
@@ -76,7 +76,7 @@ class Tile {
     const look = "tile " + cell.level + (isChosen ? " chosen" : "") + (cell.note ? " degraded" : "");
     if (this.box.className !== look) this.box.className = look;
     write(this.name, cell.name || "(no name)");
-    write(this.word, WORDS[cell.level] || cell.level);
+    write(this.word, word(cell.level));
     write(this.reason, cell.note && cell.level === "CLEAR" ? cell.note : cell.reason);
     write(this.limit, speed(cell.limit_m_s));
     write(this.age, cell.heard_s === undefined ? "" : cell.heard_s === null ? "never heard"
@@ -106,7 +106,7 @@ function drawHeader(all) {
   header = now;
   byId("counts").replaceChildren(...counts.map(([level, count]) => {
     const chip = part("div", "count " + (count ? level : "none"), "");
-    chip.append(symbol(level), part("b", "", count), part("span", "", WORDS[level] || level));
+    chip.append(symbol(level), part("b", "", count), part("span", "", word(level)));
     return chip;
   }));
   const more = bad.length > NAMED ? "and " + (bad.length - NAMED) + " more" : "";
@@ -119,7 +119,7 @@ function drawHeader(all) {
   first.append(more);
   byId("first").replaceChildren(first);
   document.title = counts.filter(([, count]) => count)
-    .map(([level, count]) => count + " " + (WORDS[level] || level)).join(", ") || "hri-predict fleet";
+    .map(([level, count]) => count + " " + word(level)).join(", ") || "hri-predict fleet";
 }
 
 function line(level, head, text) {
@@ -140,7 +140,7 @@ function drawDetails(cell) {
   close.addEventListener("click", () => { chosen = ""; location.hash = ""; draw(); });
   head.append(close);
   const robots = cell.robots.map((r) => line(isLevel(r.level) ? r.level : "UNKNOWN",
-    "robot " + r.robot + ": " + (WORDS[r.level] || r.level),
+    "robot " + r.robot + ": " + word(r.level),
     r.reason + "; " + speed(r.limit_m_s) + " allowed"
       + (r.separation_m === null ? "" : ", nearest " + r.separation_m.toFixed(2) + " m")));
   const list = document.createElement("dl");
@@ -151,7 +151,7 @@ function drawDetails(cell) {
     ["messages lost", cell.lost], ["messages refused", cell.refused]];
   for (const [name, value] of facts)
     if (value !== null && value !== undefined && value !== "") list.append(part("dt", "", name), part("dd", "", value));
-  const said = line(cell.level, WORDS[cell.level] || cell.level, cell.reason);
+  const said = line(cell.level, word(cell.level), cell.reason);
   const isSaid = cell.robots.some((r) => r.level === cell.level); // by the robot itself
   byId("details").replaceChildren(head, ...(isSaid ? [] : [said]), ...robots, list);
 }

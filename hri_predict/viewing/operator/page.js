@@ -6,7 +6,7 @@ function robot(name, level, reason, near, clears) {
   if (!isLevel(level)) level = "UNKNOWN";
   const box = part("div", "robot " + level, "");
   const text = document.createElement("div");
-  text.append(part("div", "name", name), part("div", "word", WORDS[level] || level),
+  text.append(part("div", "name", name), part("div", "word", word(level)),
     part("div", "reason", reason));
   if (near) text.append(part("div", "near", near));
   if (clears) text.append(part("div", "clears", "Clears when " + clears + "."));
@@ -34,7 +34,7 @@ function draw() {
     shown = now;
     byId("robots").replaceChildren(...boxes.map((box) => robot(...box)));
   }
-  document.title = boxes.map((box) => (WORDS[box[1]] || box[1]) + " " + box[0]).join(", ");
+  document.title = boxes.map((box) => word(box[1]) + " " + box[0]).join(", ");
   const facts = [fact("cell", told ? told.cell : "")];
   if (!gone) {
     facts.push(fact("people", String(told.people) + (told.lost ? ", lost: " + told.lost : "")));

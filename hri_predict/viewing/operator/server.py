@@ -19,6 +19,7 @@ from importlib import resources
 from typing import Any
 from urllib.parse import urlsplit
 
+from hri_predict.viewing.operator import looks
 from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import read
 
@@ -36,7 +37,8 @@ SENDS_BYTES = 65_536
 """Amount that may wait for a browser that does not read, before it is disconnected."""
 MAX_BODY = 1024
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
-_SHARED = ("common.js", "common.css")
+_SHARED = ("common.js", "common.css", "looks.js", "looks.css")
+_MADE = {"looks.js": looks.script, "looks.css": looks.style}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
 _POLICY += "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 
@@ -121,8 +123,7 @@ class _Handler(BaseHTTPRequestHandler):
         elif path == "/events":
             self._events()
         elif (name := self.server.files.get(path)) is not None:
-            text = resources.files("hri_predict.viewing.operator").joinpath(name).read_bytes()
-            self._answer(200, text, f"{_KINDS[name.rsplit('.')[-1]]}; charset=utf-8")
+            self._answer(200, _content(name), f"{_KINDS[name.rsplit('.')[-1]]}; charset=utf-8")
         else:
             self._answer(404, b"no such page")
 
@@ -234,6 +235,12 @@ class Published:
             if prefix and (path == prefix or path.startswith(f"{prefix}/")):
                 return path[len(prefix) :]
         return path
+
+
+def _content(name: str) -> bytes:
+    if name in _MADE:
+        return _MADE[name]().encode()
+    return resources.files("hri_predict.viewing.operator").joinpath(name).read_bytes()
 
 
 def _is_address(host: str) -> bool:

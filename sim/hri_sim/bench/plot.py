@@ -1,14 +1,14 @@
 """The bench as a picture: lines where something grows, otherwise medians with their tails."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.looks import PALETTE
 from hri_predict.cli.common import need_plots
 from hri_sim.bench.rows import Row
-from hri_sim.bench.saved import Sections, write
+from hri_sim.bench.saved import Sections
 
 ENDINGS = (".png", ".svg")
 MOST_ROWS = 14  # of a panel of medians; the largest ones
@@ -33,7 +33,7 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
     Raises:
         ConfigError: it cannot be written.
     """
-    from matplotlib.figure import Figure
+    from hri_predict.base.figures import Figure, write_figure  # needs matplotlib
 
     panels = [panel for name, rows in sections.items() for panel in _panels(name, rows)]
     columns = _columns(panels)
@@ -43,9 +43,7 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
     for column, part in zip(columns, parts, strict=False):
         _draw(part, column, tallest)
     figure.suptitle(caption, fontsize=9)
-    drawn = io.BytesIO()
-    figure.savefig(drawn, format=path.suffix[1:].lower(), dpi=110)
-    write("--plot", path, drawn.getvalue())
+    write_figure(figure, path, dpi=110, option="--plot")
 
 
 def _columns(panels: Sequence[Panel]) -> list[list[Panel]]:
@@ -98,14 +96,12 @@ def _height(rows: Sequence[Row]) -> float:
 
 def _lines(ax: Any, rows: Sequence[Row]) -> None:
     """One line for each series: the median, dashed the 99th percentile."""
-    from hri_predict.lab.evaluation.figures import COLOURS
-
     names = list(dict.fromkeys(row.series for row in rows))
     for k, name in enumerate(names):
         line = sorted((r for r in rows if r.series == name), key=lambda r: r.size or 0.0)
         sizes = [row.size for row in line]
-        colour = COLOURS[k % len(COLOURS)]
-        style = "o" if k < len(COLOURS) else "s"
+        colour = PALETTE[k % len(PALETTE)]
+        style = "o" if k < len(PALETTE) else "s"
         ax.plot(sizes, [row.p50 for row in line], f"-{style}", color=colour, ms=4, label=name)
         if all(row.p99 is not None for row in line):
             ax.plot(sizes, [row.p99 for row in line], "--", color=colour, lw=0.8)

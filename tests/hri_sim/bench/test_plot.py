@@ -40,7 +40,7 @@ def test_another_ending_is_refused(tmp_path):
 
 
 def test_a_missing_library_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.delitem(sys.modules, "hri_predict.lab.evaluation.figures", raising=False)
+    monkeypatch.delitem(sys.modules, "hri_predict.base.figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(ConfigError, match=r"hri-predict\[train\]"):
         plot.check(tmp_path / "a.png")

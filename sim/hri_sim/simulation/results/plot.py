@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.lab.evaluation.figures import COLOURS, Figure, write_png
+from hri_predict.base.figures import Figure, write_figure
+from hri_predict.base.looks import PALETTE
 from hri_sim.simulation.results.report import METRICS, Judged, Metric
 
 _MARKERS = "osD^vP*h"  # hollow, so that markers at the same place stay visible
@@ -14,9 +15,7 @@ _DPI = 130
 def write_plots(results: Sequence[Judged], out: Path) -> list[Path]:
     """Write every plot into an existing folder; return the files."""
     figures = {"simulate.png": bars(results), "risk_productivity.png": risk(results)}
-    for name, figure in figures.items():
-        write_png(figure, out / name, _DPI)
-    return [out / name for name in figures]
+    return [write_figure(f, out / name, dpi=_DPI) for name, f in figures.items()]
 
 
 def bars(results: Sequence[Judged]) -> Figure:
@@ -49,7 +48,7 @@ def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> float:
         panel.text(0, k, " –", va="center")
         return 0.0
     value, low, high = (metric.factor * v for v in (estimate.value, estimate.low, estimate.high))
-    panel.barh(k, value, color=COLOURS[k % len(COLOURS)], height=0.6)
+    panel.barh(k, value, color=PALETTE[k % len(PALETTE)], height=0.6)
     panel.plot([low, high], [k, k], color="black", lw=1.5)
     panel.text(max(high, value), k, f" {value:.{metric.digits}f}", va="center", fontsize=8)
     return max(high, value)
@@ -63,7 +62,7 @@ def risk(results: Sequence[Judged]) -> Figure:
         work, near = result.estimates["productivity"], result.estimates["moving_separation"]
         if work.value is None or near.value is None:
             continue
-        colour = COLOURS[k % len(COLOURS)]
+        colour = PALETTE[k % len(PALETTE)]
         x, y = near.value, 100 * work.value
         panel.plot([near.low or 0, near.high or 0], [y, y], color=colour, lw=1)
         panel.plot([x, x], [100 * (work.low or 0), 100 * (work.high or 0)], color=colour, lw=1)

@@ -9,14 +9,12 @@ from hypothesis import strategies as st
 
 pytest.importorskip("matplotlib")
 
-from PIL import Image
-
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.conformal import calibrate
-from hri_predict.lab.calibration.filmstrip import write_zone_filmstrip, zone_filmstrip
+from hri_predict.lab.calibration.filmstrip import zone_filmstrip
 from hri_predict.lab.calibration.scene import (
+    SHOWN_MS,
     Projection,
     middle_window,
     outside,
@@ -241,25 +239,7 @@ def test_a_silhouette_by_hand():
     assert outside(points, view, capsule) == pytest.approx([2.5, 4.5, -0.5])
 
 
-# -- files ------------------------------------------------------------------------------------
-
-
-def test_one_scene_is_a_picture(scene, tmp_path):
-    path = write_zone_filmstrip(
-        path=tmp_path / "new" / "z.png",
-        scenes=[scene],
-        skeleton=CANONICAL,
-        predictor="kalman",
-        what="99 %",
-    )
-    with Image.open(path) as image:
-        assert image.format == "PNG"
-        assert image.width == 1800
-        assert 600 < image.height < 1200
-    assert path.stat().st_size < 200_000
-
-
-def test_arms_alone_are_a_picture(make_recording, tmp_path):
+def test_arms_alone_are_a_picture(make_recording):
     arms = np.array([n[2:] in ("shoulder", "elbow", "wrist", "hand") for n in JOINTS])
     found = [
         make_recording(walked(4.0, 0.0, seed=i), name=f"arms_{i}", observed=np.tile(arms, (100, 1)))
@@ -276,19 +256,4 @@ def test_arms_alone_are_a_picture(make_recording, tmp_path):
     )
     side, _ = views(scene, CANONICAL)
     assert side.origin[2] == 0.0  # no foot is seen: the room's floor
-    assert write_zone_filmstrip(
-        path=tmp_path / "z.png", scenes=[scene], skeleton=CANONICAL, predictor="kalman", what="99 %"
-    ).is_file()
-
-
-def test_a_file_that_cannot_be_written_leaves_the_old_one(scene, tmp_path):
-    (tmp_path / "file").write_bytes(b"old")
-    with pytest.raises(ConfigError, match="cannot be written"):
-        write_zone_filmstrip(
-            path=tmp_path / "file" / "z.png",
-            scenes=[scene],
-            skeleton=CANONICAL,
-            predictor="kalman",
-            what="99 %",
-        )
-    assert (tmp_path / "file").read_bytes() == b"old"
+    assert len(zone_filmstrip([scene], CANONICAL, "kalman", "99 %").axes) == 2 * len(SHOWN_MS)

@@ -7,7 +7,6 @@ pytest.importorskip("matplotlib")
 
 from PIL import Image
 
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.lab.calibration.coverage import Coverage
 from hri_predict.lab.calibration.judgement import WAYS, ZoneJudgement
@@ -16,7 +15,6 @@ from hri_predict.lab.calibration.plots import (
     radius_by_step,
     reliability,
     write_pictures,
-    write_reliability,
 )
 from hri_predict.lab.calibration.scores import score_recordings
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
@@ -127,34 +125,19 @@ def test_no_mark_where_nothing_is_known_or_beyond_the_horizon():
     assert np.round(marks(axes, "o")[:, 0]) == pytest.approx([1])  # 400 ms alone
 
 
-def test_one_recording_has_no_interval(tmp_path):
+def test_one_recording_has_no_interval():
     coverage = {(0.99, "body", WAYS[2]): covered(0.97, units=1)}
     figure = reliability(coverage, "kalman", RATE_HZ)
     told = " ".join(text.get_text() for text in figure.legends[0].get_texts())
     assert "interval" not in told
     ends = marks(figure.axes[1], "_")[:, 1].reshape(-1, 2)
     assert ends[:, 0] == pytest.approx(ends[:, 1])
-    assert sane(write_reliability(tmp_path / "new" / "r.png", coverage, "kalman", RATE_HZ))
 
 
 def test_coverage_however_low_stays_in_the_picture():
     coverage = {(0.9, "joint", WAYS[0]): covered(0.4), (0.95, "joint", WAYS[0]): covered(0.0)}
     axes = reliability(coverage, "kalman", RATE_HZ).axes[0]
     assert axes.get_ylim()[0] <= marks(axes, "o")[:, 1].min()
-
-
-def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch):
-    path = tmp_path / "r.png"
-    path.write_bytes(b"old")
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("hri_predict.base.files.os.replace", full)
-    with pytest.raises(ConfigError, match=r"r\.png: cannot be written: No space left"):
-        write_reliability(path, {(0.9, "joint", WAYS[0]): covered(0.9)}, "kalman", RATE_HZ)
-    assert path.read_bytes() == b"old"
-    assert [p.name for p in tmp_path.iterdir()] == ["r.png"]
 
 
 # -- radii ------------------------------------------------------------------------------------

@@ -55,6 +55,8 @@ def ask(server, method="GET", path="/", body=None, **headers):
         ("/page.css", "css"),
         ("/common.js", "javascript"),
         ("/common.css", "css"),
+        ("/looks.js", "javascript"),
+        ("/looks.css", "css"),
     ],
 )
 def test_a_page_and_its_parts_come_from_here_alone(server, path, kind):

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_predict.base.markup import Markup, tag, text
 from hri_predict.commissioning.identity import File
-from hri_predict.commissioning.page.page import page_of
+from hri_predict.commissioning.page import page_of
 from hri_predict.commissioning.report import (
     Curve,
     Echo,
@@ -139,12 +138,6 @@ def test_what_matters_is_on_it():
     page = page_of(whole(), "f" * 64)
     for word in ("SIMULATED", "failed", "f" * 64, IDENTITY.config_hash, "Signatures", "33 %"):
         assert word in page
-
-
-def test_only_markup_stays_markup():
-    assert text("<b>") == "&lt;b&gt;"
-    assert text(Markup("<b>")) == "<b>"
-    assert tag("p", 'a"<', x_y='"') == '<p x-y="&quot;">a&quot;&lt;</p>'
 
 
 def test_settings_that_are_less_safe_have_a_place_for_who_accepts_them():
