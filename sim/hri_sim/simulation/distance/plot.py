@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.lab.evaluation.figures import COLOURS, Figure, write_png
+from hri_predict.base.figures import Figure, write_figure
+from hri_predict.base.looks import PALETTE
 from hri_predict.run.working_distance.measure import FAST
 from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
 from hri_sim.simulation.distance.work import Case
@@ -18,10 +19,14 @@ Found = Sequence[tuple[Case, dict[str, Any]]]
 
 def write_plots(found: Found, terms: tuple[Case, Waterfall], out: Path) -> list[Path]:
     """Write every plot into an existing folder; return the files."""
-    files = [write_png(speeds(found), out / "speed_over_distance.png", _DPI)]
+    files = [_written(speeds(found), out / "speed_over_distance.png")]
     if terms[1].total_m is not None:
-        files.append(write_png(falling(*terms), out / "waterfall.png", _DPI))
+        files.append(_written(falling(*terms), out / "waterfall.png"))
     return files
+
+
+def _written(figure: Figure, path: Path) -> Path:
+    return write_figure(figure, path, dpi=_DPI)
 
 
 def falling(case: Case, found: Waterfall) -> Figure:
@@ -32,14 +37,14 @@ def falling(case: Case, found: Waterfall) -> Figure:
     figure = Figure(figsize=(9, 1 + 0.38 * len(names)), layout="constrained")
     panel = figure.subplots()
     left = found.total_m
-    panel.barh(0, 100 * left, color=COLOURS[0], height=0.6)
+    panel.barh(0, 100 * left, color=PALETTE[0], height=0.6)
     panel.text(100 * left, 0, f" {100 * left:.0f}", va="center", fontsize=8)
     for row, term in enumerate(terms, start=1):
         cost = found.costs_m[term.key]
         left -= cost
-        panel.barh(row, 100 * cost, left=100 * left, color=COLOURS[1], height=0.6)
+        panel.barh(row, 100 * cost, left=100 * left, color=PALETTE[1], height=0.6)
         panel.text(100 * (left + cost), row, f" {100 * cost:.0f}", va="center", fontsize=8)
-    panel.barh(len(names) - 1, 100 * found.rest_m, color=COLOURS[2], height=0.6)
+    panel.barh(len(names) - 1, 100 * found.rest_m, color=PALETTE[2], height=0.6)
     panel.text(100 * found.rest_m, len(names) - 1, f" {100 * found.rest_m:.0f}", va="center",
                fontsize=8)  # fmt: skip
     panel.set_yticks(range(len(names)), names, fontsize=8)
@@ -67,7 +72,7 @@ def speeds(found: Found) -> Figure:
             for mode, values in result.items():
                 at_m, _, held = zip(*values["curve"], strict=True)
                 label = mode if mode == "foreknown" else f"{mode}, {case.sight.name}"
-                colour = COLOURS[modes.index(mode) % len(COLOURS)]
+                colour = PALETTE[modes.index(mode) % len(PALETTE)]
                 style = _STYLES[k % len(_STYLES)]
                 panel.plot(at_m, held, style, color=colour, lw=1.5, label=label)
         panel.set_title(person, fontsize=10)
