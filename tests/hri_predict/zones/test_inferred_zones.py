@@ -143,16 +143,18 @@ def test_legs_behind_a_bench_are_no_longer_bounded_by_reach():
         assert radius(inferred, segment) < 0.6 * radius(bounded, segment)
 
 
-def test_the_radius_of_an_inferred_joint_adds_two_errors_of_different_origin():
-    """Where neither reach nor bones cut: 1.15 times the root of the sum of both squares."""
+def test_the_radius_of_an_inferred_joint_adds_two_errors():
+    """Those of its place and of its forecast: 1.15 times the root of the sum of both squares."""
     snapshot, foot = seen_by(SEEN["legs below the hips"]), JOINTS.index("l_foot")
     spheres = builder().joints.build(
         snapshot, standing_still(snapshot), capture_ns=snapshot.now_ns, trust=SURE
     )
-    for step in (3, 10):
-        own = spheres.radius[0, step, foot] - (spheres.inflation - snapshot_within(snapshot))[0, step, foot]
-        stated = 1.15 * np.hypot(spheres.claimed[0, step - 1, foot], snapshot.inferred.within_m[0, foot])
-        assert own == pytest.approx(stated) or own < stated
+    within = snapshot.inferred.within_m[0, foot]
+    assert within > 0.1
+    for step in (1, 3, 10, STEPS):
+        both = 1.15 * np.hypot(spheres.claimed[0, step - 1, foot], within)
+        assert spheres.radius[0, step, foot] == pytest.approx(both)
+    assert spheres.radius[0, 0, foot] == pytest.approx(within)  # at the capture
 
 
 def test_an_inferred_joint_has_no_measured_speed_but_lets_its_zone_grow_with_it():
