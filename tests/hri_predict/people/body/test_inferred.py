@@ -201,8 +201,8 @@ def test_true_joints_of_people_who_were_not_fitted_are_within(poses, lacking):
 @pytest.mark.parametrize("hidden", HIDDEN)
 def test_true_joints_are_within_what_postures_say(poses, hidden):
     """Each recording counts once: poses of one resemble each other. Stated are 99 %."""
-    lacks = hidden_joints(HIDDEN[hidden])
-    held = [share_held(pose, lacks, Inference(body_model())) for pose in poses]
+    lacks, listed = hidden_joints(HIDDEN[hidden]), poses[: len(split("test"))]
+    held = [share_held(pose, lacks, Inference(body_model())) for pose in listed]
     shares = [each.mean() for each in held if len(each) > 100]
     assert len(shares) > 5
     assert np.mean(shares) >= 0.97
