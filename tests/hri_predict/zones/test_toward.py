@@ -21,8 +21,9 @@ from tests.hri_predict.zones.conftest import calibration_of
 from tests.hri_predict.zones.test_body_zones import snapshot_of
 
 RATE_HZ, STEPS, COUNT = 25.0, 25, len(JOINTS)
-SHARES = np.random.default_rng(7).uniform(0.3, 1.0, (len(LEVELS), 3, STEPS, BINS))
-SHARES = np.maximum.accumulate(SHARES, axis=2)  # what a share holds, those of later steps hold
+SHARES = np.broadcast_to(  # of all levels and speeds alike; at random over the steps
+    np.random.default_rng(7).uniform(0.3, 1.0, (STEPS, BINS)), (len(LEVELS), 3, STEPS, BINS)
+)
 CALIBRATION = calibration_of(step_m=0.01, toward=SHARES)
 
 
@@ -126,8 +127,8 @@ def test_a_segment_reaches_as_far_as_its_joints_may_at_any_time_of_a_step(seed, 
         ends = toward.ends[0, segment]
         place = knots[before, ends] * (1 - on_way) + knots[before + 1, ends] * on_way
         which = direction_class(np.array([n, n]), toward.way[0, entry, ends])
-        claim = bodies.claimed[0, min(before, STEPS - 1), ends] * widen
-        share = toward.shares[0, entry, which]
+        claim = bodies.claimed[0, before, ends] * widen
+        share = SHARES[0, 0, before, which]
         true = place + (share * claim)[:, None] * n
         inside = (
             np.linalg.norm(true - toward.mid[0, entry, ends], axis=1)
