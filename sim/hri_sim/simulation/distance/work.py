@@ -151,7 +151,7 @@ class PlacedPerson:
             config = with_risk(self.config, variant)
             settings = self._settings
             if whole:
-                update = {"tracker": None, "lacks": [], "hidden": []}
+                update: dict[str, Any] = {"tracker": None, "lacks": [], "hidden": []}
                 settings = settings.model_copy(update=update)
             if fresh:
                 node = config.node.model_copy(update={"ticks": "capture", "max_rate_hz": None})
