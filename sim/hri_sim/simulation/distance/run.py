@@ -62,7 +62,7 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
             done[place] = result
             progress(len(done), len(tasks))
     found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
-    return _report(request, plan, found, (first, done[0]), notes)
+    return _report(request, plan, found=found, terms=(first, done[0]), notes=notes)
 
 
 def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, case: Case) -> Any:
@@ -101,6 +101,7 @@ def _cases(
 def _report(
     request: DistanceRequest,
     plan: DistancePlan,
+    *,
     found: Sequence[Found],
     terms: tuple[Case, Waterfall],
     notes: Sequence[str],

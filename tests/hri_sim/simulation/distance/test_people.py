@@ -12,10 +12,10 @@ SIMULATED = [each for each in ACTIVITIES.values() if not each.is_recorded]
 
 
 @pytest.mark.parametrize("activity", SIMULATED, ids=lambda each: each.name)
-def test_simulated_people_stay_about_the_origin_for_as_long_as_they_are_watched(activity):
+def test_simulated_people_stay_off_the_robot_for_as_long_as_they_are_watched(activity):
     motion = load_motion(activity.motion, 30.0)
     middle = np.nanmean(np.nanmean(motion.positions[..., :2], axis=1), axis=0)
-    assert np.linalg.norm(middle) < 0.2  # an arm that reaches out moves it by centimetres
+    assert abs(middle[0]) < 0.2  # an arm that reaches out moves it by centimetres
     assert motion.duration_s > 8.0
 
 
@@ -25,7 +25,7 @@ def test_without_the_data_pack_recorded_people_are_left_out_and_told():
     assert "window" in line
     assert "--data" in line
     assert "reaching" in line
-    with pytest.raises(ConfigError, match="left out.*tools.*passing, talking, reaching"):
+    with pytest.raises(ConfigError, match=r"left out.*tools.*passing, talking, reaching"):
         activities(["tools"], None)
 
 
