@@ -46,7 +46,7 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
         config=str(request.config),
         robot=request.robot,
         seconds=request.seconds or SECONDS,
-        draws=request.out is not None,
+        drawn_noise_m=None if request.out is None else min(request.noises_m or NOISES_M),
     )
     cases = _cases(request, people, sights(request.trackers or TRACKERS))
     for name in dict.fromkeys(case.predictor for case in cases):
