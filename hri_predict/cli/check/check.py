@@ -121,6 +121,7 @@ def check(
         return
     with loaded.naming_lines():
         found = examine(loaded)
+        found["working_distance"] = distance_facts(loaded)
     if as_json:
         print(json.dumps(found))
     else:
@@ -229,7 +230,6 @@ def examine(config: Config) -> dict[str, Any]:
         "joint_map": joint_map_cost(
             config, assembly.prediction.predictor, assembly.source.joint_map
         ),
-        "working_distance": distance_facts(config, assembly.source, assembly.prediction.predictor),
         "latch": list(config.node.risk.latch),
         "state": state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.contracts.predictor import Predictor
-from hri_predict.contracts.source import Source
+from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.working_distance.measure import FARTHEST_M, FAST, Situation, alone, robot_of
 from hri_predict.run.working_distance.seen import Seen
@@ -20,14 +19,16 @@ _STEP_M = 0.02
 _MOVING = ("release", "robot_state")  # terms of people who move, and of what is not known here
 
 
-def distance_facts(config: Config, source: Source, predictor: Predictor) -> dict[str, Any]:
+def distance_facts(config: Config) -> dict[str, Any]:
     """The working distance of a person who stands in front of the first robot that moves.
 
     Returns:
         ``robot``, ``speed_m_s``; ``why``: why nothing is known, or ""; ``total_m`` (``None``: too
         far), ``costs_m`` by term, ``rest_m``.
     """
-    cell, delivered = _at_once(alone(config)), source.joint_map.mapped
+    cell = _at_once(alone(config))
+    source, predictor = assemble.build_source(config), assemble.build_predictor(config)
+    delivered = source.joint_map.mapped
     try:
         robot = robot_of(cell, None)
         situation = Situation.of(cell, source, predictor, robot)

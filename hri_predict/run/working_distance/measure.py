@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import atan2, cos, sin
+from typing import Any
 
 import numpy as np
 
@@ -164,12 +165,17 @@ def alone(config: Config) -> Config:
     for a person who presses a button.
     """
     node, source = config.node, config.source
-    changes = {
+    changes: dict[str, Any] = {
         "people": node.people.model_copy(update={"exits": [], "entrances": None}),
         "risk": node.risk.model_copy(update={"latch": []}),
         "zones": [],
     }
-    seen = {"field_of_view": None, "sees_free_space": False, "shadows": [], "viewpoints": []}
+    seen: dict[str, Any] = {
+        "field_of_view": None,
+        "sees_free_space": False,
+        "shadows": [],
+        "viewpoints": [],
+    }
     return replace(
         config.aside().quiet(),
         node=node.model_copy(update=changes),

@@ -8,6 +8,7 @@ means and what is left add up to the working distance.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -231,9 +232,9 @@ def _budget(budget: DelayBudget, gone: set[str]) -> DelayBudget:
         "reaction": "reaction_s",
         "link_delay": "delay_s",
     }
-    none = {name: 0.0 for key, name in of_links.items() if key in gone}
+    none: dict[str, Any] = {name: 0.0 for key, name in of_links.items() if key in gone}
     links = tuple(replace(link, **none) for link in budget.links)
-    cycle = {"encoding_s": 0.0, "cycle_s": 0.0} if "cycle" in gone else {}
+    cycle: dict[str, Any] = {"encoding_s": 0.0, "cycle_s": 0.0} if "cycle" in gone else {}
     return replace(budget, links=links, **cycle)
 
 

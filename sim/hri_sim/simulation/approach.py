@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +73,13 @@ class ApproachSettings(SourceSettings):
 
 def exact(settings: ApproachSettings) -> ApproachSettings:
     """The same approach, seen without errors: what truly happens."""
-    clear = {"tracker": None, "lacks": [], "hidden": [], "noise_m": 0.0, "wander_m": 0.0}
+    clear: dict[str, Any] = {
+        "tracker": None,
+        "lacks": [],
+        "hidden": [],
+        "noise_m": 0.0,
+        "wander_m": 0.0,
+    }
     return settings.model_copy(update=clear)
 
 

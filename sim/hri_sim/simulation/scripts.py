@@ -8,8 +8,9 @@ from typing import Any
 _TO_ROBOT = 3.1415926
 
 
-def _gesture(hand: str, ahead: float, aside: float, up: float, hold_s: float) -> dict[str, Any]:
+def _gesture(hand: str, at: tuple[float, float, float], hold_s: float) -> dict[str, Any]:
     """A hand rises beside what is said."""
+    ahead, aside, up = at
     to = [-ahead, aside, up]
     return {"do": "reach", "hand": hand, "to": to, "hold_s": hold_s}
 
@@ -25,11 +26,11 @@ SCRIPTS: dict[str, dict[str, Any]] = {
         "yaw": _TO_ROBOT,
         "script": [
             {"do": "wait", "seconds": 1.5},
-            _gesture("right", 0.35, 0.25, 1.2, 0.6),
-            _gesture("left", 0.4, -0.2, 1.25, 0.4),
+            _gesture("right", (0.35, 0.25, 1.2), 0.6),
+            _gesture("left", (0.4, -0.2, 1.25), 0.4),
             {"do": "wait", "seconds": 1.0},
-            _gesture("right", 0.4, 0.15, 1.3, 0.3),
-            _gesture("right", 0.3, 0.3, 1.15, 0.8),
+            _gesture("right", (0.4, 0.15, 1.3), 0.3),
+            _gesture("right", (0.3, 0.3, 1.15), 0.8),
             {"do": "wait", "seconds": 2.0},
         ],
     },

@@ -46,7 +46,7 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
         config=str(request.config),
         robot=request.robot,
         seconds=request.seconds or SECONDS,
-        draws=request.out is not None,
+        drawn_noise_m=None if request.out is None else min(request.noises_m or NOISES_M),
     )
     cases = _cases(request, people, sights(request.trackers or TRACKERS))
     for name in dict.fromkeys(case.predictor for case in cases):
@@ -62,7 +62,7 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
             done[place] = result
             progress(len(done), len(tasks))
     found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
-    return _report(request, plan, found, (first, done[0]), notes)
+    return _report(request, plan, found=found, terms=(first, done[0]), notes=notes)
 
 
 def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, case: Case) -> Any:
@@ -101,6 +101,7 @@ def _cases(
 def _report(
     request: DistanceRequest,
     plan: DistancePlan,
+    *,
     found: Sequence[Found],
     terms: tuple[Case, Waterfall],
     notes: Sequence[str],

@@ -40,6 +40,8 @@ LEAST_NOISE_M = 0.004
 """Of simulated people: without any, a body that sways as one is taken for a tracker's invention."""
 SPACING_M = 0.25
 """Between the distances of a curve that is drawn."""
+DRAWN = np.arange(-4, 4)
+"""Of a curve about a working distance, in such steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +52,13 @@ class DistancePlan:
         config: path of the configuration.
         robot: name of the robot; ``None``: the first that moves.
         seconds: how long each person is watched.
-        draws: whether to measure enough distances for a curve.
+        drawn_noise_m: noise of the cases of which curves are drawn; ``None``: none are.
     """
 
     config: str
     robot: str | None
     seconds: float
-    draws: bool = False
+    drawn_noise_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,8 +102,9 @@ def measure(plan: DistancePlan, case: Case) -> dict[str, Any]:
     for mode in case.modes:
         found = person.measure(mode)
         distance_m = found.distance_m()
-        if plan.draws:
-            for at_m in np.arange(NEAREST_M, FARTHEST_M + 1e-9, SPACING_M):
+        if case.noise_m == plan.drawn_noise_m:
+            about_m = (FARTHEST_M if distance_m is None else distance_m) + SPACING_M * DRAWN
+            for at_m in about_m[(about_m >= NEAREST_M) & (about_m <= FARTHEST_M)]:
                 found.limits(float(at_m))
         result[mode] = {
             "distance_m": distance_m,
@@ -151,7 +154,7 @@ class PlacedPerson:
             config = with_risk(self.config, variant)
             settings = self._settings
             if whole:
-                update = {"tracker": None, "lacks": [], "hidden": []}
+                update: dict[str, Any] = {"tracker": None, "lacks": [], "hidden": []}
                 settings = settings.model_copy(update=update)
             if fresh:
                 node = config.node.model_copy(update={"ticks": "capture", "max_rate_hz": None})
