@@ -1,4 +1,4 @@
-"""Completes a snapshot by the joints that the source never delivers.
+"""Completes a snapshot by the joints that are not seen.
 
 Tracks hold measured joints alone: identity, posture, size, repeats and the speeds of lost people
 rest on nothing else. Inferred joints appear here, in what the predictor and the risk stage read.
@@ -13,54 +13,86 @@ from hri_predict.people.body.inferred import Filled, Inference
 from hri_predict.people.snapshot import Inferred, LostPerson, PeopleSnapshot, RecentCaptures
 
 _GAIN = 2.2
-"""No inferred joint moves faster than this times the fastest joint that it rests on: the crown's
-place weighs the head 1.6 times, less 0.6 times the neck."""
+"""No inferred joint moves faster than this times the fastest joint that is seen: the crown's place
+weighs the head 1.6 times, less 0.6 times the neck."""
+_KEPT_S = 0.5
+"""Time constant with which a joint's measured distance from its inferred place is given up: where
+it was seen a moment ago says more than the posture does."""
 
 
 def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float) -> PeopleSnapshot:
     """The snapshot with its inferred joints; see ``PeopleSnapshot.inferred``.
 
-    An inferred joint is observed in a step in which all that it rests on is. Otherwise it stays
-    where it was then, and its age goes on.
-
     Args:
-        snapshot: of delivered joints.
-        inference: for the source's joint map.
+        snapshot: of measured joints.
+        inference: see there.
         rate_hz: steps per second of the history.
     """
-    joints = inference.joints
-    if not joints.any():
-        return snapshot
-    filled = inference.fill(snapshot.history, snapshot.observed)
-    held = _held(filled, joints)
-    seen = filled.observed.any(1) & joints
-    steps = snapshot.history.shape[1]
-    behind = filled.observed[:, ::-1].argmax(1)  # (P, J) steps since it was seen
-    recent = snapshot.recent
+    lost = tuple(_lost(person, inference) for person in snapshot.lost)
+    measured = snapshot.observed
+    if measured.all():
+        return replace(snapshot, lost=lost) if lost else snapshot
+    filled = inference.fill(snapshot.history, measured)
+    held = _held(_continued(filled, snapshot, inference, rate_hz), measured)
+    joints: Bools = np.asarray(held.observed[:, -1] & ~measured[:, -1])
+    newest = held.positions[:, -1]
+    recent, shown = snapshot.recent, np.asarray(measured[:, -1])
     if recent is not None:
+        shown = np.asarray(recent.observed.any(1))
         completed = inference.fill(recent.positions, recent.observed)
-        recent = RecentCaptures(recent.age_s, completed.positions, completed.observed)
+        new = completed.observed & ~shown[:, None]
+        recent = RecentCaptures(
+            recent.age_s,
+            np.where(new[..., None], completed.positions, recent.positions),
+            recent.observed | new,
+        )
     return replace(
         snapshot,
         history=held.positions,
         observed=held.observed,
-        last_positions=np.where(
-            seen[..., None], held.positions[:, steps - 1], snapshot.last_positions
-        ),
-        joint_age_s=np.where(seen, behind / rate_hz, snapshot.joint_age_s),
-        lost=tuple(_lost(person, inference) for person in snapshot.lost),
+        last_positions=np.where(joints[..., None], newest, snapshot.last_positions),
+        joint_age_s=np.where(joints, 0.0, snapshot.joint_age_s),
+        lost=lost,
         recent=recent,
-        inferred=Inferred(joints, np.where(seen, held.within_m[:, steps - 1], 0.0)),
+        inferred=Inferred(joints, np.where(joints, held.within_m[:, -1], 0.0), measured, shown),
     )
 
 
-def _held(filled: Filled, joints: Bools) -> Filled:
-    """Inferred joints stay where they were last seen in (P, T, ...)."""
-    if filled.observed[..., joints].all():
+def _continued(
+    filled: Filled, snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
+) -> Filled:
+    """Inferred places that go on from where the joint was last measured.
+
+    A joint that is hidden from one step to the next would jump to its inferred place, and a
+    predictor would take that for motion.
+    """
+    measured, positions = snapshot.observed, filled.positions
+    steps = measured.shape[1]
+    hidden = filled.observed[:, -1] & ~measured[:, -1] & measured.any(1)
+    for person in np.flatnonzero(hidden.any(1)):
+        last = steps - 1 - measured[person, ::-1].argmax(0)  # (J,)
+        for step in np.unique(last[hidden[person]]):
+            joints = np.flatnonzero(hidden[person] & (last == step))
+            seen = measured[person, step].copy()
+            seen[joints] = False
+            there = inference.fill(snapshot.history[person, step], seen)
+            joints = joints[there.observed[joints]]
+            off = snapshot.history[person, step, joints] - there.positions[joints]
+            after = np.arange(1, steps - step) / rate_hz
+            fading = np.exp(-after / _KEPT_S)[:, None, None]
+            positions[person, step + 1 :, joints] += np.swapaxes(fading * off, 0, 1)
+    return filled
+
+
+def _held(filled: Filled, measured: Bools) -> Filled:
+    """Joints that were inferred and are not any more stay where they were, in (P, T, ...)."""
+    lacks = ~filled.observed
+    if not lacks.any():
         return filled
     step = np.arange(filled.observed.shape[1])[:, None]
     newest = np.maximum.accumulate(np.where(filled.observed, step, -1), axis=1)
-    newest = np.where(joints, np.maximum(newest, 0), step)
+    never = newest < 0
+    newest = np.where(never | measured, step, newest)
     return Filled(
         np.take_along_axis(filled.positions, newest[..., None], axis=1),
         filled.observed,
@@ -72,12 +104,12 @@ def _lost(person: LostPerson, inference: Inference) -> LostPerson:
     """A lost person with the joints that the last capture allows to infer."""
     newest: Bools = person.joint_age_s <= person.joint_age_s.min()
     filled = inference.fill(np.nan_to_num(person.positions), newest)
-    seen = filled.observed & inference.joints
-    anchors: Floats = np.where(inference.anchors, person.limbs_m_s, 0.0).max(1)
+    seen: Bools = filled.observed & ~newest
+    fastest: Floats = person.limbs_m_s[newest].max(initial=0.0)
     return replace(
         person,
         positions=np.where(seen[:, None], filled.positions, person.positions),
         joint_age_s=np.where(seen, person.joint_age_s.min(), person.joint_age_s),
-        limbs_m_s=np.where(seen, _GAIN * anchors, person.limbs_m_s),
-        inferred_m=filled.within_m,
+        limbs_m_s=np.where(seen, np.maximum(person.limbs_m_s, _GAIN * fastest), person.limbs_m_s),
+        inferred_m=np.where(seen, filled.within_m, 0.0),
     )

@@ -10,6 +10,7 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.contracts.source import SourceSettings
+from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.canonical import canonical_body
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
@@ -69,7 +70,7 @@ class People(RemembersLost):
         self._settings = settings
         self._joint_map = joint_map
         self._origin: Floats = np.asarray(source_settings.room_from_source.xyz, np.float64)
-        self._inference = Inference(joint_map.mapped)
+        self._inference = Inference(body_model(), settings.floor_m)
         self._declares_noise = declares_noise
         self._steps = history_steps
         self._rate_hz = rate_hz_predictor

@@ -2,7 +2,7 @@
 
 ``joint_zones`` states where each joint may be. A capsule between the two joints of a segment, with
 the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
-from the nearest observed joint bounds a segment that was neither observed nor inferred.
+from the nearest observed joint bounds a segment that was neither seen nor inferred.
 
 Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
 """
@@ -35,6 +35,7 @@ from hri_predict.zones.lost_places import anywhere_in
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.self_check.self_check import Trust
 from hri_predict.zones.settings import HumanLimits
+from hri_predict.zones.toward import Toward
 from hri_predict.zones.types import Zones
 
 
@@ -61,6 +62,7 @@ class BodyZones:
             distribution. For all others their zones alone decide in mode ``predictive``.
         untrusted: why the scene cannot be trusted; the zones then mean nothing.
         margins_m: (S,) what each segment of ``zones`` counts thicker by; ``None``: nothing.
+        toward: how near those who are here may come by direction; ``None``: not calibrated.
     """
 
     zones: Zones
@@ -75,6 +77,7 @@ class BodyZones:
     claimed: Floats | None = None
     untrusted: tuple[Reason, ...] = ()
     margins_m: Floats | None = None
+    toward: Toward | None = None
 
     @property
     def captured(self) -> Capsules:
@@ -183,9 +186,8 @@ class ZoneBuilder:
         recent = snapshot.recent
         if recent is None:
             recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, self._rate_hz)
-        delivered = snapshot.delivered
         moving = self._speed_rule.moving(
-            joint_speeds(recent, delivered), delivered, (self._a, self._b)
+            joint_speeds(recent, snapshot.shown), snapshot.shown, (self._a, self._b)
         )
         speeds = moving.people
         joints = self.joints.build(
@@ -197,11 +199,17 @@ class ZoneBuilder:
             growth_m_s=moving.growth_m_s,
             unknown=speeds.unknown,
         )
-        zones = self._segments(joints.mid, joints.radius, joints.joint_age)
+        zones, ends, extra = self._segments(joints.mid, joints.radius, joints.joint_age)
         zones = self._where_lost(zones, snapshot, capture_ns)
+        toward = self.joints.toward(
+            snapshot, forecast, spheres=joints, trust=trust, velocities=velocities
+        )
+        if toward is not None:
+            here = len(snapshot.ids)
+            toward = toward._replace(ends=ends[:here], extra=extra[:here])
         paths = zones
         if self._with_paths:
-            paths = self._segments(joints.path, joints.inflation, joints.joint_age)
+            paths, _, _ = self._segments(joints.path, joints.inflation, joints.joint_age)
             paths = self._where_lost(paths, snapshot, capture_ns)
         ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
         return BodyZones(
@@ -213,11 +221,13 @@ class ZoneBuilder:
             claimed=joints.claimed,
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
             margins_m=self._margins_m,
+            toward=toward,
             segments_m_s=np.concatenate(
                 [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
             ),
             as_assumed=np.append(
-                speeds.within_standard & _trusted(trust, len(snapshot.ids)),
+                speeds.within_standard
+                & ~self._speed_rule.peaked(snapshot.history, snapshot.measured, self._rate_hz),
                 np.zeros(len(snapshot.lost), np.bool_),
             ),
         )
@@ -241,9 +251,12 @@ class ZoneBuilder:
             zones.radius[i] = own.radius + self._largest_margin_m
         return zones
 
-    def _segments(self, mid: Floats, around: Floats, joint_age: Floats) -> Capsules:
-        """Joints' centres and radii to capsules (P, K+1, S)."""
-        return Capsules(*_capsules((plain(mid), plain(around), joint_age), self._segment))
+    def _segments(
+        self, mid: Floats, around: Floats, joint_age: Floats
+    ) -> tuple[Capsules, Ints, Floats]:
+        """Joints' spheres to capsules (P, K+1, S), and ``ends`` and ``extra`` of ``Toward``."""
+        a, b, radius, ends, extra = _capsules((plain(mid), plain(around), joint_age), self._segment)
+        return Capsules(a, b, radius), ends, extra
 
 
 class _Segments(NamedTuple):
@@ -258,18 +271,24 @@ class _Segments(NamedTuple):
 
 _Spheres = tuple[Floats, Floats, Floats]
 """``mid``, ``radius`` and ``joint_age`` of ``JointSpheres``."""
+_Found = tuple[Floats, Floats, Floats, Ints, Floats]
+"""Capsules' ends and radius; ``ends`` and ``extra`` of ``Toward``."""
 
 
-def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> tuple[Floats, Floats, Floats]:
+def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> _Found:
     mid, around, joint_age = spheres
     a, b = mid.take(segments.a, axis=2), mid.take(segments.b, axis=2)
+    ends = np.empty((len(mid), len(segments.a), 2), np.int64)
+    ends[..., 0], ends[..., 1] = segments.a, segments.b
+    extra = np.repeat(segments.radius[None], len(mid), axis=0)
     radius = np.maximum(around.take(segments.a, axis=2), around.take(segments.b, axis=2))
     if (joint_age > FRESH_S).any():
         unseen = joint_age * segments.physical_m_s  # (P, J)
         holding = segments.reach + unseen[:, None, :]  # (P, S, J)
         nearest = holding.argmin(-1)  # (P, S)
-        ends = np.maximum(unseen[:, segments.a], unseen[:, segments.b])
-        bounded = (holding.min(-1) < ends)[:, None, :]
+        farther = np.maximum(unseen[:, segments.a], unseen[:, segments.b])
+        held = holding.min(-1) < farther
+        bounded = held[:, None, :]
         person = np.arange(len(mid))[:, None]
         centre = mid.transpose(0, 2, 1, 3)[person, nearest].transpose(0, 2, 1, 3)
         about = around.transpose(0, 2, 1)[person, nearest].transpose(0, 2, 1)
@@ -277,15 +296,18 @@ def _capsules_by_arrays(spheres: _Spheres, segments: _Segments) -> tuple[Floats,
         a = np.where(bounded[..., None], centre, a)
         b = np.where(bounded[..., None], centre, b)
         radius = np.where(bounded, about + reach, radius)
-    return a, b, radius + segments.radius
+        ends = np.where(held[..., None], nearest[..., None], ends)
+        extra = np.where(held, extra + reach[:, 0], extra)
+    return a, b, radius + segments.radius, ends, extra
 
 
-def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> tuple[Floats, Floats, Floats]:
+def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> _Found:
     mid, around, joint_age = spheres
     people, entries, joints = around.shape
     count = len(segments.a)
     a, b = np.empty((people, entries, count, 3)), np.empty((people, entries, count, 3))
-    radius = np.empty((people, entries, count))
+    radius, extra = np.empty((people, entries, count)), np.empty((people, count))
+    ends = np.empty((people, count, 2), np.int64)
     for p in range(people):
         stale = False
         for j in range(joints):
@@ -301,12 +323,13 @@ def _capsules_by_loops(spheres: _Spheres, segments: _Segments) -> tuple[Floats, 
                 if least < max(joint_age[p, at_a], joint_age[p, at_b]) * segments.physical_m_s:
                     at_a = at_b = nearest
                     reach = segments.reach[s, nearest]
+            ends[p, s, 0], ends[p, s, 1], extra[p, s] = at_a, at_b, segments.radius[s] + reach
             for k in range(entries):
                 for i in range(3):
                     a[p, k, s, i], b[p, k, s, i] = mid[p, k, at_a, i], mid[p, k, at_b, i]
                 size = max(around[p, k, at_a], around[p, k, at_b]) + reach
                 radius[p, k, s] = size + segments.radius[s]
-    return a, b, radius
+    return a, b, radius, ends, extra
 
 
 _capsules = kernel(_capsules_by_loops, _capsules_by_arrays)
@@ -321,13 +344,6 @@ def _margins(margins_m: Mapping[str, float], skeleton: Skeleton) -> Mapping[str,
                 f"(known: {', '.join(known)})"
             )
     return margins_m
-
-
-def _trusted(trust: Trust | None, people: int) -> Bools:
-    """(P,) whether forecasts are neither widened nor out of distribution."""
-    if trust is None:
-        return np.ones(people, np.bool_)
-    return ~trust.out_of_distribution & ~trust.widened
 
 
 def _oldest_capture(snapshot: PeopleSnapshot) -> int | None:

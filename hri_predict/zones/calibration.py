@@ -42,6 +42,7 @@ from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.zones.motion_ranges import MotionRanges
 from hri_predict.zones.scale_shape import ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
+from hri_predict.zones.toward import BINS
 
 Of = Literal["joint", "body"]
 OFS: tuple[Of, ...] = ("joint", "body")
@@ -52,6 +53,7 @@ VERSION = 3
 """Of the files; 3 has a learned scale."""
 
 Millimetres = Annotated[int, Field(ge=1, le=100_000)]
+Share = Annotated[int, Field(ge=1, le=1000)]
 Row = list[Millimetres | None]  # by step; None: unknown, so unbounded
 _KNOWN = {name.removeprefix("l_").removeprefix("r_") for name in JOINTS}
 _HASHED = 16  # hexadecimal digits
@@ -102,6 +104,9 @@ class CalibrationFile(Settings):
     limits_mm: dict[str, list[list[list[Row]]]] | None = Field(
         None, description="factors of the estimated radii: of, level, speed class, joint"
     )
+    toward_thousandths: list[list[list[list[Share]]]] | None = Field(
+        None, description="shares of the estimated radii: level, speed class, step, direction"
+    )
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"
     )
@@ -127,6 +132,8 @@ class Calibration:
         guaranteed: per question (L, 3, G, H) metres, by speed class; infinite if not supported.
         recordings: used for it.
         ranges: of the motions in the recordings.
+        toward: (L, 3, H, BINS) shares of the estimated radii of single joints that count in
+            directions of a class (``toward``); ``None``: the whole radius counts in all.
         made: the day on which it was made; ``None`` if not known.
         site: the parts of a site's recordings that moved its factors.
     """
@@ -143,6 +150,7 @@ class Calibration:
     ranges: Mapping[str, Any]
     shape: ScaleShape | None = None
     limits: Mapping[Of, Floats] | None = None
+    toward: Floats | None = None
     made: date | None = None
     site: SiteParts | None = None
 
@@ -235,6 +243,9 @@ def save_text(calibration: Calibration) -> str:
         limits_mm=None
         if calibration.limits is None
         else {of: _thousandths(table) for of, table in calibration.limits.items()},
+        toward_thousandths=None
+        if calibration.toward is None
+        else np.ceil(calibration.toward * 1000.0 - 1e-6).astype(np.int64).tolist(),
         guaranteed_mm={of: _thousandths(table) for of, table in calibration.guaranteed.items()},
         recordings=calibration.recordings,
         ranges=RangesFile(**calibration.ranges),
@@ -273,6 +284,11 @@ def _unpacked(file: CalibrationFile) -> Calibration:
     rising = [*guaranteed.values(), *(limits or {}).values()]
     if not all((table[..., 1:] >= table[..., :-1]).all() for table in rising):
         raise ValueError("a radius shrinks with the horizon")
+    toward = None
+    if file.toward_thousandths is not None:
+        toward = np.array(file.toward_thousandths, np.float64) / 1000.0
+        if toward.shape != (*classes, file.steps, BINS):
+            raise ValueError(f"toward_thousandths has the shape {toward.shape}")
     return Calibration(
         predictor=file.predictor,
         settings=file.settings,
@@ -283,6 +299,7 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         shape=None if file.shape is None else ScaleShape.of_json(file.shape, file.steps),
         estimated=factors,
         limits=limits,
+        toward=toward,
         guaranteed=guaranteed,
         recordings=file.recordings,
         ranges=file.ranges.model_dump(),
@@ -365,25 +382,3 @@ def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
     if calibration.weights != weights:
         return "was made with other weights"
     return ""
-
-
-_DO = {"still": "stand still", "slow": "move slowly", "brisk": "move briskly"}
-
-
-def levels_text(calibration: Calibration) -> list[str]:
-    """One line per level: guaranteed, or estimated and how many recordings are missing."""
-    lines = []
-    for level in LEVELS:
-        lacks = {
-            name: needed(level) - calibration.independent(index)
-            for index, name in enumerate(SPEED_CLASSES)
-        }
-        short = [f"{n} of people who {_DO[name]}" for name, n in lacks.items() if n > 0]
-        if short:
-            first, *others = short
-            listed = ", ".join([first.replace(" of ", " more recordings of ", 1), *others])
-            said = f"estimated; a guarantee needs {listed}"
-        else:
-            said = "guaranteed"
-        lines.append(f"{100 * level:g} %: {said}")
-    return lines

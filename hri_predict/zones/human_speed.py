@@ -44,6 +44,9 @@ from hri_predict.zones.settings import HumanLimits
 SPAN_S = 0.2
 """Velocities are measured over this time before the newest capture."""
 
+PEAK_S = 1.0
+"""A person who was faster than the standard assumes is not taken for slow within this time."""
+
 GAIT = 4.0
 """Legs of walking people are seldom more than this much faster than their trunk: in 0 to 4 % of the
 ticks of recorded walks on even ground, in a quarter of them on uneven ground."""
@@ -250,16 +253,16 @@ class SpeedRule:
             growth_m_s=float(limits.physical_speed_m_s),
         )
 
-    def moving(self, speeds: JointSpeeds, delivered: Bools, ends: tuple[Ints, Ints]) -> Moving:
+    def moving(self, speeds: JointSpeeds, shown: Bools, ends: tuple[Ints, Ints]) -> Moving:
         """Return the speeds of all people and of all their parts.
 
         Args:
             speeds: (P, J) of the joints.
-            delivered: (J,) the joints that are not inferred: these alone decide who is fast.
+            shown: (P, J) the joints that are not inferred: these alone decide who is fast.
             ends: (S,) and (S,) the joints of the segments.
         """
         joints = speeds.speed, speeds.surely, speeds.measured
-        found = _moving(joints, delivered, self._rule, ends)
+        found = _moving(joints, shown, self._rule, ends)
         people = HumanSpeeds(
             fast=found[0],
             unknown=found[1],
@@ -268,6 +271,24 @@ class SpeedRule:
             beyond_standard_m_s=found[4],
         )
         return Moving(people, found[5], found[6])
+
+    def peaked(self, history: Floats, measured: Bools, rate_hz: float) -> Bools:
+        """(P,) whether trunk, head or an arm was faster than assumed in the last ``PEAK_S``.
+
+        Args:
+            history: (P, T, J, 3) metres.
+            measured: (P, T, J).
+            rate_hz: steps per second of the history.
+        """
+        span = max(1, round(SPAN_S * rate_hz))
+        kept = min(history.shape[1], round(PEAK_S * rate_hz) + 1)
+        if kept <= span:
+            return np.zeros(len(history), np.bool_)
+        places, seen = history[:, -kept:], measured[:, -kept:]
+        moved = norm(places[:, span:] - places[:, :-span]) * (rate_hz / span)
+        over = (moved > self._rule.assumed) & seen[:, span:] & seen[:, :-span] & ~self._rule.leg
+        found: Bools = np.asarray(over.any(axis=(1, 2)))
+        return found
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
         """Return the maximum speeds at which lost people go on.
@@ -288,11 +309,11 @@ class SpeedRule:
 
 
 def _moving_by_arrays(
-    joints: tuple[Floats, Floats, Bools], delivered: Bools, rule: _Rule, ends: tuple[Ints, Ints]
+    joints: tuple[Floats, Floats, Bools], shown: Bools, rule: _Rule, ends: tuple[Ints, Ints]
 ) -> _Found:
     every_speed, surely, measured = joints
-    surely = surely * delivered
-    of_trunk = rule.trunk & measured & delivered
+    surely = surely * shown
+    of_trunk = rule.trunk & measured & shown
     unknown: Bools = ~np.any(of_trunk, axis=1)
     trunk = np.where(of_trunk, every_speed, np.nan)
     trunk[unknown] = 0.0
@@ -306,7 +327,7 @@ def _moving_by_arrays(
     present = np.maximum(every_speed, rule.growth_m_s)
     moves = np.where(measured, every_speed, np.inf)
     # an inferred hand follows its forearm, a true one may turn about its wrist
-    moves = np.where(measured & ~delivered & rule.ends, rule.physical, moves)
+    moves = np.where(measured & ~shown & rule.ends, rule.physical, moves)
     return (
         np.any(over, axis=1),
         unknown,
@@ -319,7 +340,7 @@ def _moving_by_arrays(
 
 
 def _moving_by_loops(
-    joints: tuple[Floats, Floats, Bools], delivered: Bools, rule: _Rule, ends: tuple[Ints, Ints]
+    joints: tuple[Floats, Floats, Bools], shown: Bools, rule: _Rule, ends: tuple[Ints, Ints]
 ) -> _Found:
     speed, surely, measured = joints
     people, count = speed.shape
@@ -332,7 +353,7 @@ def _moving_by_loops(
     for p in range(people):
         known, walks = 0, True
         for j in range(count):
-            if rule.trunk[j] and delivered[j]:
+            if rule.trunk[j] and shown[p, j]:
                 walks = walks and not surely[p, j] > rule.assumed[j]
                 if measured[p, j]:
                     trunk[known] = speed[p, j]
@@ -344,7 +365,7 @@ def _moving_by_loops(
             swing = GAIT * ((rising[(known - 1) // 2] + rising[known // 2]) / 2)
         for j in range(count):
             limit = max(rule.assumed[j], swing) if rule.leg[j] else rule.assumed[j]
-            over = delivered[j] and surely[p, j] > limit and not unknown[p]
+            over = shown[p, j] and surely[p, j] > limit and not unknown[p]
             counts[j] = speed[p, j] + MARGIN_M_S if over else 0.0
             growth[p, j] = max(speed[p, j], rule.growth_m_s)
             if unknown[p]:
@@ -354,7 +375,7 @@ def _moving_by_loops(
                 if speed[p, j] > fastest[p]:
                     fastest[p], fastest_joint[p] = speed[p, j], j
             own[j] = speed[p, j] if measured[p, j] else inf
-            if measured[p, j] and not delivered[j] and rule.ends[j]:
+            if measured[p, j] and not shown[p, j] and rule.ends[j]:
                 own[j] = rule.physical[j]
         for s in range(segments):
             beyond[p, s] = max(counts[ends[0][s]], counts[ends[1][s]])

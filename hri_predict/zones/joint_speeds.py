@@ -61,15 +61,15 @@ class _Slope(NamedTuple):
     measured: Bools  # (P, J)
 
 
-def joint_speeds(captures: RecentCaptures, delivered: Bools | None = None) -> JointSpeeds:
+def joint_speeds(captures: RecentCaptures, shown: Bools | None = None) -> JointSpeeds:
     """Return the speed of every joint.
 
     Args:
         captures: the newest ones.
-        delivered: (J,) the joints that show the sensor's noise: not the inferred ones, which repeat
+        shown: (P, J) the joints that show the sensor's noise: not the inferred ones, which repeat
             that of others. ``None``: all.
     """
-    shows = np.ones(captures.observed.shape[2], np.bool_) if delivered is None else delivered
+    shows = np.ones(captures.observed.shape[::2], np.bool_) if shown is None else shown
     found = _measured(
         plain(captures.age_s), plain(captures.positions), plain_flags(captures.observed), shows
     )
@@ -88,7 +88,7 @@ def _by_arrays(ages_s: Floats, positions: Floats, observed: Bools, shows: Bools)
     place = np.where(seen[..., None], positions, 0.0)
     place = place - place[:, -1:]  # rounding: a slope of small numbers
     rank = seen[:, ::-1].cumsum(1)[:, ::-1]  # 1: the newest that was seen
-    noisy = seen & shows
+    noisy = seen & shows[:, None]
     noise_m = _noise(place, ages, noisy & ((ages <= _SPAN_S) | (rank <= _NOISE_CAPTURES)))
     whole = _slope(place, ages, seen & ((ages <= _SPAN_S) | (rank <= LEAST_CAPTURES)))
     quick = _slope(place, ages, seen & (ages <= _QUICK_S))
@@ -262,7 +262,7 @@ def _by_loops(ages_s: Floats, positions: Floats, observed: Bools, shows: Bools) 
             _choose(ages_s[p], positions[p, :, j], observed[p, :, j], (place, used))
             slopes[j, 0], slopes[j, 1], slopes[j, 2] = _slope_of(ages_s[p], place, used[1])
             slopes[j, 3], slopes[j, 4], slopes[j, 5] = _slope_of(ages_s[p], place, used[2])
-            if shows[j]:
+            if shows[p, j]:
                 variance = _variance_of(ages_s[p], place, used[0], kept)
                 if variance >= 0.0:
                     known[count] = variance

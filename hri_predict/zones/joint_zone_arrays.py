@@ -9,6 +9,7 @@ from hri_predict.zones.loops.spheres import (
     LIMB_M,
     NEVER_S,
     UNBOUNDED_M,
+    UNSEEN,
     Ahead,
     CapturedBodies,
     Rule,
@@ -41,13 +42,18 @@ def spheres_by_arrays(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Spher
     else:
         path, inflation = enclosed(_knots(last, follows, ahead, rule), until * rule.rate_hz)
         off = _deviation(until, ahead, rule)
+        if ahead.judged:
+            both = UNSEEN * np.sqrt(off**2 + bodies.inferred[:, None] ** 2)
+            off[:, 1:] = np.where(bodies.inferred[:, None] > 0, both, off)[:, 1:]
         around = inflation + np.where(follows[:, None], off, growth)
         inflation = np.where(follows[:, None], inflation, inflation + growth)
-    inferred = bodies.inferred[:, None]
+    inferred = np.repeat(bodies.inferred[:, None], around.shape[1], axis=1)
+    known = inferred.copy()  # what the radii hold already
+    known[:, 1:] = np.where((follows & ahead.judged)[:, None], 0.0, inferred[:, 1:])
     if rule.calibrated or follows.any():
-        mid, radius = _cut((path, around), bodies, follows, (until, rule))
+        mid, radius = _cut((path, around, known), bodies, follows, (until, rule))
     else:
-        mid, radius = path, around + inferred
+        mid, radius = path, around + known
     return mid, radius, path, inflation + inferred, joint_age
 
 
@@ -111,7 +117,7 @@ def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
 
 
 def _cut(
-    spheres: tuple[Floats, Floats],
+    spheres: tuple[Floats, Floats, Floats],
     bodies: CapturedBodies,
     follows: Bools,
     when: tuple[Floats, Rule],
@@ -122,7 +128,7 @@ def _cut(
     speeds hold fewer bodies than calibrated zones. Without a calibration, joints that follow no
     forecast keep the standard's speeds.
     """
-    mid, radius = spheres
+    mid, radius, more = spheres
     until, rule = when
     people = len(bodies.unknown)
     inferred, last = bodies.inferred[:people], bodies.last[:people]
@@ -140,17 +146,21 @@ def _cut(
         until=until[:people, 1:],
         joint_age=age,
     )
-    if not rule.calibrated:
+    if rule.calibrated:
+        blind = follows & (inferred[:, None] > 0)
+        own_mid = np.where(blind[..., None], mid[:people, 1:], own_mid)
+        own = np.where(blind, around, own)
+    else:
         own_mid = np.where(follows[..., None], own_mid, mid[:people, 1:])
         own = np.where(follows, own, around)
     cut = rule.reach.cut_by_bones(
         own_mid,
-        own + inferred[:, None],
+        own + more[:people, 1:],
         inferred=inferred,
         last=last,
         seen=age < FRESH_S,
         all_joints=rule.calibrated,
     )
-    mid, radius = mid.copy(), radius + bodies.inferred[:, None]
+    mid, radius = mid.copy(), radius + more
     mid[:people, 1:], radius[:people, 1:] = cut
     return mid, radius

@@ -54,6 +54,7 @@ from hri_predict.zones.motion_class import trunk_speed
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.reach import BodyReach
 from hri_predict.zones.settings import HumanLimits
+from hri_predict.zones.toward import Toward, followed, ways
 from hri_predict.zones.trust import Trust
 
 __all__ = ["FRESH_S", "LIMB_M", "JointSpheres", "JointZones"]
@@ -167,6 +168,60 @@ class JointZones:
             inflation=inflation,
             joint_age=joint_age,
             claimed=claimed,
+        )
+
+    def toward(
+        self,
+        snapshot: PeopleSnapshot,
+        forecast: Forecast | None,
+        *,
+        spheres: JointSpheres,
+        trust: Trust | None,
+        velocities: Velocities,
+    ) -> Toward | None:
+        """Return how near each joint may come by direction, without segments; see ``Toward``.
+
+        ``None``: there is no calibration, or nobody here.
+        """
+        here, rule = len(snapshot.ids), self._rule
+        if forecast is None or trust is None or spheres.claimed is None or self._radii is None:
+            return None
+        shares = self._radii.shares(trunk_speed(velocities, self._skeleton))
+        if shares is None or not here:
+            return None
+        follows = followed(
+            spheres.joint_age[:here], spheres.claimed, trust.out_of_distribution, rule.trusted_steps
+        )
+        age_s = np.maximum(0.0, (snapshot.now_ns - snapshot.capture_ns) * 1e-9)
+        until = age_s[:, None] + rule.times_s  # (P, K+1)
+        at = np.ceil(until * rule.rate_hz - 1e-6).astype(np.intp) - 1
+        at = np.clip(at, 0, rule.trusted_steps - 1)
+        person = np.arange(here)[:, None]
+        claim = spheres.claimed[person, at] * trust.widen[person, at][..., None]
+        claim = np.where(follows[:, None], claim, 0.0)
+        claim[:, 0] = 0.0
+        within = np.zeros(spheres.joint_age[:here].shape)
+        if snapshot.inferred is not None:
+            within = snapshot.inferred.within_m
+        end_s = rule.trusted_steps / rule.rate_hz
+        beyond = rule.physical_m_s * np.maximum(until - end_s, 0.0)[..., None]
+        if forecast.std is not None and rule.std_factor > 0:
+            beyond = np.maximum(beyond, rule.std_factor * forecast.std.max(1, keepdims=True))
+        rest = spheres.inflation[:here] - within[:, None] + beyond
+        rest = np.where(follows[:, None], rest, np.inf)
+        rest[:, 0] = np.inf
+        path = spheres.path[:here]
+        return Toward(
+            ends=np.zeros((here, 0, 2), np.int64),
+            extra=np.zeros((here, 0)),
+            mid=plain(spheres.mid[:here]),
+            radius=plain(spheres.radius[:here]),
+            path=plain(path),
+            claim=plain(claim),
+            rest=plain(rest),
+            within=plain(within),
+            way=plain(ways(path - path[:, :1])),
+            shares=plain(shares[person, at]),
         )
 
     def _bodies(

@@ -14,6 +14,7 @@ from hri_predict.zones.learned_scale import Evidence, LearnedScale
 from hri_predict.zones.motion_class import BRISK_M_S, SPEED_CLASSES, STILL_M_S, speed_class
 from hri_predict.zones.scale_shape import shaped_by
 from hri_predict.zones.settings import LEVELS, CoverageSettings
+from hri_predict.zones.toward import BINS
 
 
 class Radii:
@@ -61,6 +62,14 @@ class Radii:
         self._limits = np.full_like(self._table, np.inf)
         if limits is not None:
             self._limits[:, :known] = _by_joint(limits, of_joint)[:, :known]
+        self._shares: Floats | None = None
+        if (
+            settings.basis == "estimated"
+            and settings.of == "joint"
+            and calibration.toward is not None
+        ):
+            self._shares = np.ones((len(self._table), horizon_steps, BINS))
+            self._shares[:, :known] = calibration.toward[level][:, :known]
         shape = calibration.shape
         self._shape = _NO_SHAPE if shape is None else shape.logarithms(horizon_steps)
 
@@ -75,6 +84,14 @@ class Radii:
             return _largest(self._table, speed_m_s)
         tables = self._table, self._limits, *self._shape
         return _radii(self._scale(evidence), speed_m_s, tables)
+
+    def shares(self, speed_m_s: Floats) -> Floats | None:
+        """(P, H, BINS) shares of the radii by direction, see ``toward``; ``None``: not calibrated.
+
+        Args:
+            speed_m_s: as in ``of``.
+        """
+        return None if self._shares is None else _largest(self._shares, speed_m_s)
 
 
 _NO_SHAPE = np.zeros((0, 0, 0)), np.zeros((0, 0, 0))

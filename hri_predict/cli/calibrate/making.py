@@ -27,9 +27,10 @@ def make(
     as_json: bool,
 ) -> None:
     """Calibrate, write the file and say what it rests on."""
-    from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS
     from hri_predict.lab.calibration.conformal import calibrate as conformal
-    from hri_predict.zones.calibration import identity, levels_text
+    from hri_predict.lab.calibration.levels import levels_text
+    from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS
+    from hri_predict.zones.calibration import identity
     from hri_predict.zones.motion_class import SPEED_CLASSES
 
     check_out(out)
@@ -97,7 +98,7 @@ def write_calibration(out: Path, made: "Calibration") -> None:
 
 
 def _made(made: "Calibration") -> dict[str, Any]:
-    from hri_predict.zones.calibration import levels_text
+    from hri_predict.lab.calibration.levels import levels_text
 
     return {
         "predictor": made.predictor,

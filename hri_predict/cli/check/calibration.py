@@ -5,9 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
-from hri_predict.zones.calibration import Calibration, levels_text
+from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.motion_class import SPEED_CLASSES
 
 OLD_DAYS = 365

@@ -29,6 +29,7 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
+from hri_predict.cli.check.distance import distance_facts, distance_lines
 from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
 from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
@@ -120,6 +121,7 @@ def check(
         return
     with loaded.naming_lines():
         found = examine(loaded)
+        found["working_distance"] = distance_facts(loaded)
     if as_json:
         print(json.dumps(found))
     else:
@@ -142,7 +144,8 @@ def _print(found: dict[str, Any]) -> None:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
     computed = (*engine_lines(found["engine"]), found["loops"])
-    for line in (*computed, *calibration_lines(found["calibration"])):
+    zones = *calibration_lines(found["calibration"]), *distance_lines(found["working_distance"])
+    for line in (*computed, *zones):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)

@@ -9,12 +9,11 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.predictor import Forecast, Predictor
-from hri_predict.people.body.inferred import Inference, Rule
-from hri_predict.people.body.standing import standing_body
-from hri_predict.people.inferring import with_inferred
-from hri_predict.people.snapshot import PeopleSnapshot, RecentCaptures
+from hri_predict.people.body.inferred import Rule, rule_of
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+from hri_predict.run.working_distance.standing import standing_snapshot
 from hri_predict.zones.body_zones import ZoneBuilder
 from hri_predict.zones.learned_scale import LEADS_S
 from hri_predict.zones.radii import Radii
@@ -61,25 +60,9 @@ class StandingBody:
 
     def snapshot(self, delivered: Bools, infers: bool = True) -> PeopleSnapshot:
         """The body as a source sees it that delivers some joints (J,)."""
-        shape = (1, self._history_steps, len(JOINTS))
-        history = np.broadcast_to(np.where(delivered[:, None], standing_body(), 0.0), (*shape, 3))
-        observed = np.broadcast_to(delivered, shape)
-        snapshot = PeopleSnapshot(
-            now_ns=_NOW_NS,
-            ids=(1,),
-            history=history,
-            observed=observed,
-            capture_ns=np.array([_NOW_NS]),
-            last_positions=np.where(delivered[:, None], history[:, -1], np.nan),
-            joint_age_s=np.where(delivered, 0.0, np.inf)[None],
-            lost=(),
-            reasons=(),
-            newest_capture_ns=_NOW_NS,
-            captures=1,
-            counters={},
-            recent=RecentCaptures.of_history(history, observed, self._rate_hz),
+        return standing_snapshot(
+            delivered, self._history_steps, self._rate_hz, now_ns=_NOW_NS, infers=infers
         )
-        return with_inferred(snapshot, Inference(delivered), self._rate_hz) if infers else snapshot
 
     def cubic_metres(self, snapshot: PeopleSnapshot) -> Floats:
         """(K+1, S) volume of each zone: of each segment's capsule now and at each step."""
@@ -101,8 +84,8 @@ def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) ->
     """Cost in zones of the joints that a map lacks.
 
     Returns:
-        ``name`` of the map; ``later_s``, the time of "later"; ``parts``: for each kind of inferred
-        joint, and for all that are not inferred, its ``joints``, ``anchors`` (empty: not inferred),
+        ``name`` of the map; ``later_s``, the time of "later"; ``parts``: for each kind of missing
+        joint its ``joints``, ``anchors`` (empty: inferred from the posture, or not at all),
         ``within_m`` (``None``: bounded by the skeleton's reach), and how many times the volume the
         zones at it have, ``times_now`` and ``times_later``. Joints of absent parts cost nothing and
         are left out.
@@ -121,7 +104,7 @@ def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) ->
             continue
         now, then = (mapped[k, at].sum() / whole[k, at].sum() for k in (0, later))
         within_m = None
-        if rule is not None and snapshot.inferred is not None:
+        if snapshot.inferred is not None and snapshot.inferred.joints[0, missing].all():
             within_m = round(float(snapshot.inferred.within_m[0, missing].max()), 3)
         parts.append(
             {
@@ -136,16 +119,13 @@ def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) ->
 
 
 def _missing(delivered: Bools) -> Iterator[tuple[list[int], Rule | None]]:
-    """The joints never delivered, as they are inferred, with the rule; those that are not, last."""
+    """The joints never delivered, by kind, with their rule; ``None``: by the posture."""
     kinds: dict[str, tuple[list[int], Rule | None]] = {}
-    rest = [i for i, there in enumerate(delivered) if not there]
-    for rule in Inference(delivered).rules:
-        joints, _ = kinds.setdefault(_kind(rule.joint), ([], rule))
-        joints.append(JOINTS.index(rule.joint))
-        rest.remove(JOINTS.index(rule.joint))
+    for index in np.flatnonzero(~delivered):
+        rule = rule_of(JOINTS[index], delivered)
+        kind = "posture" if rule is None else _kind(JOINTS[index])
+        kinds.setdefault(kind, ([], rule))[0].append(int(index))
     yield from kinds.values()
-    if rest:
-        yield rest, None
 
 
 def joint_map_lines(cost: dict[str, Any]) -> list[str]:
@@ -154,11 +134,12 @@ def joint_map_lines(cost: dict[str, Any]) -> list[str]:
     for part in cost["parts"]:
         if part["within_m"] is None:
             how = (
-                "neither delivered nor inferred, bounded by reach (people.absent_parts leaves out "
+                "neither seen nor inferred, bounded by reach (people.absent_parts leaves out "
                 "what no robot can meet)"
             )
         else:
-            how = f"inferred from {', '.join(part['anchors'])}, within {part['within_m']:.2f} m"
+            source = ", ".join(part["anchors"]) or "the posture of what is seen"
+            how = f"inferred from {source}, within {part['within_m']:.2f} m"
         lines.append(
             f"joint map {cost['name']}: {', '.join(part['joints'])} {how}; the zones there have "
             f"{part['times_now']:.1f} times the volume of delivered joints now, "

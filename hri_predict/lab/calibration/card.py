@@ -5,7 +5,7 @@ from pathlib import Path
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
 from hri_predict.lab.calibration.judgement import WAYS, ZoneJudgement
-from hri_predict.zones.calibration import levels_text
+from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.zones.settings import LEVELS
 
 HEAD = "## Zones"

@@ -31,16 +31,16 @@ from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.base.work.workers import Workers
+from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS, of_equals
 from hri_predict.lab.calibration.scale_fit import cross_scales
 from hri_predict.lab.calibration.scores import HISTORY_STEPS, Scores, units
+from hri_predict.lab.calibration.toward import with_toward
 from hri_predict.zones.calibration import OFS, Calibration, Of, UsedRecording, needed, plain
 from hri_predict.zones.motion_class import SPEED_CLASSES, speed_class
 from hri_predict.zones.motion_ranges import SHORT_S, motion_ranges, short_ratio
 from hri_predict.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.zones.settings import LEVELS
 
-LEAST_RECORDINGS = 4
-_CAUTION = 8.0
 SPARE = 10.0
 SHAPE_LEVEL = 0.97
 _SPREAD = 1.05
@@ -96,7 +96,7 @@ def calibrate(
     guaranteed = guaranteed_radii(
         error=error, fast=fast, unit=unit, group=group, joints=len(joints), rate_hz=rate_hz
     )
-    return Calibration(
+    made = Calibration(
         predictor=predictor,
         settings=settings,
         weights=weights,
@@ -126,6 +126,7 @@ def calibrate(
             rate_hz=rate_hz,
         ),
     )
+    return with_toward(made, scores, skeleton)
 
 
 def _calibrated_joints(
@@ -264,34 +265,6 @@ def raised(limit: Floats, error: Floats, fast: Ints, group: Ints) -> Floats:
             largest = np.where(np.isfinite(here), here, 0.0).max(axis=(0, 2), initial=0.0)
             result[:, c, g, :steps] = np.maximum(result[:, c, g, :steps], largest)
     return rising(result)
-
-
-def of_equals(samples: Sequence[Floats], level: float) -> float:
-    """The quantile of several samples with equal weights, whatever their sizes.
-
-    Infinite if nothing is known. A quantile of few recordings misses more of new ones than it says:
-    the share that it may miss is cut by ``caution``.
-    """
-    known = [values[np.isfinite(values)] for values in samples]
-    known = [values for values in known if values.size]
-    if not known:
-        return math.inf
-    level += (1.0 - level) * caution(len(known))
-    values = np.concatenate(known)
-    weight = np.concatenate([np.full(v.size, 1.0 / v.size) for v in known])
-    order = np.argsort(values)
-    reached = np.cumsum(weight[order]) / len(known)
-    return float(values[order][min(int(reached.searchsorted(level - 1e-12)), values.size - 1)])
-
-
-def caution(recordings: float) -> float:
-    """By how much the share that may be missed is cut: a half for few recordings, less for more.
-
-    Conformal prediction would count one recording more that holds nothing. That is right in the
-    worst case alone, impossible at 99 % with fewer than 99 recordings, and too much on average: see
-    ``docs/decisions/few-recordings.md``.
-    """
-    return min(0.5, _CAUTION / recordings)
 
 
 def guaranteed_radii(

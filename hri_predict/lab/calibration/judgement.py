@@ -8,10 +8,11 @@ import numpy as np
 
 from hri_predict.contracts.predictor import Predictor
 from hri_predict.lab.calibration.coverage import Coverage, as_calibrated, as_run
+from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.lab.calibration.sizes import Sizes, measure_sizes
 from hri_predict.lab.evaluation.table import Table, plain
-from hri_predict.zones.calibration import OFS, Calibration, levels_text
+from hri_predict.zones.calibration import OFS, Calibration
 from hri_predict.zones.motion_class import SPEED_CLASSES
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 

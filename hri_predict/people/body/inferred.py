@@ -1,13 +1,14 @@
-"""Joints that a tracker never delivers, inferred from those that it does, with their uncertainty.
+"""Joints that a tracker does not see, inferred from those that it sees, with their uncertainty.
 
-A joint map shows before the first frame which canonical joints never come (COCO has no hands, feet
-and torso). ``RULES`` place such a joint in a frame that moves with the body: an origin, an axis
-whose length is the person's own measured bone, and for some a direction to the joint's side. Both
-the place and the radius that holds the true joint are shares of that bone, so no scale is assumed.
+Some never come (COCO has no hands, feet and torso), others are hidden: by a bench, by the edge of
+the picture, or for a moment. ``RULES`` place a joint in a frame that moves with the body: an
+origin, an axis whose length is the person's own measured bone, and for some a direction to the
+joint's side. Both the place and the radius that holds the true joint are shares of that bone, so no
+scale is assumed. Where the rule's anchors are not seen either, ``body_model`` gives the place.
 
 The shares are fitted on recordings by ``hri-predict bench joint-maps --fit DATA``, which prints
-``_FITTED`` (docs/measured/joint-maps.md). A joint without a rule, or whose anchors the tracker does
-not deliver either, stays unobserved.
+``_FITTED`` (docs/measured/joint-maps.md). A joint of a body of which little is seen stays
+unobserved.
 """
 
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.people.body.body_model import BodyModel
 
 _LEAST_SIDE = 0.1
 """A direction to the side within 6 degrees of the axis is none: the frame would turn at a touch."""
@@ -124,54 +126,82 @@ class Filled(NamedTuple):
 
 
 class Inference:
-    """Infers the joints that one source never delivers.
+    """Infers joints that are not seen: by the rules where their anchors are seen, because a bone of
+    the same limb says more than the posture; all others by the distribution of postures.
 
     Args:
-        delivered: (J,) which canonical joints the source's joint map gives.
-
-    Attributes:
-        rules: the rules in use, in order.
-        joints: (J,) which joints are inferred.
-        anchors: (J, J) for each inferred joint, from which others.
+        model: of postures; ``None``: rules alone.
+        floor_m: height of the floor in the room.
     """
 
-    def __init__(self, delivered: Bools) -> None:
-        known = {name for name, there in zip(JOINTS, delivered, strict=True) if there}
-        rules = []
-        for rule in RULES:
-            if rule.joint not in known and rule.anchors <= known:
-                rules.append(rule)
-                known |= {rule.joint} & set(_MIDPOINTS)  # others may rest on a midpoint
-        self.rules = tuple(rules)
-        self.joints: Bools = np.zeros(len(JOINTS), np.bool_)
-        self.anchors: Bools = np.zeros((len(JOINTS), len(JOINTS)), np.bool_)
-        for rule in self.rules:
-            index = JOINTS.index(rule.joint)
-            self.joints[index] = True
-            self.anchors[index, [JOINTS.index(joint) for joint in rule.anchors]] = True
+    def __init__(self, model: BodyModel | None = None, floor_m: float = 0.0) -> None:
+        self._model, self._floor_m = model, floor_m
 
     def fill(self, positions: Floats, observed: Bools) -> Filled:
-        """Add the inferred joints; one whose anchors are not all observed is not observed.
+        """Add the joints that are not observed; what nothing is known of stays unobserved.
 
         Args:
-            positions: (..., J, 3) metres, finite, in any frame.
+            positions: (..., J, 3) metres, finite, in the room.
             observed: (..., J).
         """
         filled = Filled(positions.copy(), observed.copy(), np.zeros(observed.shape))
-        for rule in self.rules:
-            joint, origin = JOINTS.index(rule.joint), JOINTS.index(rule.origin)
-            frame = frame_of(rule, filled.positions, filled.observed)
-            offset = np.einsum("...ki,k->...i", frame.directions, np.array(rule.place))
-            offset *= frame.bone[..., None]
-            longest = _length(offset) + CANONICAL.reach[joint, origin]
-            within = np.minimum(rule.within * frame.bone, longest)
-            within = within + filled.within_m[..., self.anchors[joint]].sum(-1)  # of midpoints
-            filled.positions[..., joint, :] = np.where(
-                frame.exists[..., None], frame.origin + offset, filled.positions[..., joint, :]
-            )
-            filled.observed[..., joint] = frame.exists
-            filled.within_m[..., joint] = np.where(frame.exists, within, 0.0)
+        if observed.all():
+            return filled
+        _fill_by_rules(filled, observed)
+        if self._model is not None and not filled.observed.all():
+            _fill_by_postures(filled, observed, self._model, self._floor_m)
         return filled
+
+
+def rule_of(joint: str, observed: Bools) -> Rule | None:
+    """The rule by which a joint is inferred, of a body of which ``observed`` (J,) is seen."""
+    seen = {name for name, there in zip(JOINTS, observed, strict=True) if there}
+    for rule in RULES:
+        if rule.anchors <= seen:
+            if rule.joint == joint:
+                return rule
+            seen |= {rule.joint} & set(_MIDPOINTS)
+    return None
+
+
+def _fill_by_rules(filled: Filled, observed: Bools) -> None:
+    known = observed.copy()  # what others may rest on
+    for rule in RULES:
+        joint, origin = JOINTS.index(rule.joint), JOINTS.index(rule.origin)
+        if filled.observed[..., joint].all():
+            continue
+        anchors = [JOINTS.index(name) for name in rule.anchors]
+        frame = frame_of(rule, filled.positions, known)
+        new = frame.exists & ~filled.observed[..., joint]
+        offset = np.einsum("...ki,k->...i", frame.directions, np.array(rule.place))
+        offset *= frame.bone[..., None]
+        longest = _length(offset) + CANONICAL.reach[joint, origin]
+        within = np.minimum(rule.within * frame.bone, longest)
+        within = within + filled.within_m[..., anchors].sum(-1)  # of midpoints
+        filled.positions[..., joint, :] = np.where(
+            new[..., None], frame.origin + offset, filled.positions[..., joint, :]
+        )
+        filled.observed[..., joint] |= new
+        filled.within_m[..., joint] = np.where(new, within, filled.within_m[..., joint])
+        if rule.joint in _MIDPOINTS:
+            known[..., joint] |= new
+
+
+def _fill_by_postures(filled: Filled, observed: Bools, model: BodyModel, floor_m: float) -> None:
+    joints, floor = observed.shape[-1], np.array([0.0, 0.0, floor_m])
+    lacks = ~filled.observed.reshape(-1, joints)
+    rows = np.flatnonzero(lacks.any(1))
+    seen = observed.reshape(-1, joints)[rows]
+    found = model.complete(filled.positions.reshape(-1, joints, 3)[rows] - floor, seen)
+    new = lacks[rows] & found.usable[:, None]
+    for into, values in (
+        (filled.positions.reshape(-1, joints, 3), found.positions + floor),
+        (filled.within_m.reshape(-1, joints), found.within_m),
+        (filled.observed.reshape(-1, joints), new),
+    ):
+        own = into[rows]
+        own[new] = values[new]
+        into[rows] = own
 
 
 def _points_up(rule: Rule) -> bool:

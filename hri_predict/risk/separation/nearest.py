@@ -10,6 +10,7 @@ from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.machine.compiled import plain
 from hri_predict.risk.separation.search import search, spheres_of
+from hri_predict.zones.toward import NOTHING, Toward
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,10 +43,12 @@ class BodiesInTime:
 
     Args:
         people: (P, K, S) capsules, P >= 1.
+        toward: how near the first of them may come by direction; ``None``: as their capsules say.
     """
 
-    def __init__(self, people: Capsules) -> None:
+    def __init__(self, people: Capsules, toward: Toward | None = None) -> None:
         self._people = _plain(people)
+        self._toward = NOTHING if toward is None else toward
         self._steps = people.radius.shape[1]
         self._spheres = spheres_of(*self._people)
 
@@ -117,7 +120,9 @@ class BodiesInTime:
         if enough_m is None:
             enough_m = np.full(len(first[0]), np.inf)
         courses = *first, count, enough_m
-        return NearestInTime(*search(self._people, self._spheres, _plain(robot), courses))
+        return NearestInTime(
+            *search((self._people, self._spheres, self._toward), _plain(robot), courses)
+        )
 
 
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:

@@ -5,6 +5,11 @@ is at least that of the spheres around them, and at most that of the spheres abo
 The distances of the remaining pairs are exact. Both versions compute each distance by the same
 operations in the same order, so they find the same to the last bit.
 
+A body may also state how far it extends in one direction (``zones.toward``): less than its capsule
+does. With n, the unit vector from the segment's nearest point to the link's, the distance is then
+at least the gap between both along n (docs/decisions/zones-toward-the-robot.md). It is never less
+than that of the capsules, which rule out pairs as before.
+
 A *course* is a number of bodies' steps, one after the other, and the robot's place at each.
 """
 
@@ -15,9 +20,13 @@ import numpy as np
 from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.geometry import Capsules, Xyz, axis_distance
 from hri_predict.base.machine.compiled import kernel, part
+from hri_predict.risk.separation.extent import extent
+from hri_predict.zones.toward import Toward
 
 ROUNDING_M = 1e-9
 """Pairs within this of a bound are kept: two orders of addition may differ in the last bit."""
+LEAST_GAP_M = 1e-6
+"""Axes nearer than this have no direction from one to the other."""
 _POINT_M2 = 1e-24  # as in ``geometry``
 
 _THICK, _SIZE = 3, 4
@@ -27,6 +36,9 @@ Arrays = tuple[Floats, Floats, Floats]
 """Ends a and b and radius of capsules."""
 Spheres = tuple[Floats, Floats]
 """See ``spheres_of``."""
+Bodies = tuple[Arrays, Spheres, Toward]
+"""(P, K, S) capsules, their spheres, and the support of the first people (``NOTHING``: capsules
+alone)."""
 CourseRows = tuple[Ints, Ints, Ints, Floats]
 """(G,) each: the bodies' step with which a course begins; the robot's place then, which moves on by
 one with each step; how many steps, one at least; and which larger distances need not be known."""
@@ -90,14 +102,11 @@ spheres_of = kernel(_spheres_by_loops, _spheres_by_arrays)
 
 
 @np.errstate(invalid="ignore")  # numbers that are not finite are handled below
-def _search_by_arrays(
-    people: Arrays, spheres: Spheres, robot: Arrays, courses: CourseRows
-) -> Found:
+def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
     """The least distance along each of G courses, and the first pair that has it.
 
     Args:
-        people: (P, K, S) capsules, step by step.
-        spheres: of them.
+        bodies: of people, step by step.
         robot: (Q, C) capsules at Q places.
         courses: see ``CourseRows``.
 
@@ -105,6 +114,7 @@ def _search_by_arrays(
         Where nothing is as near as ``enough``, that and the first pair of all. If anything in a
         course is not finite, its distance is minus infinity.
     """
+    people, spheres, toward = bodies
     first_step, first_place, count, enough_m = courses
     radius, robot_radius = people[2], robot[2]
     persons, steps, segments = radius.shape
@@ -115,7 +125,7 @@ def _search_by_arrays(
     within = np.arange(len(group)) - np.repeat(starts, count)
     step, place = first_step.take(group) + within, first_place.take(group) + within
     rows = _rows(Capsules(*people))
-    bodies = spheres[0].reshape(5, persons * steps, segments)
+    balls = spheres[0].reshape(5, persons * steps, segments)
     robot_rows = _rows(Capsules(*robot))  # (7, Q C)
     parts = _spheres(robot_rows)
 
@@ -127,18 +137,21 @@ def _search_by_arrays(
     least = least.reshape(links * persons, -1)
     c, p = np.divmod(least.argmin(0), persons)
     likely_part = parts.take(place * links + c, axis=1)[..., None]
-    likely_body = bodies.take(p * steps + step, axis=1)
+    likely_body = balls.take(p * steps + step, axis=1)
     first = _at_most(likely_part, likely_body).min(1)
-    limit = np.minimum(enough_m, np.minimum.reduceat(first, starts)) + ROUNDING_M
+    capsules_alone = not len(toward.extra)
+    limit = enough_m + ROUNDING_M
+    if capsules_alone:
+        limit = np.minimum(enough_m, np.minimum.reduceat(first, starts)) + ROUNDING_M
     row, pair = np.nonzero(~(least > limit.take(group)).T)  # NaN stays in
     c, p = np.divmod(pair, persons)
     of = group.take(row)
 
     # Their segments: (n, S).
     part_at, body_at = place.take(row) * links + c, p * steps + step.take(row)
-    link, body = parts.take(part_at, axis=1)[..., None], bodies.take(body_at, axis=1)
+    link, body = parts.take(part_at, axis=1)[..., None], balls.take(body_at, axis=1)
     most = _at_most(link, body)
-    if len(of):
+    if len(of) and capsules_alone:
         starts, some = _groups(of)
         closest = np.minimum.reduceat(most.reshape(-1), starts * segments)
         limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
@@ -147,13 +160,22 @@ def _search_by_arrays(
     segment_rows = rows.take(body_at.take(n) * segments + s, axis=1)
     link_rows = robot_rows.take(part_at.take(n), axis=1)
     exact = axis_distance(*_axes(segment_rows), *_axes(link_rows)) - segment_rows[6] - link_rows[6]
-    return _nearest(exact, of.take(n), enough_m, (p.take(n), s, c.take(n)))
+    who = p.take(n), s, c.take(n)
+    if not capsules_alone:
+        known = np.flatnonzero(who[0] < len(toward.extra))
+        at = who[0][known], step.take(row).take(n)[known], s[known]
+        exact[known] = [
+            _gap(bodies, (p_, k_, s_), link, least)
+            for p_, k_, s_, link, least in zip(
+                *at, link_rows[:, known].T, exact[known], strict=True
+            )
+        ]
+    return _nearest(exact, of.take(n), enough_m, who)
 
 
-def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: CourseRows) -> Found:
-    a, b, radius = people
+def _search_by_loops(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
+    (_, _, radius), (each, around), _ = bodies
     robot_a, robot_b, robot_radius = robot
-    each, around = spheres
     first_step, first_place, count, enough_m = courses
     persons, segments = radius.shape[0], radius.shape[2]
     places, links = robot_radius.shape
@@ -179,8 +201,7 @@ def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: C
         # distances, the first step counts, and the first pair in it.
         p, s, c, last = who[0, g - 1], who[1, g - 1], who[2, g - 1], count[g] - 1
         k, q = first_step[g] + last, first_place[g] + last
-        bound = _axis_distance(a[p, k, s], b[p, k, s], robot_a[q, c], robot_b[q, c])
-        bound = bound - radius[p, k, s] - robot_radius[q, c]
+        bound = _apart_exactly(bodies, (p, k, s), robot, (q, c))
         bound = min(best, bound) if isfinite(bound) else best
         for back in range(count[g]):
             within = count[g] - 1 - back
@@ -206,8 +227,7 @@ def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: C
                     for s in range(segments):
                         if far[s] > 0.0:  # not if NaN
                             continue
-                        exact = _axis_distance(a[p, k, s], b[p, k, s], robot_a[q, c], robot_b[q, c])
-                        exact = exact - radius[p, k, s] - robot_radius[q, c]
+                        exact = _apart_exactly(bodies, (p, k, s), robot, (q, c))
                         if not isfinite(exact):
                             exact = -inf
                         if exact < best or (exact == best and k != best_step):
@@ -218,8 +238,30 @@ def _search_by_loops(people: Arrays, spheres: Spheres, robot: Arrays, courses: C
 
 
 @part
-def _axis_distance(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> float:
-    """As ``geometry.axis_distance``, operation by operation."""
+def _apart_exactly(
+    bodies: Bodies, body: tuple[int, int, int], robot: Arrays, part: tuple[int, int]
+) -> float:
+    """The distance of a segment at (person, step, segment) and a link at (place, link)."""
+    p, k, s = body
+    q, c = part
+    (a, b, radius), _, toward = bodies
+    robot_a, robot_b, robot_radius = robot
+    x, y, z = _axis_gap(a[p, k, s], b[p, k, s], robot_a[q, c], robot_b[q, c])
+    size = sqrt(x * x + y * y + z * z)
+    exact = size - radius[p, k, s] - robot_radius[q, c]
+    if p >= len(toward.extra) or not size > LEAST_GAP_M or not isfinite(size):
+        return exact
+    x, y, z = -x / size, -y / size, -z / size
+    near = robot_a[q, c, 0] * x + robot_a[q, c, 1] * y + robot_a[q, c, 2] * z
+    end = robot_b[q, c, 0] * x + robot_b[q, c, 1] * y + robot_b[q, c, 2] * z
+    far = extent(toward, body, (x, y, z))
+    gap = min(near, end) - robot_radius[q, c] - far
+    return max(exact, gap) if isfinite(gap) else exact
+
+
+@part
+def _axis_gap(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> tuple[float, float, float]:
+    """The vector between the nearest points, as ``geometry.axis_distance`` finds them."""
     ux, uy, uz = b1[0] - a1[0], b1[1] - a1[1], b1[2] - a1[2]
     vx, vy, vz = b2[0] - a2[0], b2[1] - a2[1], b2[2] - a2[2]
     rx, ry, rz = a1[0] - a2[0], a1[1] - a2[1], a1[2] - a2[2]
@@ -236,8 +278,7 @@ def _axis_distance(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> float:
     s = _unit(s)
     t = _unit((f + s * along) * inverse_2)
     s = _unit((t * along - c) * inverse_1)
-    x, y, z = rx + s * ux - t * vx, ry + s * uy - t * vy, rz + s * uz - t * vz
-    return sqrt(x * x + y * y + z * z)
+    return rx + s * ux - t * vx, ry + s * uy - t * vy, rz + s * uz - t * vz
 
 
 @part
@@ -252,6 +293,20 @@ search = kernel(_search_by_loops, _search_by_arrays)
 
 
 # -- arrays ----------------------------------------------------------------------------------------
+
+
+def _gap(bodies: Bodies, body: tuple[int, int, int], link: Floats, capsules_m: float) -> float:
+    """``_apart_exactly`` of a link in rows (7,); the capsules' distance is known."""
+    (a, b, _), _, toward = bodies
+    start, end = link[:3], link[:3] + link[3:6]
+    x, y, z = _axis_gap(a[body], b[body], start, end)
+    size = sqrt(x * x + y * y + z * z)
+    if not size > LEAST_GAP_M or not isfinite(size):
+        return capsules_m
+    n = -x / size, -y / size, -z / size
+    near = min(float(start @ n), float(end @ n))
+    gap = near - float(link[6]) - extent(toward, body, n)
+    return max(capsules_m, gap) if isfinite(gap) else capsules_m
 
 
 def _groups(group: Ints) -> tuple[Ints, Ints]:

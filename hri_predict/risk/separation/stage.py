@@ -240,7 +240,8 @@ class Separation:
     ) -> list[_AboutPeople]:
         """All robots together; also by the standard and by contact, if that may permit more."""
         judging = [self._time_by_time(i, motion) for i, motion in motions.items()]
-        found = outlooks(list(motions.values()), judging, BodiesInTime(bodies.zones.capsules))
+        people = BodiesInTime(bodies.zones.capsules, bodies.toward)
+        found = outlooks(list(motions.values()), judging, people)
         result: list[_AboutPeople] = []
         for (i, motion), judge, outlook in zip(motions.items(), judging, found, strict=True):
             standard = contact = None
@@ -299,7 +300,10 @@ class Separation:
         relaxed = by_standard(constants, motion, bodies, who=assumed, by_motion=False)
         zones = bodies.zones.capsules
         some = Capsules(zones.a[others], zones.b[others], zones.radius[others])
-        (by_zones,) = outlooks([motion], [judging], BodiesInTime(some))
+        toward = bodies.toward
+        if toward is not None:
+            toward = toward.of(others[others < len(toward.extra)])
+        (by_zones,) = outlooks([motion], [judging], BodiesInTime(some, toward))
         kept = by_zones.finding
         return worst_of([relaxed, replace(kept, person=int(others[kept.person]))])
 

@@ -16,6 +16,9 @@ UNBOUNDED_M = 1e5
 FAR_M = 1e4
 """Maximum coordinate of a position in a room."""
 FRESH_S = 1e-6
+UNSEEN = 1.15
+"""Of a joint that is not seen, the radius is this times the root of the squares of the calibrated
+radius and of the radius of its inferred place (docs/measured/unseen-joints.md)."""
 LIMB_M = 0.85
 """Maximum distance of a limb ahead of its body: an arm's reach by ISO 13855:2010."""
 
@@ -119,8 +122,12 @@ def spheres_by_loops(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Sphere
                     for h in range(rule.horizon_steps):
                         knots[h + 1, i] = ahead.positions[n, h, j, i]
                 _enclose(knots, until, rule.rate_hz, (path[n, :, j], inflation[n, :, j]))
+                within = bodies.inferred[n, j] if ahead.judged else 0.0
                 for k in range(entries):
-                    radius[n, k, j] = inflation[n, k, j] + off[k, j]
+                    spread = off[k, j]
+                    if within > 0.0 and k > 0:
+                        spread = UNSEEN * sqrt(spread * spread + within * within)
+                    radius[n, k, j] = inflation[n, k, j] + spread
             else:
                 for k in range(entries):
                     for i in range(3):
@@ -139,7 +146,8 @@ def spheres_by_loops(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Sphere
             )
         for k in range(entries):
             for j in range(joints):
-                radius[n, k, j] += bodies.inferred[n, j]
+                if k == 0 or not (follows[n, j] and ahead.judged):
+                    radius[n, k, j] += bodies.inferred[n, j]
         if cuts and n < here:
             _bones((last[n], joint_age[n]), bodies.inferred[n], rule, bone)
             _cut_by_bones((rule.reach.order, rule.reach.parents), bone, mid[n], radius[n])
@@ -282,7 +290,9 @@ def _cut_by_motion(
     now, step_s, calibrated = measured.shape[1] - 1, 1.0 / rule.rate_hz, rule.calibrated
     then, per_s = now - VELOCITY_STEPS, reach.rate_hz / VELOCITY_STEPS
     for j in range(len(follows)):
-        if not (calibrated or follows[j]):
+        if not (calibrated or follows[j]) or (
+            calibrated and follows[j] and bodies.inferred[n, j] > 0.0
+        ):
             continue
         known = then >= 0 and measured[n, now, j] and measured[n, then, j]
         x = y = z = 0.0

@@ -141,7 +141,6 @@ BANDS_S = (0.12, 0.24, 0.4, 0.6, 0.8)
 slower than 8 a second, none falls into the first band, which is then never widened."""
 MAX_DT_S = 0.1
 """A longer gap between captures counts as this: it is still one judgement."""
-_FRESH_S = 1e-6
 _RESIDUALS = 64
 """Residuals remembered of each person: over 0.4 s, of captures at up to 160 Hz."""
 
@@ -254,7 +253,7 @@ class SelfCheck:
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
         slots = np.array([slot_of.get(number, -1) for number in snapshot.ids], np.intp)
-        fresh = (snapshot.joint_age_s < _FRESH_S) & snapshot.delivered  # only the truth judges
+        fresh = snapshot.fresh  # only the truth judges
         factor = self._widening.factor(slots)[:, self._band]
         # radii of those who are out of distribution are not used
         factor[self._is_out_of_distribution(slots, self._capture_ns[slots])] = np.nan
@@ -326,7 +325,7 @@ class SelfCheck:
         before = self._capture_ns[slots]
         elapsed = np.where(before == NEVER, 0, capture - np.maximum(before, 0)) * 1e-9
         self._capture_ns[slots] = capture
-        fresh = (snapshot.joint_age_s[new] < _FRESH_S) & snapshot.delivered
+        fresh = snapshot.fresh[new]
         sums, residual, error, wrong = verdict(
             self._past.ring,
             NewestCaptures(slots, capture, plain(snapshot.last_positions[new]), fresh),

@@ -9,17 +9,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.files import YAML_ENDINGS
 from hri_predict.base.geometry import transform
 from hri_predict.base.settings import MIN_RATE_HZ, Pose, Vector3
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.contracts.source import SourceSettings
@@ -49,6 +50,10 @@ class ApproachSettings(SourceSettings):
         None,
         description="deliver only the joints of this tracker (a joint map's name or file)",
     )
+    lacks: list[str] = Field([], description="canonical joints that the tracker never delivers")
+    hidden: list[str] = Field(
+        [], description="canonical joints that the tracker knows and does not see here"
+    )
     noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
     wander_m: float = Field(
         0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
@@ -57,10 +62,25 @@ class ApproachSettings(SourceSettings):
     lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room before")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
 
+    @field_validator("lacks", "hidden")
+    @classmethod
+    def _canonical_joints(cls, joints: list[str]) -> list[str]:
+        for joint in joints:
+            if joint not in JOINTS:
+                raise ValueError(f"no canonical joint '{joint}'{nearest(joint, JOINTS)}")
+        return joints
+
 
 def exact(settings: ApproachSettings) -> ApproachSettings:
     """The same approach, seen without errors: what truly happens."""
-    return settings.model_copy(update={"tracker": None, "noise_m": 0.0, "wander_m": 0.0})
+    clear: dict[str, Any] = {
+        "tracker": None,
+        "lacks": [],
+        "hidden": [],
+        "noise_m": 0.0,
+        "wander_m": 0.0,
+    }
+    return settings.model_copy(update=clear)
 
 
 class ApproachSource:
@@ -94,8 +114,9 @@ class ApproachSource:
             )
             for motion, place in zip(self._motions, settings.places, strict=True)
         ]
-        self.joint_map = map_of(self._motions, settings.tracker, base_dir)
+        self.joint_map = map_of(self._motions, settings.tracker, base_dir, settings.lacks)
         self._delivered: Bools = np.asarray((self.joint_map.weights > 0).any(axis=0))
+        self._delivered[[JOINTS.index(joint) for joint in settings.hidden]] = False
         self.rate_hz = self._motions[0].rate_hz
         self.declares_noise = settings.noise_m > 0 or settings.wander_m > 0
         self._exact = partial(ApproachSource, exact(settings), base_dir)
@@ -173,8 +194,13 @@ def _canonical() -> JointMap:
     return load_joint_map("canonical")
 
 
-def map_of(motions: Sequence[Motion], tracker: str | None, base_dir: Path | None) -> JointMap:
-    """A tracker that delivers the joints that the recordings have, and no others."""
+def map_of(
+    motions: Sequence[Motion],
+    tracker: str | None,
+    base_dir: Path | None,
+    without: Sequence[str] = (),
+) -> JointMap:
+    """A tracker that delivers the joints that the recordings have, but not those ``without``."""
     whole = _canonical()
     if tracker is not None:
         beside = (base_dir or Path()) / tracker
@@ -182,6 +208,7 @@ def map_of(motions: Sequence[Motion], tracker: str | None, base_dir: Path | None
             load_joint_map(str(beside) if tracker.endswith(YAML_ENDINGS) else tracker)
         )
     recorded = np.any([motion.observed.any(axis=0) for motion in motions], axis=0)
+    recorded &= ~np.isin(JOINTS, list(without))
     lacks = (whole.weights[:, ~recorded] != 0).any(axis=1)
     return replace(whole, weights=np.where(lacks[:, None], 0.0, whole.weights))
 

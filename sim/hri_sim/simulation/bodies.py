@@ -5,7 +5,7 @@ equivariant under turns about z and moves over the floor. So each motion runs on
 stages in its own frame, and an episode moves the results.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,15 +15,14 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.geometry import Capsules, transform
 from hri_predict.contracts.source import Source
-from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
-from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
-from hri_predict.run.ticks import Ticks, ticks_of
+from hri_predict.run.working_distance.seen import moved_zones, watch
 from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.human_speed import joined_speeds
+from hri_predict.zones.toward import Toward
 from hri_sim.referee import TruePeople
 from hri_sim.simulation.approach import ApproachSource, exact
 from hri_sim.simulation.cell import Cell, Variant, with_risk
@@ -98,7 +97,7 @@ def _narrow(snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture) -> 
             ends[1:] = ends[0] + moved[:, nearest]
             spread = np.maximum(spread, sideways[:, nearest])
         radius[i, 1:] = own.radius[i, 0] + spread
-    return replace(bodies, zones=replace(zones, capsules=Capsules(a, b, radius)))
+    return replace(bodies, zones=replace(zones, capsules=Capsules(a, b, radius)), toward=None)
 
 
 # --------------------------------------------------------------------------------------------------
@@ -145,20 +144,14 @@ def compute(
     )
     clock = VirtualClock(VIRTUAL_START_NS)
     source = ApproachSource(settings, config.base_dir)
-    people = assemble.build_people(config, source, cell.predictor)
-    runner = PredictionRunner(cell.predictor, deadline_s=None)
+    seen = watch(config, source, cell.predictor)
     engines = engines_of(cell, source, clock, variants)
     (empty,) = engines_of(cell, source, clock, variants[:1]).values()
-    found = MotionTicks([], [], {name: [] for name in engines})
-    ticks = ticks_of(config.node, source.rate_hz, VIRTUAL_START_NS)
-    for tick_ns in _ticks(source, people, ticks):
-        snapshot = people.snapshot(tick_ns)
-        forecast, reason = runner.run(snapshot)
-        reasons = (reason,) if reason is not None else ()
+    found = MotionTicks(seen.snapshots, [], {name: [] for name in engines})
+    for snapshot, forecast, reasons in seen.ticks():
         for name, engine in engines.items():
             found.zones[name].append(engine.zones(snapshot, forecast, reasons))
         found.forecasts.append(None if forecast is None else forecast.positions)
-        found.snapshots.append(snapshot)
         found.nobody.append(empty.zones(without_people(snapshot), None))
     for name in (v.name for v in variants if v.is_foreknown):
         last_s = found.zones[name][-1].zones.times_s[-1]
@@ -184,25 +177,6 @@ def engines_of(
     }
 
 
-def _ticks(source: ApproachSource, people: People, ticks: Ticks) -> Iterator[int]:
-    """Yield the ticks up to the last scene; as in the node's loop, arrived scenes come first."""
-    source.open(VIRTUAL_START_NS)
-    now_ns = VIRTUAL_START_NS
-    while (due_ns := source.next_ns()) is not None:
-        if due_ns > ticks.due_ns:
-            now_ns = max(now_ns, ticks.due_ns)
-            ticks.begin(now_ns)
-            yield now_ns
-            continue
-        scene = source.poll(due_ns)
-        assert scene is not None
-        now_ns = due_ns
-        people.receive(scene, due_ns)
-        ticks.captured()
-        if ticks.due_ns <= now_ns and source.next_ns() is None:
-            yield now_ns
-
-
 def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
     """The snapshot of an empty room, and without reasons against one."""
     return replace(
@@ -225,7 +199,7 @@ def moved(bodies: MotionTicks, matrix: Floats, person: int) -> MotionTicks:
     return MotionTicks(
         [_moved_snapshot(s, matrix, person) for s in bodies.snapshots],
         [None if f is None else transform(matrix, f) for f in bodies.forecasts],
-        {name: [_moved_zones(z, matrix, person) for z in zs] for name, zs in bodies.zones.items()},
+        {name: [moved_zones(z, matrix, person) for z in zs] for name, zs in bodies.zones.items()},
         bodies.nobody,
     )
 
@@ -257,21 +231,6 @@ def _moved_snapshot(snapshot: PeopleSnapshot, matrix: Floats, person: int) -> Pe
             for p in snapshot.lost
         ),
     )
-
-
-def _moved_zones(bodies: BodyZones, matrix: Floats, person: int) -> BodyZones:
-    zones = bodies.zones
-    capsules = _moved_capsules(zones.capsules, matrix)
-    same = bodies.paths is zones.capsules
-    return replace(
-        bodies,
-        zones=replace(zones, ids=tuple(i + person for i in zones.ids), capsules=capsules),
-        paths=capsules if same else _moved_capsules(bodies.paths, matrix),
-    )
-
-
-def _moved_capsules(capsules: Capsules, matrix: Floats) -> Capsules:
-    return Capsules(transform(matrix, capsules.a), transform(matrix, capsules.b), capsules.radius)
 
 
 def _joined_snapshots(parts: Sequence[PeopleSnapshot]) -> PeopleSnapshot:
@@ -317,11 +276,19 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         capture_ns=min(captures, default=None),
         reasons=tuple(dict.fromkeys(r for part in parts for r in part.reasons)),
         claimed=None,  # it served its purpose when the zones were built
+        toward=_joined_toward([part.toward for part in parts if not part.lost.all()]),
         speeds=joined_speeds([part.speeds for part in parts]).of(order),
         segments_m_s=np.concatenate([part.segments_m_s for part in parts])[order],
         as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
     )
+
+
+def _joined_toward(parts: Sequence[Toward | None]) -> Toward | None:
+    known = [part for part in parts if part is not None]
+    if not known or len(known) < len(parts):
+        return None
+    return Toward._make(np.concatenate(rows) for rows in zip(*known, strict=True))
 
 
 def _joined_capsules(parts: Sequence[Capsules], order: NDArray[np.intp]) -> Capsules:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +18,11 @@ from hri_predict.base.skeleton import JOINTS
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.replay import RecordingSettings, RecordingSource
+from hri_sim.simulation.scripts import SCRIPTS
 
 PROCEDURAL = "procedural"
-"""A motion with this name, such as ``procedural:3``, is a script; the number is its seed."""
+"""A motion with this name is a script: ``procedural:talking`` one by its name, ``procedural:3`` one
+that its seed draws."""
 _SHOULDERS_M = 1.05
 """Height of a seated person's shoulders, for recordings of arms in a camera's frame."""
 _NO_FLOOR = "marker_clusters9"
@@ -129,11 +132,26 @@ def _lifted(motion: Motion, joints: Sequence[str], height_m: float) -> Motion:
 
 
 def _procedural(name: str, rate_hz: float) -> Motion:
+    """Write out a script: by its name, or one that the seed draws."""
+    named = name.partition(":")[2]
+    person = SCRIPTS[named] if named in SCRIPTS else _drawn(name)
+    settings = PersonSettings.model_validate(person | {"repeat": False})
+    lasts_s = Timeline(settings, f"motion {name}", True).cycle_s
+    played = ProceduralSettings(
+        kind="procedural", people=[settings], rate_hz=rate_hz, duration_s=lasts_s
+    )
+    return _collected(name, ProceduralSource(played))
+
+
+def _drawn(name: str) -> dict[str, Any]:
     """Draw a script from the seed: a person walks up, reaches out, stays and walks away."""
     try:
         rng = np.random.default_rng([int(name.partition(":")[2]), 0])
     except ValueError as error:
-        raise ConfigError(f"motion {name}: write procedural:SEED, such as procedural:3") from error
+        raise ConfigError(
+            f"motion {name}: write procedural:SEED, such as procedural:3, or one of "
+            f"{', '.join(SCRIPTS)}"
+        ) from error
     walked = float(rng.uniform(2.5, 4.0))
     hand = str(rng.choice(["left", "right"]))
     aside = float(rng.uniform(-0.15, 0.15))
@@ -143,21 +161,13 @@ def _procedural(name: str, rate_hz: float) -> Motion:
     }  # fmt: skip
     speed = {"speed_m_s": float(rng.uniform(0.8, 1.6))}
     away = {"do": "walk", "to": [float(rng.uniform(0.5, 1.5)), float(rng.uniform(-1.0, 1.0))]}
-    person = PersonSettings.model_validate(
-        {
-            "start": [0.0, 0.0],
-            "height_m": float(rng.uniform(1.6, 1.9)),
-            "repeat": False,
-            "script": [
-                {"do": "walk", "to": [walked, 0.0]} | speed,
-                {"do": "wait", "seconds": float(rng.uniform(0.1, 0.6))},
-                reach,
-                away | speed,
-            ],
-        }
-    )
-    lasts_s = Timeline(person, f"motion {name}", True).cycle_s
-    settings = ProceduralSettings(
-        kind="procedural", people=[person], rate_hz=rate_hz, duration_s=lasts_s
-    )
-    return _collected(name, ProceduralSource(settings))
+    return {
+        "start": [0.0, 0.0],
+        "height_m": float(rng.uniform(1.6, 1.9)),
+        "script": [
+            {"do": "walk", "to": [walked, 0.0]} | speed,
+            {"do": "wait", "seconds": float(rng.uniform(0.1, 0.6))},
+            reach,
+            away | speed,
+        ],
+    }

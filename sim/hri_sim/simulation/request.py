@@ -70,6 +70,27 @@ class OcclusionRow:
     lost: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class DistanceRequest:
+    """How near people may work; see ``hri-predict simulate --distance``.
+
+    Empty choices stand for the defaults of ``distance.run``.
+    """
+
+    config: Path
+    robot: str | None = None
+    activities: tuple[str, ...] = ()
+    trackers: tuple[str, ...] = ()
+    noises_m: tuple[float, ...] = ()
+    predictors: tuple[str, ...] = ()
+    modes: tuple[str, ...] = ()
+    data: Path | None = None
+    seconds: float | None = None
+    jobs: int = 1
+    cluster: str | None = None
+    out: Path | None = None
+
+
 class ReportTable(Protocol):
     """A table of texts: one row per line, the first column names it."""
 

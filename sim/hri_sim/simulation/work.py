@@ -73,7 +73,7 @@ class SimulationPlan:
             config = config.with_source(config.source.model_dump() | changes)
         own = predictor is None or predictor == config.predictor.name
         if predictor is not None and not own:
-            config = _with_predictor(config, predictor)
+            config = with_predictor(config, predictor)
         return self._with_calibration(config, own=own)
 
     def asked(self, predictor: str | None) -> ComparedPredictor:
@@ -104,7 +104,7 @@ class SimulationPlan:
         return replace(config, node=config.node.model_copy(update={"risk": risk}))
 
 
-def _with_predictor(config: Config, text: str) -> Config:
+def with_predictor(config: Config, text: str) -> Config:
     """The configuration with ``NAME`` or ``NAME=WEIGHTS`` as its predictor."""
     (asked,) = asked_predictors([text])
     settings: dict[str, Any] = {"horizon_s": config.predictor.horizon_s}

@@ -6,7 +6,6 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person
-from hri_predict.people.body.inferred import Inference
 from hri_sim.people.body import Body
 
 COCO = load_joint_map("coco17")
@@ -31,43 +30,125 @@ def sent(body=BODY, hidden=()):
 def test_inferred_joints_are_in_the_history_but_not_measured(make_room):
     snapshot = make_room(joint_map="coco17").see(sent(), times=10)
     inferred = snapshot.inferred
-    np.testing.assert_array_equal(inferred.joints, Inference(COCO.mapped).joints)
+    np.testing.assert_array_equal(inferred.joints[0], ~COCO.mapped)
+    np.testing.assert_array_equal(snapshot.shown[0], COCO.mapped)
+    np.testing.assert_array_equal(snapshot.fresh[0], COCO.mapped)
     assert snapshot.observed[0, -1].all()
     np.testing.assert_array_equal(snapshot.measured[0, -1], COCO.mapped)
     assert (snapshot.joint_age_s[0] == 0).all()
-    assert (inferred.within_m[0, inferred.joints] > 0.01).all()
-    assert (inferred.within_m[0, ~inferred.joints] == 0).all()
+    assert (inferred.within_m[inferred.joints] > 0.01).all()
+    assert (inferred.within_m[~inferred.joints] == 0).all()
     # the inferred hand hangs below the wrist
     assert snapshot.last_positions[0, HAND, 2] < snapshot.last_positions[0, WRIST, 2]
 
 
-def test_a_source_with_all_joints_has_none_inferred(make_room):
-    snapshot = make_room().see(Person(1, BODY, np.ones(len(JOINTS), bool)), times=3)
+def test_where_all_joints_are_seen_none_is_inferred(make_room):
+    snapshot = make_room().see(Person(1, BODY, np.ones(len(JOINTS), bool)), times=12)
     assert snapshot.inferred is None
-    assert snapshot.delivered.all()
+    assert snapshot.shown.all()
+    assert snapshot.fresh.all()
     assert snapshot.measured is snapshot.observed
 
 
-def test_a_hidden_anchor_hides_what_rests_on_it_and_the_age_goes_on(make_room):
+def test_a_hidden_anchor_leaves_what_rests_on_it_to_the_posture(make_room):
     room = make_room(joint_map="coco17")
     before = room.see(sent(), times=10)
     after = room.see(sent(BODY + 0.01, hidden=("left_wrist",)), times=2)
-    assert not after.observed[0, -1, HAND]
-    assert after.observed[0, -1, FOOT]
-    assert after.joint_age_s[0, HAND] == pytest.approx(after.joint_age_s[0, WRIST])
-    assert after.joint_age_s[0, HAND] > 0
-    np.testing.assert_allclose(after.last_positions[0, HAND], before.last_positions[0, HAND])
-    np.testing.assert_allclose(after.history[0, -1, HAND], before.last_positions[0, HAND])
-    assert after.inferred.within_m[0, HAND] == pytest.approx(before.inferred.within_m[0, HAND])
+    for joint in (HAND, WRIST):
+        assert after.inferred.joints[0, joint]
+        assert after.joint_age_s[0, joint] == 0
+        assert not after.fresh[0, joint]
+        # of the posture less is known than of the elbow and the wrist
+        assert after.inferred.within_m[0, joint] > before.inferred.within_m[0, joint]
 
 
-def test_what_was_never_seen_stays_unobserved(make_room):
+def test_what_was_never_seen_is_inferred_from_the_posture(make_room):
     hidden = ("left_wrist", "left_ear")
     snapshot = make_room(joint_map="coco17").see(sent(hidden=hidden), times=5)
-    for joint in (HAND, JOINTS.index("head_top")):
-        assert not snapshot.observed[0, :, joint].any()
-        assert snapshot.joint_age_s[0, joint] == np.inf
-        assert np.isnan(snapshot.last_positions[0, joint]).all()
+    for joint in (HAND, WRIST, JOINTS.index("head_top")):
+        assert snapshot.observed[0, :, joint].any()
+        assert not snapshot.measured[0, :, joint].any()
+        assert not snapshot.shown[0, joint]
+        off = np.linalg.norm(snapshot.last_positions[0, joint] - BODY[joint])
+        assert off <= snapshot.inferred.within_m[0, joint]
+
+
+def test_of_a_hand_over_a_wall_nothing_is_inferred_and_the_rest_ages(make_room):
+    room = make_room(joint_map="coco17")
+    room.see(sent(), times=10)
+    but_one_arm = [n for n in COCO.source_joints if n not in ("left_elbow", "left_wrist")]
+    after = room.see(sent(hidden=but_one_arm), times=5)
+    knee = JOINTS.index("r_knee")
+    assert not after.inferred.joints[0, knee]
+    assert not after.observed[0, -1, knee]
+    assert after.joint_age_s[0, knee] == pytest.approx(0.2)
+    assert after.inferred.within_m[0, knee] == 0
+    np.testing.assert_allclose(after.last_positions[0, knee], BODY[knee])
+    assert after.inferred.joints[0, HAND]  # on the forearm that is seen
+
+
+def raised(step):
+    """A body with a hand that is held up, where few postures have it, and that walks slowly."""
+    body = BODY.copy()
+    for part, up in (("elbow", 0.3), ("wrist", 0.6), ("hand", 0.7)):
+        body[JOINTS.index(f"l_{part}")] = body[JOINTS.index("l_shoulder")] + [0.1, 0.1, up]
+    body[:, 0] += 0.02 * step
+    return body
+
+
+def person(body, *hidden):
+    return Person(1, body, ~np.isin(JOINTS, hidden))
+
+
+LIMB = ("l_elbow", "l_wrist", "l_hand")
+
+
+def largest_jump(snapshot, joint=HAND):
+    """Metres that a joint moves beyond its body in one step, of the steps in which it is there."""
+    path = snapshot.history[0, :, joint] - snapshot.history[0, :, JOINTS.index("neck")]
+    there = snapshot.observed[0, :, joint]
+    return max(
+        (np.linalg.norm(b - a) for a, b in zip(path[there], path[there][1:], strict=False)),
+        default=0.0,
+    )
+
+
+def test_a_hand_that_is_hidden_from_now_on_leaves_its_place_slowly(make_room):
+    room, hidden = make_room(), []
+    for step in range(12):
+        room.see(person(raised(step)))
+    for step in range(12, 40):
+        after = room.see(person(raised(step), *LIMB))
+        assert after.inferred.joints[0, HAND]
+        # a twelfth of what it is off, at most: a step of 40 ms of a time constant of 0.5 s
+        assert largest_jump(after) < 0.12
+        hidden.append(after.last_positions[0, HAND] - after.last_positions[0, JOINTS.index("neck")])
+    there = raised(0)[HAND] - raised(0)[JOINTS.index("neck")]
+    assert np.linalg.norm(hidden[0] - there) < 0.12
+    # after two time constants it is where the posture has it
+    fresh = make_room().see(person(raised(0), *LIMB), times=12)
+    usual = fresh.last_positions[0, HAND] - fresh.last_positions[0, JOINTS.index("neck")]
+    assert np.linalg.norm(usual - there) > 0.5
+    assert np.linalg.norm(hidden[-1] - usual) < 0.4 * np.linalg.norm(hidden[0] - usual)
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+@pytest.mark.parametrize("is_seen_last", [True, False])
+def test_a_hand_that_flickers_does_not_jump(make_room, every, is_seen_last):
+    room = make_room()
+    for step in range(24 if is_seen_last else 25):
+        sees = (step + 1) % every == (0 if is_seen_last else 1) % every
+        snapshot = room.see(person(raised(step), *(() if sees else LIMB)))
+    assert largest_jump(snapshot) < 0.12
+
+
+def test_a_hand_that_was_hidden_for_long_did_not_jump_when_it_is_seen_again(make_room):
+    """A gap that is too long to be interpolated: 0.3 s within the history."""
+    room = make_room()
+    for step in range(12):
+        sees = not 3 <= step < 10
+        snapshot = room.see(person(raised(step), *(() if sees else LIMB)))
+        assert largest_jump(snapshot) < 0.15
 
 
 def test_lost_people_have_inferred_joints_too(make_room):

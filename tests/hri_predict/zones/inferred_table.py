@@ -23,7 +23,7 @@ from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.library.forecasting import load_predictor
-from hri_predict.people.body.inferred import Inference
+from hri_predict.people.body.inferred import Filled, Inference
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.recording import open_recording
@@ -44,6 +44,13 @@ GROUPS = {
 }
 
 
+class Unfilled(Inference):
+    """Infers nothing."""
+
+    def fill(self, positions, observed):
+        return Filled(positions, observed, np.zeros(observed.shape))
+
+
 class Node:
     """One person's way from scenes to joint zones, without robots."""
 
@@ -61,7 +68,7 @@ class Node:
             rate_hz_predictor=rate_hz,
         )
         if not infers:
-            self.people._inference = Inference(np.ones(len(JOINTS), bool))
+            self.people._inference = Unfilled()
         self._check = SelfCheck(
             SelfCheckConstants(),
             level=LEVEL,

@@ -15,6 +15,7 @@ from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import LostPerson, PeopleSnapshot
 from hri_predict.zones.body_zones import BodyZones, ZoneBuilder
 from hri_predict.zones.settings import HumanLimits, Reach
+from hri_predict.zones.trust import Trust
 from tests.hri_predict.lost_person import lost_person
 
 RATE_HZ = 25.0
@@ -272,6 +273,24 @@ def test_a_lost_runner_goes_on_as_fast_and_counts_as_fast():
     assert (runner.speeds.beyond_standard_m_s[1] == 6.0).all()
     assert walker.speeds.fast.tolist() == [False, False]
     assert not runner.as_assumed[1]
+
+
+@pytest.mark.parametrize(("widen", "unlike"), [(1.0, False), (3.0, False), (1.0, True)])
+def test_the_standard_keeps_its_say_about_who_moves_as_it_assumes(widen, unlike):
+    """Its assumption is about speeds, not about forecasts: a wrong one takes nothing from it."""
+    trust = Trust(
+        residual_m=np.zeros(2),
+        error_m=np.zeros((2, 2, len(JOINTS))),
+        widen=np.full((2, STEPS), widen),
+        out_of_distribution=np.full(2, unlike),
+    )
+    people = snapshot_of(np.array([body(), body(2.0)]), [0.1, 0.1])
+    history = np.repeat(people.history[:, -1:], 26, axis=1)
+    history[1, :, HAND, 0] += 3.0 * np.clip(np.arange(26) - 10, 0, 5) / RATE_HZ
+    people = replace(people, history=history, observed=np.ones(history.shape[:3], bool))
+    found = builder().build(people, None, trust=trust)
+    assert found.as_assumed.tolist() == [True, False]  # a hand that was fast 0.4 s ago
+    assert not found.speeds.fast.any()
 
 
 def test_a_fast_limb_gets_an_arms_length_ahead_of_its_body():

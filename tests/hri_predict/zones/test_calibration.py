@@ -10,18 +10,19 @@ from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
+from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.predictors.baselines import ZeroVelocitySettings
 from hri_predict.zones import calibration as module
 from hri_predict.zones.calibration import (
     calibration_for,
     identity,
-    levels_text,
     load_calibration,
     save_text,
 )
 from hri_predict.zones.motion_class import SPEED_CLASSES
 from hri_predict.zones.scale_shape import KNOTS, ScaleShape
 from hri_predict.zones.settings import LEVELS, CoverageSettings
+from hri_predict.zones.toward import BINS
 
 WRIST, HEAD = JOINTS.index("l_wrist"), JOINTS.index("head")
 SETTINGS = ZeroVelocitySettings(name="zero_velocity")
@@ -71,6 +72,26 @@ def test_a_shape_that_is_stored_comes_back(tmp_path, make_calibration):
     np.testing.assert_allclose(back.shape.factor, 1.5)
 
 
+@given(share=st.one_of(st.floats(0.001, 1.0), st.sampled_from([0.5, 0.4999, 0.001])))
+def test_shares_by_direction_that_are_stored_come_back_and_never_smaller(
+    tmp_path_factory, make_calibration, share
+):
+    made = make_calibration(steps=3)
+    toward = np.full((len(LEVELS), len(SPEED_CLASSES), 3, BINS), 1.0)
+    toward[1, 2, 0, 4] = share
+    back = load_calibration(stored(tmp_path_factory.mktemp("c"), replace(made, toward=toward)))
+    np.testing.assert_allclose(back.toward, toward, atol=1e-3)
+    assert (back.toward >= toward - 1e-9).all()  # 1e-6 thousandths are forgiven: rounding
+
+
+def test_a_file_from_before_there_were_shares_has_none(tmp_path, make_calibration):
+    path = stored(tmp_path, make_calibration())
+    data = json.loads(path.read_text(encoding="utf-8"))
+    data.pop("toward_thousandths", None)
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert load_calibration(path).toward is None
+
+
 @given(
     st.lists(
         st.one_of(st.floats(0, 100), st.sampled_from([np.inf, 0.0005, 99.9999, 100.0, 101.0])),
@@ -114,6 +135,15 @@ def _row(data, row):
 
 def _factors(data, row):
     data["estimated_thousandths"]["joint"][0][0] = row
+
+
+def _shares(data, edit, every=False):
+    """Shares of three steps, of which one row, or every row, is damaged."""
+    table = np.full((len(LEVELS), len(SPEED_CLASSES), 3, BINS), 500).tolist()
+    data["toward_thousandths"] = table
+    for rows in [step for level in table for step in level] if every else [table[1][0][:1]]:
+        for row in rows:
+            edit(row)
 
 
 def _weight(data, value):
@@ -177,6 +207,14 @@ def _weight(data, value):
         (lambda d: d.update(limits_mm={}), "not for joint and body"),
         (lambda d: d.update(limits_mm={"joint": [], "body": []}), "a table has the shape"),
         (lambda d: d.update(limits_mm=7), "limits_mm"),
+        (lambda d: d.update(toward_thousandths=7), "toward_thousandths"),
+        (lambda d: d.update(toward_thousandths=[]), "toward_thousandths has the shape"),
+        (lambda d: _shares(d, lambda row: row.pop()), "toward_thousandths"),
+        (lambda d: _shares(d, lambda row: row.__setitem__(2, 1001)), "toward_thousandths"),
+        (lambda d: _shares(d, lambda row: row.__setitem__(2, 0)), "toward_thousandths"),
+        (lambda d: _shares(d, lambda row: row.__setitem__(2, None)), "toward_thousandths"),
+        (lambda d: _shares(d, lambda row: row.__setitem__(2, float("nan"))), "toward_thousandths"),
+        (lambda d: _shares(d, lambda row: row.append(500), every=True), "has the shape"),
         (lambda d: d.update(levels=[0.5, 0.6, 0.7]), "another version"),
         (lambda d: d["classes"].reverse(), "another version"),
         (lambda d: d["recordings"][0].update(windows=[9]), "windows"),

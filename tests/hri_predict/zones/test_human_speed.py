@@ -22,7 +22,7 @@ RATE_HZ = 25.0
 JOINTS = len(CANONICAL.joints)
 LIMITS = HumanLimits()
 RULE = SpeedRule(CANONICAL, LIMITS)
-ALL = np.ones(JOINTS, bool)
+ALL = np.ones((1, JOINTS), bool)
 ENDS = (
     np.array([s.joint_a for s in CANONICAL.segments]),
     np.array([s.joint_b for s in CANONICAL.segments]),
@@ -200,3 +200,41 @@ def test_zones_of_people_whose_speed_is_unknown_grow_at_their_physical_limits():
     growth = RULE.moving(speeds, ALL, ENDS).growth_m_s
     assert growth[0, CANONICAL.index("waist")] == LIMITS.reach["trunk"].speed_m_s
     assert growth[0, CANONICAL.index("l_hand")] == LIMITS.reach["arm"].speed_m_s
+
+
+# -- peaks -----------------------------------------------------------------------------------------
+
+
+def swing(joint: str, ago_s: float, speed_m_s: float, steps: int = 40) -> tuple[Floats, Bools]:
+    """A person who stood still but for 0.2 s in which one joint moved."""
+    time = np.arange(1 - steps, 1) / RATE_HZ
+    history, measured = moving((0.0, 0.0, 0.0), steps)
+    way = speed_m_s * (np.clip(time, -ago_s - 0.2, -ago_s) + ago_s + 0.2)
+    history[0, :, CANONICAL.index(joint), 0] += way
+    return history, measured
+
+
+@pytest.mark.parametrize(
+    ("joint", "ago_s", "speed_m_s", "expected"),
+    [
+        ("r_hand", 0.0, 3.0, True),
+        ("r_hand", 0.6, 3.0, True),
+        ("waist", 0.6, 2.4, True),
+        ("head", 0.6, 2.4, True),
+        ("r_hand", 1.1, 3.0, False),  # too long ago
+        ("r_hand", 0.6, 1.2, False),  # as slow as the standard assumes
+        ("r_ankle", 0.6, 3.0, False),  # legs swing
+    ],
+)
+def test_who_was_fast_within_the_last_second_does_not_move_as_assumed(
+    joint: str, ago_s: float, speed_m_s: float, expected: bool
+) -> None:
+    assert RULE.peaked(*swing(joint, ago_s, speed_m_s), RATE_HZ).tolist() == [expected]
+
+
+def test_what_was_not_measured_is_no_peak() -> None:
+    history, measured = swing("r_hand", 0.4, 3.0)
+    measured[0, :, CANONICAL.index("r_hand")] = False
+    assert not RULE.peaked(history, measured, RATE_HZ).any()
+    assert not RULE.peaked(history[:, :5], measured[:, :5], RATE_HZ).any()  # too short to tell
+    assert RULE.peaked(history[:0], measured[:0], RATE_HZ).shape == (0,)

@@ -11,6 +11,8 @@ from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.predictor import Forecast
+from hri_predict.lab.calibration.body_model import HIDDEN, hidden_joints
+from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.inferring import with_inferred
 from hri_predict.people.snapshot import RecentCaptures
@@ -29,6 +31,10 @@ RATE_HZ, STEPS = 25.0, 25
 _WHO = Body(1.75)
 BODY = _WHO.joints(_WHO.standing(np.array([0.8, 0.3]), 0.0))
 COCO = load_joint_map("coco17").mapped
+MAPS = ("coco17", "mediapipe33", "xsens23", "assembly_arms")
+SEEN = {name: load_joint_map(name).mapped for name in MAPS} | {
+    name: ~hidden_joints(HIDDEN[name]) for name in ("legs below the hips", "forearms", "left arm")
+}
 # one scale for all: what the network reads of other joints is not what is tested here
 CALIBRATION = replace(load_calibration(shipped_calibration("zero_velocity")), scale=scale_of())
 SURE = Trust(
@@ -64,7 +70,7 @@ def seen_by(delivered, path=None, infers=True):
     )
     recent = RecentCaptures.of_history(snapshot.history, snapshot.observed, RATE_HZ)
     snapshot = replace(snapshot, recent=recent)
-    return with_inferred(snapshot, Inference(delivered), RATE_HZ) if infers else snapshot
+    return with_inferred(snapshot, Inference(body_model()), RATE_HZ) if infers else snapshot
 
 
 def standing_still(snapshot):
@@ -105,9 +111,9 @@ def true_body(snapshot, seed):
 
 @pytest.mark.parametrize("calibrated", [True, False])
 @pytest.mark.parametrize("forecast", [True, False])
-@pytest.mark.parametrize("name", ["coco17", "mediapipe33", "xsens23", "assembly_arms"])
-def test_a_zone_is_never_smaller_than_with_the_joint_delivered(calibrated, forecast, name):
-    snapshot = seen_by(load_joint_map(name).mapped)
+@pytest.mark.parametrize("name", SEEN)
+def test_a_zone_is_never_smaller_than_with_the_joint_seen(calibrated, forecast, name):
+    snapshot = seen_by(SEEN[name])
     inferred = zones_of(snapshot, calibrated, forecast)
     for seed in range(5):
         path = np.repeat(true_body(snapshot, seed)[None], 10, axis=0)
@@ -116,10 +122,10 @@ def test_a_zone_is_never_smaller_than_with_the_joint_delivered(calibrated, forec
         assert (inferred.capsules.radius >= whole.capsules.radius - 1e-9).all()
 
 
-@given(st.integers(0, 10_000), st.sampled_from(["coco17", "xsens23", "assembly_arms"]))
+@given(st.integers(0, 10_000), st.sampled_from(list(SEEN)))
 def test_the_zone_at_capture_holds_the_true_body_wherever_the_joint_is(seed, name):
     """The true hand, foot, trunk is anywhere within what is inferred."""
-    snapshot = seen_by(load_joint_map(name).mapped)
+    snapshot = seen_by(SEEN[name])
     true = true_body(snapshot, seed)
     zones = zones_of(snapshot)
     for index, segment in enumerate(CANONICAL.segments):
@@ -128,6 +134,27 @@ def test_the_zone_at_capture_holds_the_true_body_wherever_the_joint_is(seed, nam
         along = np.clip((ends - a) @ (b - a) / max((b - a) @ (b - a), 1e-12), 0, 1)
         off = np.linalg.norm(ends - a - along[:, None] * (b - a), axis=1)
         assert (off + segment.radius <= zones.capsules.radius[0, 0, index] + 1e-9).all()
+
+
+def test_legs_behind_a_bench_are_no_longer_bounded_by_reach():
+    seen = SEEN["legs below the hips"]
+    bounded, inferred = zones_of(seen_by(seen, infers=False)), zones_of(seen_by(seen))
+    for segment in ("l_shank", "r_foot"):
+        assert radius(inferred, segment) < 0.6 * radius(bounded, segment)
+
+
+def test_the_radius_of_an_inferred_joint_adds_two_errors():
+    """Those of its place and of its forecast: 1.15 times the root of the sum of both squares."""
+    snapshot, foot = seen_by(SEEN["legs below the hips"]), JOINTS.index("l_foot")
+    spheres = builder().joints.build(
+        snapshot, standing_still(snapshot), capture_ns=snapshot.now_ns, trust=SURE
+    )
+    within = snapshot.inferred.within_m[0, foot]
+    assert within > 0.1
+    for step in (1, 3, 10, STEPS):
+        both = 1.15 * np.hypot(spheres.claimed[0, step - 1, foot], within)
+        assert spheres.radius[0, step, foot] == pytest.approx(both)
+    assert spheres.radius[0, 0, foot] == pytest.approx(within)  # at the capture
 
 
 def test_an_inferred_joint_has_no_measured_speed_but_lets_its_zone_grow_with_it():

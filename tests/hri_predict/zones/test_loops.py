@@ -88,15 +88,20 @@ def ticks_of(
         )
         for i in range(lost)
     )
-    inferred = None
-    if random.random() < 0.3:
-        which = np.arange(COUNT) % 4 == 0
-        inferred = Inferred(which, np.where(which, 0.1, 0.0) * np.ones((people, 1)))
+    # joints of each person that are inferred wherever they are seen
+    blind: Any = random.random((people, COUNT)) < random.choice([0.0, 0.3])
     for tick in range(ticks):
         now = HISTORY - 1 + tick
         window = slice(now + 1 - HISTORY, now + 1)
         age = np.argmax(seen[:, window][:, ::-1], axis=1)  # steps since each joint was seen
         ever = seen[:, window].any(1)
+        joints = blind & seen[:, now]
+        inferred = Inferred(
+            joints=joints,
+            within_m=np.where(joints, random.uniform(0.02, 0.3, joints.shape), 0.0),
+            measured=seen[:, window] & ~blind[:, None],
+            shown=~blind,
+        )
         last = np.take_along_axis(path, (now - age)[:, None, :, None], axis=1)[:, 0]
         snapshot = PeopleSnapshot(
             now_ns=now * TICK_NS + 15_000_000,
@@ -114,7 +119,7 @@ def ticks_of(
             recent=RecentCaptures.of_history(path[:, window], seen[:, window], RATE_HZ)
             if random.random() < 0.5
             else None,
-            inferred=inferred,
+            inferred=inferred if joints.any() else None,
         )
         ahead = path[:, now + 1 : now + 1 + STEPS] * random.uniform(0.98, 1.02)
         spread = np.abs(random.normal(0.0, 0.1, ahead.shape[:-1])) if std else None
@@ -147,6 +152,10 @@ def same(found: BodyZones, expected: BodyZones) -> None:
     assert (found.claimed is None) == (expected.claimed is None)
     if found.claimed is not None:
         close(found.claimed, expected.claimed)
+    assert (found.toward is None) == (expected.toward is None)
+    if found.toward is not None and expected.toward is not None:
+        for mine, other in zip(found.toward, expected.toward, strict=True):
+            close(mine, other)
 
 
 def compare(ticks: list[tuple[PeopleSnapshot, Forecast | None]], **own: Any) -> None:

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hri_predict.base.arrays import Floats, Ints
-from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS, caution
+from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS, caution
 from hri_predict.zones.settings import LEVELS
 
 GROW, SHRINK = 15.0, 30.0

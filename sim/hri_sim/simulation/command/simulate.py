@@ -2,12 +2,9 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import (
@@ -26,9 +23,17 @@ from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import asked_predictors
+from hri_sim.simulation.command.distance import distances
 from hri_sim.simulation.command.occlude import occluded
-from hri_sim.simulation.request import OcclusionRequest, SimulationReport, SimulationRequest
+from hri_sim.simulation.command.screen import show
+from hri_sim.simulation.distance.people import ACTIVITIES, own_sights
+from hri_sim.simulation.request import (
+    DistanceRequest,
+    OcclusionRequest,
+    SimulationRequest,
+)
 
+T = TypeVar("T")
 _PROCEDURAL = "procedural"
 _SCRIPTS = 24  # procedural motions stand for as many recordings
 
@@ -36,8 +41,12 @@ _SCRIPTS = 24  # procedural motions stand for as many recordings
 def simulate(
     *,
     config: Annotated[
-        Path, typer.Argument(help="Configuration with a source of kind: approach.")
-    ] = Path("simulate.yaml"),
+        Path | None,
+        typer.Argument(
+            help="Configuration with a source of kind: approach; with --distance, any cell.",
+            show_default="simulate.yaml; with --distance, working_distance.yaml",
+        ),
+    ] = None,
     predictor: Annotated[
         list[str] | None,
         typer.Option(
@@ -59,11 +68,15 @@ def simulate(
         typer.Option(help="Also simulate mode predictive with zones of this coverage. Repeatable."),
     ] = None,
     episodes: Annotated[
-        int, typer.Option(min=1, max=1_000_000, help="Number of approaches.")
-    ] = 2000,
+        int | None,
+        typer.Option(min=1, max=1_000_000, help="Number of approaches.", show_default="2000"),
+    ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="Random seed of places, phases and message losses.")
-    ] = 0,
+        int | None,
+        typer.Option(
+            min=0, help="Random seed of places, phases and message losses.", show_default="0"
+        ),
+    ] = None,
     people: Annotated[
         int | None, typer.Option(min=1, max=4, help="People at once.", show_default="1")
     ] = None,
@@ -80,15 +93,19 @@ def simulate(
     ] = None,
     joint_map: JointMapOption = None,
     tracker: Annotated[
-        str | None,
+        list[str] | None,
         typer.Option(
-            help="See people as this tracker delivers them: a joint map's name (coco17) or file.",
+            help="See people as this tracker delivers them: a joint map's name (coco17) or file; "
+            f"with --distance also {', '.join(own_sights())}, and repeatable.",
         ),
     ] = None,
     noise: Annotated[
-        float | None,
+        list[float] | None,
         typer.Option(
-            min=0, max=0.2, help="Noise on each coordinate that is seen: standard deviation, m."
+            min=0,
+            max=0.2,
+            help="Noise on each coordinate that is seen: standard deviation, m. With --distance, "
+            "repeatable.",
         ),
     ] = None,
     wander: Annotated[
@@ -143,30 +160,101 @@ def simulate(
             show_default="0",
         ),
     ] = None,
+    distance: Annotated[
+        bool,
+        typer.Option(
+            "--distance",
+            help="How near people may work while the robot runs, by what they do and what the "
+            "tracker sees of them.",
+        ),
+    ] = False,
+    activity: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"With --distance: what the person does ({', '.join(ACTIVITIES)}), or a recording "
+            "of your own. Repeatable.",
+            show_default="window tools talking",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="With --distance: name of the robot.", show_default="the first that moves"
+        ),
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            min=4,
+            max=600,
+            help="With --distance: time for which each person is watched; the first 2.5 s do not "
+            "count.",
+            show_default="8",
+        ),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> int:
     """Simulate people who approach a robot that follows the advice, and count what happens.
 
     Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
 
+    With --distance, measure instead how near a person may work while the robot runs.
+
+    Example: hri-predict simulate --distance --activity window --tracker full --tracker coco17
+
     Exit status 1: a simulated episode disagrees with the whole node, or, with --occlude, a person
     was touched by a moving robot.
     """
     jobs = processes(jobs, cluster, default=2)
+    approaches = {
+        "--coverage": coverage,
+        "--calibration": calibration,
+        "--people": people,
+        "--split": split,
+        "--joint-map": joint_map,
+        "--wander": wander,
+        "--resume": resume or None,
+    }
+    lost = {
+        "--rates": rates,
+        "--cameras": cameras,
+        "--free-space": free_space or None,
+        "--first": first,
+    }
+    near = {"--activity": activity, "--robot": robot, "--seconds": seconds}
+    if distance:
+        others = {"--occlude": occlude or None, "--episodes": episodes, "--seed": seed}
+        without_effect({**approaches, **lost, **others}, "with --distance")
+        if out is not None:
+            need_plots()
+        return distances(
+            DistanceRequest(
+                config=configuration.find(config or Path("working_distance.yaml")),
+                robot=robot,
+                activities=_each_once("--activity", activity),
+                trackers=_each_once("--tracker", tracker),
+                noises_m=tuple(noise or ()),
+                predictors=_predictors(predictor or []),
+                modes=_each_once("--mode", mode),
+                data=_one("--data", data, "--distance"),
+                seconds=seconds,
+                jobs=jobs,
+                cluster=cluster,
+                out=out,
+            ),
+            as_json=as_json,
+        )
+    without_effect(near, "without --distance")
+    config, seed = config or Path("simulate.yaml"), seed or 0
+    episodes = 2000 if episodes is None else episodes
     if occlude:
         without_effect(
             {
-                "--coverage": coverage,
-                "--calibration": calibration,
-                "--people": people,
+                **approaches,
                 "--data": data,
-                "--split": split,
-                "--joint-map": joint_map,
                 "--tracker": tracker,
                 "--noise": noise,
-                "--wander": wander,
                 "--out": out,
-                "--resume": resume or None,
             },
             "with --occlude",
         )
@@ -176,7 +264,7 @@ def simulate(
         return occluded(
             OcclusionRequest(
                 config=configuration.find(config),
-                predictor=_one("--predictor", predictor),
+                predictor=_shipped_weights(_one("--predictor", predictor, "--occlude")),
                 modes=_each_once("--mode", mode) or ("predictive", "iso", "fixed"),
                 rates_hz=tuple(rates or (8.0, 15.0, 30.0)),
                 episodes=episodes,
@@ -190,15 +278,8 @@ def simulate(
             ),
             as_json=as_json,
         )
-    without_effect(
-        {
-            "--rates": rates,
-            "--cameras": cameras,
-            "--free-space": free_space or None,
-            "--first": first,
-        },
-        "without --occlude",
-    )
+    without_effect(lost, "without --occlude")
+    seen_as = _one("--tracker", tracker, "a simulation of approaches")
     from hri_sim import simulation
 
     if out is not None:
@@ -213,8 +294,8 @@ def simulate(
         coverages=tuple(coverage or ()),
         motions=_motions(data or [Path("../shared/data")], split),
         joint_map=None if joint_map is None else map_path(joint_map),
-        tracker=None if tracker is None else map_path(tracker),
-        noise_m=noise,
+        tracker=None if seen_as is None else map_path(seen_as),
+        noise_m=_one("--noise", noise, "a simulation of approaches"),
         wander_m=wander,
         episodes=episodes,
         seed=seed,
@@ -232,7 +313,7 @@ def simulate(
     if as_json:
         print(report.json)
     else:
-        _show(report)
+        show(report)
     for line in report.disagreements:
         print(f"disagrees with the whole node: {line}", file=sys.stderr)
     return 1 if report.disagreements else 0
@@ -251,14 +332,18 @@ def _predictors(texts: list[str]) -> tuple[str, ...]:
     return tuple(a.name if a.weights is None else f"{a.name}={a.weights.absolute()}" for a in asked)
 
 
-def _one(flag: str, names: list[str] | None) -> str | None:
-    if names and len(names) > 1:
-        raise ConfigError(f"{flag}: --occlude takes one; name one")
-    if names and "=" in names[0]:
+def _one(flag: str, values: list[T] | None, where: str) -> T | None:
+    if values and len(values) > 1:
+        raise ConfigError(f"{flag}: {where} takes one; name one")
+    return values[0] if values else None
+
+
+def _shipped_weights(predictor: str | None) -> str | None:
+    if predictor is not None and "=" in predictor:
         raise ConfigError(
-            f"{flag} {names[0]}: --occlude takes no weights; name them in the configuration"
+            f"--predictor {predictor}: --occlude takes no weights; name them in the configuration"
         )
-    return names[0] if names else None
+    return predictor
 
 
 def _motions(data: list[Path], split: str | None) -> tuple[str, ...]:
@@ -274,23 +359,3 @@ def _motions(data: list[Path], split: str | None) -> tuple[str, ...]:
     if len(recorded) < len(data):
         found += [f"{_PROCEDURAL}:{seed}" for seed in range(_SCRIPTS)]
     return tuple(found)
-
-
-def _show(report: SimulationReport) -> None:
-    console = Console()
-    for table in report.tables:
-        shown = Table(
-            title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
-        )
-        # one column per variant: a row of intervals is wider than a terminal
-        labels = 1 + (table.columns[1] == "mode")
-        shown.add_column("", overflow="fold")
-        for row in table.rows:
-            shown.add_column("\n".join(row[:labels]), justify="right", overflow="fold")
-        for k, column in enumerate(table.columns[labels:], labels):
-            shown.add_row(column, *(row[k] for row in table.rows))
-        console.print(shown)
-    for note in report.notes:
-        console.print(f"- {note}", markup=False, highlight=False)
-    for path in report.files:
-        print(f"written: {path}", file=sys.stderr)

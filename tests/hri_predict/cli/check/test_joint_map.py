@@ -1,13 +1,16 @@
 """``check`` and ``bench joint-maps`` say what it costs that a tracker lacks joints."""
 
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from hri_predict.base.files import data_path
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.check.check import check, examine
-from hri_predict.cli.check.joint_map import joint_map_cost
+from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
@@ -53,9 +56,20 @@ def test_a_map_with_all_joints_costs_nothing(written, capsys):
     assert "joint map" not in capsys.readouterr().out
 
 
-def test_what_is_not_inferred_is_told_once_with_the_remedy(written, capsys):
+def test_what_the_posture_gives_is_named_as_such(written, capsys):
     check(config=written("assembly_arms"))
     lines = [line for line in capsys.readouterr().out.splitlines() if "joint map" in line]
+    (rest,) = [line for line in lines if "inferred from the posture of what is seen" in line]
+    assert "l_knee" in rest
+
+
+def test_what_is_not_inferred_is_told_once_with_the_remedy(written):
+    """A map of one arm: of its body too little is seen for a posture."""
+    loaded = configuration.load(written("coco17"))
+    whole = load_joint_map("coco17")
+    arm = np.isin(JOINTS, ("l_shoulder", "l_elbow", "l_wrist"))
+    few = replace(whole, weights=whole.weights * arm[:, None])
+    lines = joint_map_lines(joint_map_cost(loaded, assemble.build_predictor(loaded), few))
     (rest,) = [line for line in lines if "bounded by reach" in line]
     assert "people.absent_parts" in rest
     assert "l_knee" in rest

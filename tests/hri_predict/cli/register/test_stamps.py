@@ -32,7 +32,9 @@ def test_another_unit_in_place_of_seconds_is_named(unit, factor):
 def test_stamps_that_run_backwards_or_race_are_named():
     backwards = [-k * 33_000_000 for k in range(60)]
     assert "run backwards" in str(stamps_remedy(backwards, ARRIVED))
-    assert "times as fast as time passes" in str(stamps_remedy([k * 660_000_000 for k in range(60)], ARRIVED))
+    assert "times as fast as time passes" in str(
+        stamps_remedy([k * 660_000_000 for k in range(60)], ARRIVED)
+    )
 
 
 @pytest.mark.parametrize("rate", [0.5, 0.999, 1.0, 1.001, 2.0])  # a clock, or a replay's factor

@@ -8,17 +8,16 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.conformal import (
-    LEAST_RECORDINGS,
     SPARE,
     _estimated,
     body_shape,
     calibrate,
     guaranteed_radii,
     limits_of,
-    of_equals,
     raised,
     rising,
 )
+from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS, of_equals
 from hri_predict.lab.calibration.scores import HISTORY_STEPS, Presence, Scores, evidence_of
 from hri_predict.zones.calibration import plain, save_text
 from hri_predict.zones.radii import Radii

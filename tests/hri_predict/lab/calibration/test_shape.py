@@ -3,7 +3,8 @@
 import numpy as np
 
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.lab.calibration.conformal import LEAST_RECORDINGS, SHAPE_LEVEL, shape_of
+from hri_predict.lab.calibration.conformal import SHAPE_LEVEL, shape_of
+from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS
 from hri_predict.zones.scale_shape import ScaleShape
 
 COUNT = len(JOINTS)

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.arrays import Floats
 from hri_predict.risk.separation import search
+from hri_predict.zones.toward import NOTHING
 
 SIZES = st.tuples(*(st.integers(1, n) for n in (3, 4, 4, 3, 3)))
 VERSIONS = pytest.mark.parametrize(
@@ -52,8 +53,8 @@ def test_loops_and_arrays_find_the_same(spheres_of, find, seed, size, kinds, eno
         np.where(rng.random(groups) < 0.5, enough, np.inf),
     )
     with np.errstate(all="ignore"):
-        by_loops = find(people, spheres_of(*people), robot, courses)
-        spheres = search._spheres_by_arrays(*people)
-        by_arrays = search._search_by_arrays(people, spheres, robot, courses)
+        by_loops = find((people, spheres_of(*people), NOTHING), robot, courses)
+        bodies = people, search._spheres_by_arrays(*people), NOTHING
+        by_arrays = search._search_by_arrays(bodies, robot, courses)
     for loops, arrays in zip(by_loops, by_arrays, strict=True):
         np.testing.assert_array_equal(loops, arrays)

@@ -1,0 +1,216 @@
+"""Places of joints that are not seen, by those that are: a normal distribution of human postures.
+
+All joints of a body in its own heading frame (z up; y from the right shoulder and hip to the left;
+the origin on the floor below the seen trunk) have one joint normal distribution, with a mean and a
+covariance. From any set of seen joints, the mean of the others follows by conditioning, with a
+standard deviation: C. Bishop, "Pattern Recognition and Machine Learning" (2006), eq. 2.81 and 2.82.
+Where the body stands under its joints is not assumed: the origin has a wide prior of its own.
+
+Postures are not normally distributed, so the standard deviation is only a scale: ``factor`` times
+it held ``lab.calibration.body_model.HELD`` of the true joints of recordings that were not fitted. A
+body whose seen joints are themselves unlike all recorded ones (lying, climbing) is not completed.
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import package_path, read_text
+from hri_predict.base.skeleton import JOINTS
+
+FILE = package_path("people", "body", "body_model.json")
+NOISE_M = 0.01
+"""Standard deviation of each coordinate of a seen joint."""
+ORIGIN_M, FLOOR_M = 1.0, 0.03
+"""Standard deviations of the origin over the floor, and of the floor's height."""
+LEAST_JOINTS = 6
+"""With fewer, a body is bounded by its reach alone."""
+LEAST_WIDTH_M = 0.1
+"""Horizontal distance of both shoulders or hips: of less, the heading is not known."""
+_PAIRS = tuple((JOINTS.index(f"l_{n}"), JOINTS.index(f"r_{n}")) for n in ("shoulder", "hip"))
+_TRUNK = tuple(
+    JOINTS.index(n)
+    for n in ("waist", "torso", "neck", "head", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
+)
+_MOST_KEPT = 256
+"""Sets of seen joints whose solution is kept."""
+
+
+class Completed(NamedTuple):
+    """N bodies: places (N, J, 3) of all joints, metres within which they are (N, J), and (N,)
+    whether the body could be completed."""
+
+    positions: Floats
+    within_m: Floats
+    usable: Bools
+
+
+class _Given(NamedTuple):
+    """The solution for one set of seen joints, M coordinates."""
+
+    gain: Floats  # (3 J, M)
+    within_m: Floats  # (J,)
+    inverse: Floats  # (M, M) of the seen coordinates' covariance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadingFrame:
+    """Where bodies are and which way they face. N of them.
+
+    Attributes:
+        origin: (N, 3) on the floor, z 0.
+        turn: (N, 3, 3) from the room to the frame.
+        exists: (N,).
+    """
+
+    origin: Floats
+    turn: Floats
+    exists: Bools
+
+    @classmethod
+    def of(cls, positions: Floats, seen: Bools) -> "HeadingFrame":
+        """Return the frames of bodies.
+
+        Args:
+            positions: (N, J, 3) metres, finite.
+            seen: (N, J) the joints that count.
+        """
+        across = np.zeros((len(positions), 2))
+        for left, right in _PAIRS:
+            span = positions[:, left, :2] - positions[:, right, :2]
+            width = np.hypot(span[:, 0], span[:, 1])
+            there = seen[:, left] & seen[:, right] & (width > LEAST_WIDTH_M)
+            across += np.where(there[:, None], span / np.maximum(width, LEAST_WIDTH_M)[:, None], 0)
+        size = np.hypot(across[:, 0], across[:, 1])
+        weight = seen[:, _TRUNK].astype(np.float64)
+        exists = (size > 0.5) & (weight.sum(1) > 0)
+        sine, cosine = np.where(exists, across.T / np.maximum(size, 0.5), [[0.0], [1.0]])
+        turn = np.zeros((len(positions), 3, 3))  # y is (sine, cosine)
+        turn[:, 0, 0] = turn[:, 1, 1] = cosine
+        turn[:, 0, 1], turn[:, 1, 0], turn[:, 2, 2] = -sine, sine, 1.0
+        total = np.einsum("nj,nji->ni", weight, positions[:, _TRUNK])
+        origin = total / np.maximum(weight.sum(1), 1.0)[:, None]
+        origin[:, 2] = 0.0
+        return cls(origin, turn, np.asarray(exists))
+
+    def into(self, positions: Floats) -> Floats:
+        """(N, J, 3) of the room, in the frames."""
+        found: Floats = np.einsum("nik,njk->nji", self.turn, positions - self.origin[:, None])
+        return found
+
+    def back(self, positions: Floats) -> Floats:
+        """(N, J, 3) of the frames, in the room."""
+        found: Floats = np.einsum("nki,njk->nji", self.turn, positions) + self.origin[:, None]
+        return found
+
+
+class BodyModel:
+    """The distribution of postures.
+
+    Args:
+        mean: (J, 3) metres, in the heading frame.
+        covariance: (3 J, 3 J) square metres, positive definite.
+        factor: (J,) standard deviations within which the true joint is.
+        most_odd: largest squared Mahalanobis distance of seen joints from the mean, a coordinate.
+    """
+
+    def __init__(
+        self, mean: Floats, covariance: Floats, factor: Floats, most_odd: float = np.inf
+    ) -> None:
+        self.mean, self.factor, self.most_odd = mean, factor, most_odd
+        self.covariance = covariance
+        self._wide = covariance.copy()
+        for axis, deviation in enumerate((ORIGIN_M, ORIGIN_M, FLOOR_M)):
+            shift = np.zeros(len(covariance))
+            shift[axis::3] = deviation
+            self._wide += np.outer(shift, shift)
+        self._kept: dict[bytes, _Given] = {}
+
+    def complete(self, positions: Floats, seen: Bools) -> Completed:
+        """Return the places of all joints by those that are seen.
+
+        Args:
+            positions: (N, J, 3) metres, finite, in the room: z up, the floor at 0.
+            seen: (N, J).
+        """
+        frame = HeadingFrame.of(positions, seen)
+        usable = frame.exists & (seen.sum(1) >= LEAST_JOINTS)
+        own = frame.into(positions).reshape(len(positions), -1)
+        place = np.broadcast_to(self.mean.reshape(-1), own.shape).copy()
+        within = np.zeros(seen.shape)
+        rows = np.flatnonzero(usable)
+        while rows.size:
+            mask = seen[rows[0]]
+            alike = (seen[rows] == mask).all(1)
+            some, rows = rows[alike], rows[~alike]
+            given, of = self._given(mask), np.repeat(mask, 3)
+            off = own[some][:, of] - self.mean.reshape(-1)[of]
+            odd = np.einsum("ni,ij,nj->n", off, given.inverse, off) / off.shape[1]
+            usable[some] = odd <= self.most_odd
+            place[some] += off @ given.gain.T
+            within[some] = given.within_m
+        return Completed(frame.back(place.reshape(positions.shape)), within, usable)
+
+    def oddness(self, positions: Floats, seen: Bools) -> Floats:
+        """(N,) squared Mahalanobis distance a coordinate; NaN where there is no frame."""
+        frame = HeadingFrame.of(positions, seen)
+        own = frame.into(positions).reshape(len(positions), -1) - self.mean.reshape(-1)
+        found = np.full(len(positions), np.nan)
+        for row in np.flatnonzero(frame.exists & (seen.sum(1) >= LEAST_JOINTS)):
+            of = np.repeat(seen[row], 3)
+            off = own[row, of]
+            found[row] = off @ self._given(seen[row]).inverse @ off / len(off)
+        return found
+
+    def _given(self, mask: Bools) -> _Given:
+        key = mask.tobytes()
+        found = self._kept.get(key)
+        if found is None:
+            of = np.repeat(mask, 3)
+            across = self._wide[:, of]
+            seen = self._wide[np.ix_(of, of)] + NOISE_M**2 * np.eye(int(of.sum()))
+            inverse = np.linalg.inv(seen).astype(np.float64)
+            gain = across @ inverse
+            left = np.diag(self._wide) - np.einsum("im,im->i", gain, across)
+            deviation = np.sqrt(np.maximum(left, 0.0).reshape(-1, 3).sum(1))
+            found = _Given(gain, deviation * self.factor, inverse)
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            self._kept[key] = found
+        return found
+
+    def to_json(self) -> dict[str, Any]:
+        """Lists of numbers; of the covariance the lower triangle."""
+        rows = [[float(f"{v:.5g}") for v in row[: i + 1]] for i, row in enumerate(self.covariance)]
+        return {
+            "joints": list(JOINTS),
+            "mean_m": np.round(self.mean, 4).tolist(),
+            "covariance_m2": rows,
+            "factor": np.round(self.factor, 3).tolist(),
+            "most_odd": round(self.most_odd, 3),
+        }
+
+
+@cache
+def body_model() -> BodyModel:
+    """Return the fitted model that ships.
+
+    Raises:
+        ConfigError: its file is damaged.
+    """
+    data = json.loads(read_text(FILE, "body model"))
+    if data["joints"] != list(JOINTS):
+        raise ConfigError(f"{FILE}: is of another skeleton; install hri-predict again")
+    size = 3 * len(JOINTS)
+    lower = np.zeros((size, size))
+    for i, row in enumerate(data["covariance_m2"]):
+        lower[i, : i + 1] = row
+    covariance = lower + np.tril(lower, -1).T
+    return BodyModel(
+        np.array(data["mean_m"]), covariance, np.array(data["factor"]), float(data["most_odd"])
+    )

@@ -1,0 +1,1 @@
+"""How near a person may work while the robot runs, and what each delay and margin costs of it."""

@@ -1,0 +1,333 @@
+"""Permitted speed over distance: how near a person may work while the robot runs.
+
+The *working distance* is the distance from the robot's base to the person's mean place at which
+the robot may run at nine tenths of its highest speed, or faster, for nine tenths of the time. The
+robot works along its path at full speed; its states, zones, separation and levels pass through the
+node's own stages. The person stays the same, and is only moved and turned over the floor, so that
+the middle lies in front of where the robot works.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import atan2, cos, sin
+from typing import Any
+
+import numpy as np
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.contracts.predictor import Predictor
+from hri_predict.contracts.source import Source
+from hri_predict.protocol.messages import RobotMode, RobotState
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.risk.engine import RiskEngine
+from hri_predict.robots.model import RobotModel, StandingMotion, StateMotion
+from hri_predict.robots.tracker import RobotNow, RobotTracker
+from hri_predict.robots.trajectory import Trajectory, load_trajectory
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.run.session import VIRTUAL_START_NS
+from hri_predict.run.working_distance.seen import Seen, moved_zones
+from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.calibration import Calibration
+
+FAST = 0.9
+"""Share of the robot's highest speed that counts as working."""
+HELD = 0.9
+"""Share of the time in which it must be permitted."""
+WARM_S = 2.5
+"""Time until levels and self-check have settled; it does not count."""
+NEAREST_M, FARTHEST_M = 0.3, 6.0
+STEP_M = 0.02
+STATE_S = 0.02
+"""Time between two RobotStates."""
+_PHASES = 64
+_AHEAD_M = 0.05  # a robot whose parts are nearer to its axis than this on average faces nowhere
+
+
+@dataclass(frozen=True, kw_only=True)
+class Situation:
+    """A cell, without people.
+
+    Attributes:
+        config: the cell, see ``alone``.
+        source: gives the rate of captures.
+        predictor: of its forecasts.
+        robot: index of the robot that is measured.
+        budget: the delays.
+        calibration: of the zones; ``None``: they have none.
+        stretch: factor of the robots' stopping times and distances.
+        state_s: time between two RobotStates; 0: one at each tick.
+    """
+
+    config: Config
+    source: Source
+    predictor: Predictor
+    robot: int
+    budget: DelayBudget
+    calibration: Calibration | None
+    stretch: float = 1.0
+    state_s: float = STATE_S
+
+    @classmethod
+    def of(cls, config: Config, source: Source, predictor: Predictor, robot: int) -> "Situation":
+        """The situation as configured."""
+        return cls(
+            config=config,
+            source=source,
+            predictor=predictor,
+            robot=robot,
+            budget=assemble.build_budget(config, source),
+            calibration=assemble.build_calibration(config),
+        )
+
+    @property
+    def max_speed_m_s(self) -> float:
+        """Highest speed of the robot."""
+        return self.config.node.robots[self.robot].max_speed_m_s
+
+    def engine(self, trackers: Sequence[RobotTracker]) -> RiskEngine:
+        """A new risk stage."""
+        return assemble.build_risk(
+            self.config,
+            self.source,
+            self.predictor,
+            trackers,
+            budget=self.budget,
+            calibration=self.calibration,
+        )
+
+    @cached_property
+    def models(self) -> tuple[RobotModel, ...]:
+        """The robots."""
+        models = assemble.build_robots(self.config)
+        for model in models:
+            model.stretch = self.stretch
+        return models
+
+    def trackers(self, start_ns: int) -> list[RobotTracker]:
+        """New trackers of all robots."""
+        return [
+            RobotTracker(settings, model, self.config.base_dir, start_ns)
+            for settings, model in zip(self.config.node.robots, self.models, strict=True)
+        ]
+
+    def zones(self, seen: Seen) -> list[BodyZones]:
+        """(K) where people may be, in their own frame."""
+        engine = self.engine(self.trackers(seen.snapshots[0].now_ns))
+        return [engine.zones(*tick) for tick in seen.ticks()]
+
+    @cached_property
+    def paths(self) -> list[Trajectory | None]:
+        """The path of each robot, if it is known."""
+        return [path_of(self.config, model, i) for i, model in enumerate(self.models)]
+
+    @property
+    def path(self) -> Trajectory:
+        """The path of the robot that is measured.
+
+        Raises:
+            ConfigError: it is not known.
+        """
+        path = self.paths[self.robot]
+        if path is None:
+            raise ConfigError(
+                f"robots.{self.robot}: no path of robot {self.config.node.robots[self.robot].name} "
+                f"is known, so its speed beside people cannot be measured; give motion.plan, such "
+                f"as pick_and_place"
+            )
+        return path
+
+    def robots(self, seen: Seen) -> list[list[RobotNow]]:
+        """(K) all robots at each tick: they work at full speed, and report it."""
+        start_ns = seen.snapshots[0].now_ns
+        trackers = self.trackers(start_ns)
+        engine = self.engine(trackers)
+        period_ns, counter, next_ns = round(self.state_s * 1e9), 0, start_ns
+        found = []
+        for snapshot in seen.snapshots:
+            now_ns = snapshot.now_ns
+            while next_ns <= now_ns:
+                at_ns = next_ns if period_ns else now_ns
+                for tracker, path in zip(trackers, self.paths, strict=True):
+                    _report(tracker, path, (at_ns, start_ns), counter)
+                counter = (counter + 1) % 65536
+                next_ns = at_ns + (period_ns or 1)
+            found.append(engine.robots(now_ns))
+        return found
+
+
+def alone(config: Config) -> Config:
+    """The cell without the rules that are not about distance.
+
+    Doors, named zones and the sensor's field of view say where people are expected. Latches wait
+    for a person who presses a button.
+    """
+    node, source = config.node, config.source
+    changes: dict[str, Any] = {
+        "people": node.people.model_copy(update={"exits": [], "entrances": None}),
+        "risk": node.risk.model_copy(update={"latch": []}),
+        "zones": [],
+    }
+    seen: dict[str, Any] = {
+        "field_of_view": None,
+        "sees_free_space": False,
+        "shadows": [],
+        "viewpoints": [],
+    }
+    return replace(
+        config.aside().quiet(),
+        node=node.model_copy(update=changes),
+        source=source.model_copy(update=seen | {"faults": []}),
+    )
+
+
+def robot_of(config: Config, name: str | None) -> int:
+    """Index of the robot of this name; by default the first that moves.
+
+    Raises:
+        ConfigError: there is no such robot, or its base moves.
+    """
+    names = [robot.name for robot in config.node.robots]
+    if name is not None and name not in names:
+        raise ConfigError(
+            f"--robot {name}: unknown{nearest(name, names)} (known: {', '.join(names)})"
+        )
+    moving = [r.name for r in config.node.robots if not isinstance(r.motion, StandingMotion)]
+    chosen = name or next(iter(moving), names[0])
+    robot = config.node.robots[names.index(chosen)]
+    if robot.base is not None:
+        raise ConfigError(
+            f"robot {chosen}: its base moves, and a working distance is measured from a base that "
+            f"stands; name another one with --robot"
+        )
+    return names.index(chosen)
+
+
+class Measure:
+    """One robot, and people at any distance from its base.
+
+    Args:
+        situation: the cell.
+        seen: people in a frame of their own.
+        zones: (K) of them, see ``Situation.zones``.
+        robots: (K) all robots, see ``Situation.robots``.
+        middle: (2,) their mean place in that frame.
+
+    Attributes:
+        known: distance -> (N,) permitted speeds that were measured.
+    """
+
+    def __init__(
+        self,
+        situation: Situation,
+        seen: Seen,
+        *,
+        zones: Sequence[BodyZones],
+        robots: Sequence[Sequence[RobotNow]],
+        middle: Floats,
+    ) -> None:
+        self._situation, self._seen, self._zones, self._middle = situation, seen, zones, middle
+        self._trackers = situation.trackers(seen.snapshots[0].now_ns)
+        self._robots = robots
+        model = situation.models[situation.robot]
+        assert model.base is not None  # robot_of has checked it
+        self._base, self._ahead_rad = model.base, _ahead_rad(model, situation.path)
+        self._counts = np.array(
+            [(s.now_ns - VIRTUAL_START_NS) * 1e-9 >= WARM_S for s in seen.snapshots]
+        )
+        self.known: dict[float, Floats] = {}
+
+    def limits(self, distance_m: float) -> Floats:
+        """(N,) permitted speeds of the ticks that count, m/s; people are at this distance."""
+        if distance_m not in self.known:
+            self.known[distance_m] = self._limits(distance_m)[self._counts]
+        return self.known[distance_m]
+
+    def works(self, distance_m: float) -> bool:
+        """Whether the robot may work with people at this distance."""
+        fast = self.limits(distance_m) >= FAST * self._situation.max_speed_m_s - 1e-9
+        return bool(fast.mean() >= HELD)
+
+    def distance_m(
+        self, low: float = NEAREST_M, high: float = FARTHEST_M, step: float = STEP_M
+    ) -> float | None:
+        """The working distance, metres, to ``step``; ``None``: it is above ``FARTHEST_M``.
+
+        ``low`` and ``high`` are where to look first.
+        """
+        while not self.works(high):
+            if high >= FARTHEST_M:
+                return None
+            low, high = high, min(FARTHEST_M, high + 2 * (high - low))
+        while low > NEAREST_M and self.works(low):
+            low, high = max(NEAREST_M, low - 2 * (high - low)), low
+        while high - low > step:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if self.works(middle) else (middle, high)
+        return high
+
+    def _limits(self, distance_m: float) -> Floats:
+        robot, matrix = self._situation.robot, self._place(distance_m)
+        engine = self._situation.engine(self._trackers)
+        limits = []
+        for snapshot, bodies, robots in zip(
+            self._seen.snapshots, self._zones, self._robots, strict=True
+        ):
+            there = moved_zones(bodies, matrix)
+            found = engine.separation(there, robots)
+            advice = engine.levels(snapshot, there, found).advices[robot]
+            limits.append(advice.speed_limit_m_s or 0.0)
+        return np.array(limits)
+
+    def _place(self, distance_m: float) -> Floats:
+        """(4, 4) from the people's frame to where they are at this distance."""
+        c, s = cos(self._ahead_rad), sin(self._ahead_rad)
+        matrix = np.eye(4)
+        matrix[:2, :2] = [[c, -s], [s, c]]
+        here = matrix[:2, :2] @ (np.array([distance_m, 0.0]) - self._middle)
+        matrix[:2, 3] = self._base[:2] + here
+        return matrix
+
+
+def _report(
+    tracker: RobotTracker, path: Trajectory | None, times_ns: tuple[int, int], counter: int
+) -> None:
+    """Let a robot that works since the second of the times report its state at the first."""
+    motion = tracker.settings.motion
+    if path is None or not isinstance(motion, StateMotion):
+        return
+    q, qd = path.at((times_ns[0] - times_ns[1]) * 1e-9 - motion.delay_s)
+    state = RobotState(
+        robot=0,
+        mode=RobotMode.AUTOMATIC,
+        counter=counter,
+        positions=tuple(q.tolist()),
+        velocities=tuple(qd.tolist()),
+    )
+    tracker.update(state, times_ns[0])
+
+
+def path_of(config: Config, model: RobotModel, index: int) -> Trajectory | None:
+    """The path that a robot follows: by its configuration, or by its simulated drive."""
+    robot = config.node.robots[index]
+    file = getattr(robot.motion, "plan", None) or getattr(robot.motion, "file", None)
+    for link in config.links:
+        simulate = link.simulate or {}
+        if file is None and simulate.get("robot") == robot.name:
+            file = simulate.get("trajectory")
+    return None if file is None else load_trajectory(file, model, config.base_dir)
+
+
+def _ahead_rad(model: RobotModel, path: Trajectory) -> float:
+    """The direction from the base in which the robot works on average, by whole degrees."""
+    assert model.base is not None
+    times = np.arange(_PHASES) * path.duration_s / _PHASES
+    capsules = model.capsules(path.at(times)[0])
+    ends = np.concatenate([capsules.a, capsules.b], axis=1)[..., :2] - model.base[:2]
+    far = np.take_along_axis(ends, np.linalg.norm(ends, axis=-1).argmax(1)[:, None, None], axis=1)
+    x, y = far[:, 0].mean(0)
+    if x * x + y * y < _AHEAD_M**2:
+        x, y = 1.0, 0.0
+    return float(np.radians(np.round(np.degrees(atan2(y, x)))))

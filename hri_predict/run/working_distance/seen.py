@@ -1,0 +1,100 @@
+"""People as the node knows them, tick by tick: computed once, then moved to each distance.
+
+Forecasts and zones depend on no robot, nor on a person's place on the floor: the stages are
+equivariant under turns about z and moves over the floor. So a person passes once through the real
+stages, and each distance moves the result.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.geometry import Capsules, transform
+from hri_predict.contracts.predictor import Forecast, Predictor
+from hri_predict.contracts.source import Source
+from hri_predict.people.people import People
+from hri_predict.people.snapshot import PeopleSnapshot
+from hri_predict.predictors.thread_runner import PredictionRunner
+from hri_predict.protocol.reasons import Reason
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.run.session import VIRTUAL_START_NS
+from hri_predict.run.ticks import Ticks, ticks_of
+from hri_predict.zones.body_zones import BodyZones
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """K ticks of people and their forecasts.
+
+    Attributes:
+        snapshots: (K).
+        forecasts: (K); ``None`` without a forecast.
+        reasons: (K) why there is no forecast; empty if there is one.
+    """
+
+    snapshots: list[PeopleSnapshot] = field(default_factory=list)
+    forecasts: list[Forecast | None] = field(default_factory=list)
+    reasons: list[tuple[Reason, ...]] = field(default_factory=list)
+
+    def ticks(self) -> Iterator[tuple[PeopleSnapshot, Forecast | None, tuple[Reason, ...]]]:
+        """What ``RiskEngine.zones`` takes, tick by tick."""
+        return zip(self.snapshots, self.forecasts, self.reasons, strict=True)
+
+
+def watch(
+    config: Config, source: Source, predictor: Predictor, seconds: float | None = None
+) -> Seen:
+    """Run people and predictor over the scenes of a source, as the node would.
+
+    ``seconds``: how long; ``None``: until its end.
+    """
+    people = assemble.build_people(config, source, predictor)
+    runner = PredictionRunner(predictor, deadline_s=None)
+    found = Seen()
+    ticks = ticks_of(config.node, source.rate_hz, VIRTUAL_START_NS)
+    for tick_ns in _ticks(source, people, ticks):
+        if seconds is not None and tick_ns - VIRTUAL_START_NS > seconds * 1e9:
+            break
+        snapshot = people.snapshot(tick_ns)
+        forecast, reason = runner.run(snapshot)
+        found.snapshots.append(snapshot)
+        found.forecasts.append(forecast)
+        found.reasons.append(() if reason is None else (reason,))
+    return found
+
+
+def _ticks(source: Source, people: People, ticks: Ticks) -> Iterator[int]:
+    """Yield the ticks up to the last scene; as in the node's loop, arrived scenes come first."""
+    source.open(VIRTUAL_START_NS)
+    now_ns = VIRTUAL_START_NS
+    while (due_ns := source.next_ns()) is not None:
+        if due_ns > ticks.due_ns:
+            now_ns = max(now_ns, ticks.due_ns)
+            ticks.begin(now_ns)
+            yield now_ns
+            continue
+        scene = source.poll(due_ns)
+        assert scene is not None
+        now_ns = due_ns
+        people.receive(scene, due_ns)
+        ticks.captured()
+        if ticks.due_ns <= now_ns and source.next_ns() is None:
+            yield now_ns
+
+
+def moved_zones(bodies: BodyZones, matrix: Floats, person: int = 0) -> BodyZones:
+    """Return the zones after a rigid motion (4, 4), with every id raised by ``person``."""
+    zones = bodies.zones
+    capsules = _moved_capsules(zones.capsules, matrix)
+    same = bodies.paths is zones.capsules
+    return replace(
+        bodies,
+        zones=replace(zones, ids=tuple(i + person for i in zones.ids), capsules=capsules),
+        paths=capsules if same else _moved_capsules(bodies.paths, matrix),
+        toward=None if bodies.toward is None else bodies.toward.moved(matrix),
+    )
+
+
+def _moved_capsules(capsules: Capsules, matrix: Floats) -> Capsules:
+    return Capsules(transform(matrix, capsules.a), transform(matrix, capsules.b), capsules.radius)

@@ -1,0 +1,278 @@
+"""What each delay, zone and margin costs of the working distance in one cell.
+
+Each term is taken away from the cell, and the working distance is measured again. What a term costs
+depends on what else is there: a second of delay costs more where zones grow fast. So the terms are
+taken away one after the other in this order and in the reverse, and each counts by its mean. The
+means and what is left add up to the working distance.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import Capsules
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.risk.delay_budget import DelayBudget
+from hri_predict.robots.model import StateMotion
+from hri_predict.robots.tracker import RobotNow
+from hri_predict.run.config import Config
+from hri_predict.run.working_distance.measure import FARTHEST_M, Measure, Situation
+from hri_predict.run.working_distance.seen import Seen
+from hri_predict.zones.body_zones import BodyZones
+
+LEAST_STRETCH = 1e-6
+"""A robot whose stopping is taken away stops in a millionth of its time."""
+NEXT_M = 0.2
+"""A term costs less than this more often than not: where to look first."""
+_SOON_M_S2 = 1e3  # the limit rises at once
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Term:
+    """One term.
+
+    Attributes:
+        key: its name for programs.
+        text: what it is.
+        remedy: what makes it smaller.
+    """
+
+    key: str
+    text: str
+    remedy: str
+
+
+TERMS = (
+    Term(
+        key="silence_timeout",
+        text="the controller's silence timeout",
+        remedy="lower links.silence_timeout_s to two or three of the node's cycles",
+    ),
+    Term(
+        key="reaction",
+        text="the controller's reaction",
+        remedy="measure it (hri-predict commission) and set links.reaction_s",
+    ),
+    Term(key="link_delay", text="the link's delay", remedy="use a faster link (links.delay_s)"),
+    Term(
+        key="cycle",
+        text="the node's cycle and encoding",
+        remedy="raise rate_hz, if this machine keeps up",
+    ),
+    Term(
+        key="age",
+        text="the age of the input",
+        remedy="set ticks: capture, and use a faster source",
+    ),
+    Term(
+        key="stopping",
+        text="the robot's stopping",
+        remedy="lower max_speed_m_s or payload_kg, or measure the stopping table",
+    ),
+    Term(
+        key="unseen",
+        text="zones of joints that are not seen",
+        remedy="see more of the body: another camera, or a tracker with more joints; declare "
+        "people.absent_parts that are never there",
+    ),
+    Term(
+        key="seen",
+        text="zones of joints that are seen",
+        remedy="calibrate for this site (calibrate --site), or choose another predictor",
+    ),
+    Term(
+        key="margins",
+        text="margins: C, Z_d, Z_r, slow_margin_m, band_m, region_margins_m",
+        remedy="set the risk's margins to what the sensor's and the robot's errors are",
+    ),
+    Term(
+        key="release",
+        text="the wait before a release",
+        remedy="lower risk.release_captures, raise risk.speed_rise_m_s2",
+    ),
+    Term(
+        key="robot_state",
+        text="the age of the robot's state",
+        remedy="have RobotState sent more often, and measure motion.acceleration_m_s2",
+    ),
+)
+"""In the order in which they are taken away."""
+
+REST = "what is left: the robot's reach and the body itself"
+
+Watch = Callable[[bool, bool], tuple[Situation, Seen]]
+"""(whether all joints are seen, whether captures are fresh) -> the cell and the person in it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Waterfall:
+    """The working distance and its parts.
+
+    Attributes:
+        total_m: the working distance; ``None``: above ``FARTHEST_M``, so its parts are unknown.
+        costs_m: by ``Term.key``.
+        rest_m: what is left without any term: the robot's reach and the body itself.
+    """
+
+    total_m: float | None
+    costs_m: dict[str, float]
+    rest_m: float
+
+
+def waterfall(
+    watch: Watch, middle: Floats, *, step: float = 0.01, leaves: Sequence[str] = ()
+) -> Waterfall:
+    """Measure the waterfall of one person in one cell.
+
+    Args:
+        watch: shows the person to the cell's node.
+        middle: (2,) see ``Measure``.
+        step: of the distances, metres.
+        leaves: keys of terms that are not taken away.
+    """
+    cells = _Cells(watch, middle)
+    total_m = cells.measure(()).distance_m(step=step)
+    if total_m is None:
+        return Waterfall(total_m=None, costs_m={}, rest_m=0.0)
+    keys = [t.key for t in TERMS if t.key not in leaves and cells.counts(t.key)]
+    rest_m = cells.measure(keys).distance_m(low=total_m / 2, high=total_m, step=step) or total_m
+    costs_m = {term.key: 0.0 for term in TERMS}
+    for order in (keys, keys[::-1]):
+        before_m = total_m
+        for i, key in enumerate(order, start=1):
+            after_m: float | None = rest_m
+            if i < len(order):
+                near_m = max(rest_m, before_m - NEXT_M)
+                measure = cells.measure(order[:i])
+                after_m = measure.distance_m(low=near_m, high=before_m, step=step)
+            after_m = FARTHEST_M if after_m is None else after_m
+            costs_m[key] += (before_m - after_m) / 2
+            before_m = after_m
+    return Waterfall(total_m=total_m, costs_m=costs_m, rest_m=rest_m)
+
+
+class _Cells:
+    """The cell without some of its terms."""
+
+    def __init__(self, watch: Watch, middle: Floats) -> None:
+        self._watch, self._middle = watch, middle
+        self._seen: dict[tuple[bool, bool], tuple[Situation, Seen, list[BodyZones]]] = {}
+        self._robots: dict[tuple[bool, bool], list[list[RobotNow]]] = {}
+
+    def counts(self, key: str) -> bool:
+        """Whether there is anything of a term in this cell."""
+        situation, seen, _ = self._looked(False, False)
+        if key == "link_delay":
+            return any(link.delay_s > 0 for link in situation.budget.links)
+        if key in ("silence_timeout", "reaction"):
+            return bool(situation.budget.links)
+        if key == "unseen":
+            return not all(s.measured[:, -1].all() for s in seen.snapshots)
+        return key != "seen" or situation.config.node.risk.judges_over_time
+
+    def _looked(self, whole: bool, fresh: bool) -> tuple[Situation, Seen, list[BodyZones]]:
+        if (whole, fresh) not in self._seen:
+            situation, seen = self._watch(whole, fresh)
+            self._seen[whole, fresh] = situation, seen, situation.zones(seen)
+        return self._seen[whole, fresh]
+
+    def measure(self, taken: Iterable[str]) -> Measure:
+        """The measure without the terms that are taken away."""
+        gone = set(taken)
+        fresh = "age" in gone
+        situation, seen, zones = self._looked("unseen" in gone, fresh)
+        if "unseen" in gone:
+            zones = only_seen(situation.predictor.skeleton, seen, zones)
+        if "seen" in gone:
+            zones = [_without_growth(bodies) for bodies in zones]
+        if "margins" in gone:
+            zones = [_without_margins(bodies) for bodies in zones]
+        changed = replace(
+            situation,
+            config=_config(situation.config, gone),
+            budget=_budget(situation.budget, gone),
+            stretch=LEAST_STRETCH if "stopping" in gone else situation.stretch,
+            state_s=0.0 if "robot_state" in gone else situation.state_s,
+        )
+        how = fresh, "robot_state" in gone
+        if how not in self._robots:
+            self._robots[how] = changed.robots(seen)
+        return Measure(changed, seen, zones=zones, robots=self._robots[how], middle=self._middle)
+
+
+def _config(config: Config, gone: set[str]) -> Config:
+    risk, robots = config.node.risk, config.node.robots
+    changes: dict[str, object] = {}
+    if "margins" in gone:
+        none = ("intrusion_m", "person_uncertainty_m", "robot_uncertainty_m", "slow_margin_m")
+        changes |= dict.fromkeys((*none, "band_m"), 0.0)
+        changes["contact"] = risk.contact.model_copy(update={"slow_margin_m": 0.0})
+    if "release" in gone:
+        changes |= {"release_captures": 1, "speed_rise_m_s2": _SOON_M_S2}
+    if "robot_state" in gone:
+        exact = {"delay_s": 0.0, "acceleration_m_s2": 0.0}
+        robots = [
+            r.model_copy(update={"motion": r.motion.model_copy(update=exact)})
+            if isinstance(r.motion, StateMotion)
+            else r
+            for r in robots
+        ]
+    node = config.node.model_copy(
+        update={"risk": risk.model_copy(update=changes), "robots": robots}
+    )
+    return replace(config, node=node)
+
+
+def _budget(budget: DelayBudget, gone: set[str]) -> DelayBudget:
+    of_links = {
+        "silence_timeout": "silence_timeout_s",
+        "reaction": "reaction_s",
+        "link_delay": "delay_s",
+    }
+    none: dict[str, Any] = {name: 0.0 for key, name in of_links.items() if key in gone}
+    links = tuple(replace(link, **none) for link in budget.links)
+    cycle: dict[str, Any] = {"encoding_s": 0.0, "cycle_s": 0.0} if "cycle" in gone else {}
+    return replace(budget, links=links, **cycle)
+
+
+def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> list[BodyZones]:
+    """(K) the zones of the segments of which both ends are measured, in the place of the others."""
+    by_name = dict(zip(skeleton.segment_names, skeleton.segments, strict=True))
+    segments = [by_name[name] for name in zones[0].zones.segments]
+    a, b = [s.joint_a for s in segments], [s.joint_b for s in segments]
+    return [
+        _chosen(bodies, snapshot.measured[:, -1][:, a] & snapshot.measured[:, -1][:, b])
+        for snapshot, bodies in zip(seen.snapshots, zones, strict=True)
+    ]
+
+
+def _chosen(bodies: BodyZones, measured: Bools) -> BodyZones:
+    """The same without the segments that are not measured (P, S): others stand in their place."""
+    zones = bodies.zones.capsules
+    a, b, radius = zones.a.copy(), zones.b.copy(), zones.radius.copy()
+    for person, seen in enumerate(measured):
+        if seen.any():
+            chosen = np.where(seen, np.arange(len(seen)), int(seen.argmax()))
+            for each in (a, b, radius):
+                each[person] = each[person][:, chosen]
+    return _with(bodies, Capsules(a, b, radius))
+
+
+def _without_growth(bodies: BodyZones) -> BodyZones:
+    """Zones that are as thick at every time as the body as captured."""
+    zones = bodies.zones.capsules
+    radius = np.broadcast_to(zones.radius[:, :1], zones.radius.shape).copy()
+    return _with(bodies, Capsules(zones.a, zones.b, radius))
+
+
+def _without_margins(bodies: BodyZones) -> BodyZones:
+    zones = bodies.zones.capsules
+    margins: Floats | float = 0.0 if bodies.margins_m is None else bodies.margins_m
+    return _with(bodies, Capsules(zones.a, zones.b, zones.radius - margins))
+
+
+def _with(bodies: BodyZones, capsules: Capsules) -> BodyZones:
+    return replace(bodies, zones=replace(bodies.zones, capsules=capsules), toward=None)

@@ -1,0 +1,96 @@
+"""How near a body may come in one direction: less than its zones extend to all sides.
+
+A zone is a ball about a joint's forecast place, and holds the joint in every direction. A part of
+the robot only needs to know how far the joint may come *towards it*. For a joint whose true place
+is off its forecast place by e, and a unit vector n, that is e.n: its quantile is 0.4 to 0.8 of the
+quantile of e's length. The calibration states this share for each speed class and step by the angle
+between n and the forecast's motion (``Calibration.toward``), fixed before the outcome is known.
+``docs/decisions/zones-toward-the-robot.md`` proves what ``risk.separation.search`` makes of it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.geometry import norm, transform
+
+STILL_M = 0.05
+"""A joint whose forecast moves less than this has no direction of motion."""
+STEEP = 0.6
+"""Vertical part of a direction from which it counts as up or down, not sideways."""
+COSINES = (-0.75, -0.25, 0.25, 0.75, 0.93)
+"""Where the classes of the angle to the motion part, from behind to ahead."""
+BINS = 3 + len(COSINES)
+"""Classes of direction: still joints, the classes of ``COSINES``, and steep directions."""
+
+
+class Toward(NamedTuple):
+    """Support of P bodies by direction. K+1 entries, J joints, S segments, as in the zones.
+
+    Attributes:
+        ends: (P, S, 2) the joints that bound each segment.
+        extra: (P, S) metres that a segment extends beyond its joints' spheres.
+        mid, radius: (P, K+1, J, 3) and (P, K+1, J) the joints' spheres.
+        path: (P, K+1, J, 3) their forecast places.
+        claim: (P, K+1, J) their calibrated radii.
+        rest: (P, K+1, J) metres about ``path`` besides ``claim``; infinite without a forecast.
+        within: (P, J) radius of the inferred place of a joint that is not seen: it counts in all
+            directions; 0 for others.
+        way: (P, K+1, J, 3) unit vectors of the forecast motion; zeros of a still joint.
+        shares: (P, K+1, BINS) of ``claim`` that count in directions of a class.
+    """
+
+    ends: Ints
+    extra: Floats
+    mid: Floats
+    radius: Floats
+    path: Floats
+    claim: Floats
+    rest: Floats
+    within: Floats
+    way: Floats
+    shares: Floats
+
+    def of(self, people: Ints) -> "Toward":
+        """Return the support of some people, by their indices."""
+        return Toward._make(rows[people] for rows in self)
+
+    def moved(self, matrix: Floats) -> "Toward":
+        """Return the support after a rigid motion (4, 4) that keeps z upright."""
+        return self._replace(
+            mid=transform(matrix, self.mid),
+            path=transform(matrix, self.path),
+            way=self.way @ matrix[:3, :3].T,
+        )
+
+
+NOTHING = Toward(
+    np.zeros((0, 0, 2), np.int64), np.zeros((0, 0)), np.zeros((0, 0, 0, 3)), np.zeros((0, 0, 0)),
+    np.zeros((0, 0, 0, 3)), np.zeros((0, 0, 0)), np.zeros((0, 0, 0)), np.zeros((0, 0)),
+    np.zeros((0, 0, 0, 3)), np.zeros((0, 0, 0)),
+)  # fmt: skip
+"""Balls alone."""
+
+
+def direction_class(direction: Floats, way: Floats) -> Ints:
+    """(...) the class of unit vectors (..., 3), for joints that move along ``way`` (..., 3)."""
+    cosine = np.einsum("...i,...i->...", direction, way)
+    found = 1 + np.searchsorted(COSINES, cosine, side="right")
+    found = np.where(np.einsum("...i,...i->...", way, way) > 0.25, found, 0)
+    result: Ints = np.where(np.abs(direction[..., 2]) > STEEP, BINS - 1, found)
+    return result
+
+
+def ways(moved: Floats) -> Floats:
+    """(..., 3) unit vectors of displacements (..., 3); zeros of those below ``STILL_M``."""
+    size = norm(moved)[..., None]
+    found: Floats = np.where(size >= STILL_M, moved / np.maximum(size, STILL_M), 0.0)
+    return found
+
+
+def followed(joint_age: Floats, claimed: Floats, outside: Bools, steps: int) -> Bools:
+    """(P, J) whether a joint has a calibrated radius and follows its forecast."""
+    has = np.isfinite(claimed[:, :steps]).all(1)
+    found: Bools = np.asarray((joint_age < 1e-6) & has & ~outside[:, None])
+    return found

@@ -1,0 +1,1 @@
+"""How near people may work: ``hri-predict simulate --distance``."""

@@ -1,0 +1,190 @@
+"""The people of a measured distance: what they do, and what their tracker sees of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.files import YAML_ENDINGS
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.cli.common import one_of
+from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.lab.datasets.splits import is_pack
+from hri_predict.recording.format_table import ENDINGS
+from hri_sim.simulation.motion import PROCEDURAL
+
+
+@dataclass(frozen=True, kw_only=True)
+class Activity:
+    """What a person does.
+
+    Attributes:
+        name: for ``--activity`` and tables.
+        text: in words.
+        motion: a recording below the data pack's root, or a script; see ``load_motion``.
+        absent: parts of the body that are never there.
+    """
+
+    name: str
+    text: str
+    motion: str
+    absent: tuple[str, ...] = ()
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether it needs a recording."""
+        return not self.motion.startswith(PROCEDURAL + ":")
+
+
+ACTIVITIES = {
+    each.name: each
+    for each in (
+        Activity(name="window", text="wipes a window", motion="cmu_mocap/test/washwindow_1"),
+        Activity(name="tools", text="works with tools", motion="motion/cmu_tools/62_04"),
+        Activity(
+            name="seated",
+            text="assembles, seated",
+            motion="assembly/task1_human2_trial1",
+            absent=("left_leg", "right_leg"),
+        ),
+        Activity(
+            name="beside",
+            text="picks and places beside a robot",
+            motion="motion/beside_robot/PickPlaceCloseHuman_3",
+        ),
+        Activity(name="passing", text="walks past", motion=f"{PROCEDURAL}:passing"),
+        Activity(name="talking", text="stands and talks", motion=f"{PROCEDURAL}:talking"),
+        Activity(name="reaching", text="reaches in now and then", motion=f"{PROCEDURAL}:reaching"),
+    )
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """What a tracker sees of a person.
+
+    Attributes:
+        name: for ``--tracker`` and tables.
+        tracker: joint map, whose joints it delivers; ``None``: all joints.
+        lacks: canonical joints that it never delivers.
+        hidden: canonical joints that it knows and does not see here.
+    """
+
+    name: str
+    tracker: str | None = None
+    lacks: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
+
+
+def _both(*parts: str) -> tuple[str, ...]:
+    return tuple(f"{side}_{part}" for part in parts for side in ("l", "r"))
+
+
+_LEGS = _both("knee", "ankle", "foot")
+_BELOW = ("waist", *_both("hip"), *_LEGS)
+FULL = Sight(name="full")
+SIGHTS = {
+    each.name: each
+    for each in (
+        FULL,
+        Sight(name="coco17", tracker="coco17"),
+        Sight(name="mediapipe33", tracker="mediapipe33"),
+        Sight(name="azure_kinect32", tracker="azure_kinect32"),
+        Sight(name="zed34", tracker="zed34"),
+        Sight(name="hands-hidden", hidden=_both("wrist", "hand")),
+        Sight(name="feet-hidden", hidden=_both("ankle", "foot")),
+        Sight(name="legs-hidden", hidden=_LEGS),
+        Sight(name="waist-hidden", hidden=_BELOW),
+        Sight(name="upper-body", lacks=_BELOW),
+        Sight(name="marker_clusters9", tracker="marker_clusters9"),
+    )
+}
+"""Whole body and the trackers that are measured; *hidden* joints are known to the tracker."""
+assert all(joint in JOINTS for each in SIGHTS.values() for joint in (*each.lacks, *each.hidden))
+
+
+def own_sights() -> list[str]:
+    """Names of sights that are not the name of a joint map."""
+    return [name for name, sight in SIGHTS.items() if sight.tracker is None]
+
+
+def sights(names: Sequence[str]) -> list[Sight]:
+    """The sights of ``--tracker``: a name of ``SIGHTS``, or any joint map's name or file.
+
+    Raises:
+        ConfigError: there is none of that name.
+    """
+    found = []
+    for name in names:
+        if name in SIGHTS:
+            found.append(SIGHTS[name])
+            continue
+        known = [*SIGHTS, *map_names()]
+        if name not in known and not name.endswith(YAML_ENDINGS):
+            raise ConfigError(
+                f"--tracker {name}: unknown{nearest(name, known)} ({', '.join(SIGHTS)}; or the "
+                f"name or file of any joint map)"
+            )
+        load_joint_map(name)
+        is_file = name.endswith(YAML_ENDINGS)
+        tracker = str(Path(name).absolute()) if is_file else name
+        found.append(Sight(name=Path(name).stem if is_file else name, tracker=tracker))
+    return found
+
+
+def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity], list[str]]:
+    """The activities, with their recordings' paths; and a line about those that are left out.
+
+    Args:
+        names: of ``ACTIVITIES``, or recordings of the user's.
+        data: the data pack; ``None``: there is none, and recorded activities are left out.
+
+    Raises:
+        ConfigError: an activity is unknown, or none is left.
+    """
+    found, missing = [], []
+    for name in names:
+        if Path(name).suffix.lower() in ENDINGS:
+            if not Path(name).is_file():
+                raise ConfigError(f"--activity {name}: no such recording; check the path")
+            path = Path(name).resolve()
+            found.append(Activity(name=path.stem, text=f"recording {path.stem}", motion=str(path)))
+            continue
+        activity: Activity = ACTIVITIES[one_of("--activity", name, list(ACTIVITIES))]
+        if not activity.is_recorded:
+            found.append(activity)
+        elif data is None or not (path := data / f"{activity.motion}.npz").is_file():
+            missing.append(name)
+        else:
+            motion = str(path.resolve())
+            found.append(
+                Activity(name=name, text=activity.text, motion=motion, absent=activity.absent)
+            )
+    if not missing:
+        return found, []
+    simulated = [each.name for each in ACTIVITIES.values() if not each.is_recorded]
+    said = (
+        f"left out, for they are recordings of the data pack, which is not in "
+        f"{data or '../shared/data'}: {', '.join(missing)}; name its folder with --data, or your "
+        f"own recordings with --activity FILE; simulated people need none: {', '.join(simulated)}"
+    )
+    if not found:
+        raise ConfigError(f"--activity: {said}")
+    return found, [said]
+
+
+def pack(data: Path | None) -> Path | None:
+    """The data pack's folder: as given, or beside the project if it is there.
+
+    Raises:
+        ConfigError: the folder that the user names is not the data pack.
+    """
+    folder = data or Path("../shared/data")
+    if is_pack(folder):
+        return folder
+    if data is None:
+        return None
+    raise ConfigError(
+        f"--data {data}: is not the data pack (no cmu_mocap/test in it); give its folder, or name "
+        f"recordings with --activity FILE"
+    )

@@ -1,0 +1,87 @@
+"""Plots of a measured distance: permitted speed over distance."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from hri_predict.base.figures import Figure, write_figure
+from hri_predict.base.looks import PALETTE
+from hri_predict.run.working_distance.measure import FAST
+from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
+from hri_sim.simulation.distance.work import Case
+
+_STYLES = ("-", "--", "-.", ":")
+_DPI = 130
+
+
+Found = Sequence[tuple[Case, dict[str, Any]]]
+
+
+def write_plots(found: Found, terms: tuple[Case, Waterfall], out: Path) -> list[Path]:
+    """Write every plot into an existing folder; return the files."""
+    files = [_written(speeds(found), out / "speed_over_distance.png")]
+    if terms[1].total_m is not None:
+        files.append(_written(falling(*terms), out / "waterfall.png"))
+    return files
+
+
+def _written(figure: Figure, path: Path) -> Path:
+    return write_figure(figure, path, dpi=_DPI)
+
+
+def falling(case: Case, found: Waterfall) -> Figure:
+    """The working distance, and what each term costs of it."""
+    assert found.total_m is not None
+    terms = [term for term in TERMS if found.costs_m[term.key]]
+    names = ["working distance", *(term.text for term in terms), REST]
+    figure = Figure(figsize=(9, 1 + 0.38 * len(names)), layout="constrained")
+    panel = figure.subplots()
+    left = found.total_m
+    panel.barh(0, 100 * left, color=PALETTE[0], height=0.6)
+    panel.text(100 * left, 0, f" {100 * left:.0f}", va="center", fontsize=8)
+    for row, term in enumerate(terms, start=1):
+        cost = found.costs_m[term.key]
+        left -= cost
+        panel.barh(row, 100 * cost, left=100 * left, color=PALETTE[1], height=0.6)
+        panel.text(100 * (left + cost), row, f" {100 * cost:.0f}", va="center", fontsize=8)
+    panel.barh(len(names) - 1, 100 * found.rest_m, color=PALETTE[2], height=0.6)
+    panel.text(100 * found.rest_m, len(names) - 1, f" {100 * found.rest_m:.0f}", va="center",
+               fontsize=8)  # fmt: skip
+    panel.set_yticks(range(len(names)), names, fontsize=8)
+    panel.invert_yaxis()
+    panel.set_xlim(0, 108 * found.total_m)
+    panel.set_xlabel("cm")
+    panel.grid(axis="x", alpha=0.3)
+    panel.set_axisbelow(True)
+    seen = f"{case.activity.text}, {case.sight.name}, {case.modes[0]}"
+    figure.suptitle(f"What the working distance is made of: {seen}", fontsize=10)
+    return figure
+
+
+def speeds(found: Found) -> Figure:
+    """One panel for each person, one line for each mode and sight: the speed held 90 % of time."""
+    least_m = min(case.noise_m for case, _ in found)
+    shown = [(case, result) for case, result in found if case.noise_m == least_m]
+    people = list(dict.fromkeys(case.activity.text for case, _ in shown))
+    modes = list(dict.fromkeys(mode for _, result in shown for mode in result))
+    figure = Figure(figsize=(9, 1 + 2.8 * len(people)), layout="constrained")
+    panels = figure.subplots(len(people), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, person in zip(panels, people, strict=True):
+        mine = [each for each in shown if each[0].activity.text == person]
+        for k, (case, result) in enumerate(mine):
+            for mode, values in result.items():
+                at_m, _, held = zip(*values["curve"], strict=True)
+                label = mode if mode == "foreknown" else f"{mode}, {case.sight.name}"
+                colour = PALETTE[modes.index(mode) % len(PALETTE)]
+                style = _STYLES[k % len(_STYLES)]
+                panel.plot(at_m, held, style, color=colour, lw=1.5, label=label)
+        panel.set_title(person, fontsize=10)
+        panel.axhline(FAST * max(h for _, r in mine for v in r.values() for _, _, h in v["curve"]),
+                      color="black", lw=0.6)  # fmt: skip
+        panel.set_ylabel("speed, m/s")
+        panel.set_ylim(bottom=0)
+        panel.grid(alpha=0.3)
+        panel.legend(fontsize=7, ncols=2)
+    panels[-1].set_xlabel("distance of the person's mean place from the robot's base, m")
+    figure.suptitle("Speed that is permitted for 90 % of the time", fontsize=11)
+    return figure

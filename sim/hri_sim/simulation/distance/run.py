@@ -1,0 +1,209 @@
+"""Runs all cases of a measured distance, and makes a table, notes, JSON and plots of them."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import atomic_write
+from hri_predict.base.work.workers_for import workers_for
+from hri_predict.lab.evaluation.table import Table
+from hri_predict.run.compared_predictors import asked_predictors
+from hri_predict.run.working_distance.measure import FARTHEST_M, FAST, HELD, WARM_S, robot_of
+from hri_predict.run.working_distance.waterfall import REST, TERMS, Waterfall
+from hri_sim.simulation.cell import FOREKNOWN, variants
+from hri_sim.simulation.distance.people import Activity, Sight, activities, pack, sights
+from hri_sim.simulation.distance.work import (
+    Case,
+    DistancePlan,
+    cell_of,
+    joints_seen,
+    measure,
+    measure_terms,
+)
+from hri_sim.simulation.request import DistanceRequest, SimulationReport
+
+ACTIVITIES = ("window", "tools", "talking")
+TRACKERS = ("full", "coco17", "legs-hidden", "waist-hidden", "marker_clusters9")
+NOISES_M = (0.0, 0.02)
+MODES = ("predictive", "iso", FOREKNOWN)
+SECONDS = 8.0
+Found = tuple[Case, dict[str, Any]]
+"""A case and, by mode, what ``measure`` found."""
+
+
+def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> SimulationReport:
+    """Measure all cases.
+
+    Raises:
+        HriPredictError: it cannot start; one line with the remedy.
+    """
+    people, notes = activities(request.activities or ACTIVITIES, pack(request.data))
+    plan = DistancePlan(
+        config=str(request.config),
+        robot=request.robot,
+        seconds=request.seconds or SECONDS,
+        drawn_noise_m=None if request.out is None else min(request.noises_m or NOISES_M),
+    )
+    cases = _cases(request, people, sights(request.trackers or TRACKERS))
+    for name in dict.fromkeys(case.predictor for case in cases):
+        config = cell_of(plan, name)
+        variants(config, request.modes or MODES, ())
+        robot_of(config, request.robot)
+    first = replace(cases[0], modes=cases[0].modes[:1])
+    tasks = [(measure_terms, plan, first), *((measure, plan, case) for case in cases)]
+    done: dict[int, Any] = {}
+    progress(0, len(tasks))
+    with workers_for(request.jobs, request.cluster) as workers:
+        for place, result in workers.each(_call, tasks):
+            done[place] = result
+            progress(len(done), len(tasks))
+    found = [(case, done[place]) for place, case in enumerate(cases, start=1)]
+    return _report(request, plan, found=found, terms=(first, done[0]), notes=notes)
+
+
+def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, case: Case) -> Any:
+    return function(plan, case)
+
+
+def _cases(
+    request: DistanceRequest, people: Sequence[Activity], seen: Sequence[Sight]
+) -> list[Case]:
+    """All cases: each person once with the same joints, and once with the true future.
+
+    Raises:
+        ConfigError: no tracker sees anything of the people.
+    """
+    modes, cases = request.modes or MODES, []
+    noises_m = request.noises_m or NOISES_M
+    asked_predictors(request.predictors)
+    for predictor, activity in product(request.predictors or (None,), people):
+        known: set[tuple[float, tuple[bool, ...]]] = set()
+        own = modes
+        for sight, noise_m in product(seen, noises_m):
+            case = Case(
+                activity=activity, sight=sight, noise_m=noise_m, predictor=predictor, modes=own
+            )
+            joints = joints_seen(case)
+            if not any(joints) or (noise_m, joints) in known:
+                continue
+            known.add((noise_m, joints))
+            cases.append(case)
+            own = tuple(mode for mode in modes if mode != FOREKNOWN)
+    if not cases:
+        raise ConfigError("--tracker: sees no joint of these people; name another")
+    return [case for case in cases if case.modes]
+
+
+def _report(
+    request: DistanceRequest,
+    plan: DistancePlan,
+    *,
+    found: Sequence[Found],
+    terms: tuple[Case, Waterfall],
+    notes: Sequence[str],
+) -> SimulationReport:
+    config = cell_of(plan, None)
+    robot = config.node.robots[robot_of(config, plan.robot)]
+    said = [
+        f"Distance, m, from the base of robot {robot.name} to the person's mean place at which it "
+        f"may run at {FAST * robot.max_speed_m_s:.2g} m/s or more for {HELD:.0%} of the time, from "
+        f"{WARM_S:g} to {plan.seconds:g} s; each person is only moved and turned over the floor.",
+        "A tracker of which a recording has no more joints than of one above it is left out.",
+        *notes,
+    ]
+    tables = [_table(found, request.modes or MODES, config.predictor.name)]
+    tables += _terms_table(*terms)
+    data = {
+        "configuration": Path(plan.config).name,
+        "robot": robot.name,
+        "seconds": plan.seconds,
+        "cases": [_plain(case, result, config.predictor.name) for case, result in found],
+        "waterfall": _plain_terms(*terms),
+        "notes": said,
+    }
+    text = json.dumps(data, indent=1)
+    files = [] if request.out is None else _written(request.out, tables, said, text)
+    if request.out is not None:
+        from hri_sim.simulation.distance.plot import write_plots  # needs matplotlib
+
+        files += write_plots(found, terms, request.out)
+    return SimulationReport(tables=tables, notes=said, json=text, files=files, disagreements=[])
+
+
+def _table(found: Sequence[Found], modes: Sequence[str], own: str) -> Table:
+    several = len({case.predictor for case, _ in found}) > 1
+    first = ("person", "seen", "noise, cm", *(("predictor",) if several else ()))
+    true: dict[tuple[str, str | None], float | None] = {}
+    rows = []
+    for case, result in found:
+        key = case.activity.name, case.predictor
+        if FOREKNOWN in result:
+            true[key] = result[FOREKNOWN]["distance_m"]
+        values = {m: result[m]["distance_m"] for m in result} | {FOREKNOWN: true.get(key)}
+        rows.append(
+            (
+                case.activity.text,
+                case.sight.name,
+                f"{100 * case.noise_m:g}",
+                *((case.predictor or own,) if several else ()),
+                *(_metres(values[mode]) for mode in modes),
+            )
+        )
+    return Table("Working distance, m", (*first, *modes), tuple(rows))
+
+
+def _metres(distance_m: float | None) -> str:
+    return f"over {FARTHEST_M:g}" if distance_m is None else f"{distance_m:.2f}"
+
+
+def _plain(case: Case, result: dict[str, Any], own: str) -> dict[str, Any]:
+    return {
+        "activity": case.activity.name,
+        "tracker": case.sight.name,
+        "noise_m": case.noise_m,
+        "predictor": case.predictor or own,
+        "modes": result,
+    }
+
+
+def _terms_table(case: Case, found: Waterfall) -> list[Table]:
+    """What each term costs; nothing where the distance is too large to be measured."""
+    if found.total_m is None:
+        return []
+    title = (
+        f"What the distance is made of: {case.activity.text}, {case.sight.name}, {case.modes[0]}"
+    )
+    rows = [(term.text, f"{100 * found.costs_m[term.key]:.0f}") for term in TERMS]
+    rows += [(REST, f"{100 * found.rest_m:.0f}"), ("sum", f"{100 * found.total_m:.0f}")]
+    return [Table(title, ("term", "cm"), tuple(rows))]
+
+
+def _plain_terms(case: Case, found: Waterfall) -> dict[str, Any]:
+    return {
+        "activity": case.activity.name,
+        "tracker": case.sight.name,
+        "noise_m": case.noise_m,
+        "mode": case.modes[0],
+        "total_m": found.total_m,
+        "costs_m": found.costs_m,
+        "rest_m": found.rest_m,
+    }
+
+
+def _written(out: Path, tables: Sequence[Table], said: Sequence[str], text: str) -> list[Path]:
+    notes = "\n".join(f"- {line}" for line in said)
+    shown = "\n".join(table.markdown() for table in tables)
+    markdown = f"# Working distance\n\n{shown}\n{notes}\n"
+    files = [out / "distance.md", out / "distance.json"]
+    try:
+        for path, content in zip(files, (markdown, text + "\n"), strict=True):
+            atomic_write(path, content.encode())
+    except OSError as error:
+        raise ConfigError(
+            f"--out {out}: cannot be written: {error.strerror}; name another folder"
+        ) from error
+    return files

@@ -1,0 +1,68 @@
+"""``hri-predict simulate --distance``: a table, JSON, files, and one line for every mistake."""
+
+import json
+import sys
+
+import pytest
+
+from hri_predict.cli import main
+
+QUICK = ["--distance", "--activity", "talking", "--noise", "0", "--seconds", "4", "--jobs", "1",
+         "--predictor", "constant_velocity"]  # fmt: skip
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys):
+    """Run a command line; gives exit status, standard output, standard error."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", "simulate", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        captured = capsys.readouterr()
+        return ended.value.code or 0, captured.out, captured.err
+
+    return call
+
+
+@pytest.mark.long
+def test_a_table_files_and_the_same_as_json(cli, tmp_path):
+    modes = ["--mode", "iso", "--mode", "foreknown"]
+    status, out, err = cli(*QUICK, *modes, "--tracker", "full", "--out", tmp_path)
+    assert status == 0, err
+    assert "Working distance, m" in out
+    assert "the controller's silence timeout" in out
+    data = json.loads((tmp_path / "distance.json").read_text())
+    (case,) = data["cases"]
+    assert case["modes"]["foreknown"]["distance_m"] < case["modes"]["iso"]["distance_m"]
+    parts = data["waterfall"]
+    assert parts["total_m"] == pytest.approx(sum(parts["costs_m"].values()) + parts["rest_m"])
+    names = {"distance.md", "distance.json", "speed_over_distance.png", "waterfall.png"}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert "--json" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--episodes", "3"], "--episodes: has no effect with --distance"),
+        (["--occlude"], "--occlude: has no effect with --distance"),
+        (["--tracker", "coco71"], "did you mean 'coco17'"),
+        (["--activity", "sleeping"], "--activity sleeping: unknown"),
+        (["--robot", "amr"], "--robot amr: unknown"),
+        (["--mode", "iso9"], "iso9"),
+        (["live_udp.yaml"], "no path of robot arm is known"),
+        (["simulate_mobile.yaml"], "its base moves"),
+    ],
+)
+def test_mistakes_are_one_line_before_anything_is_measured(cli, arguments, message):
+    status, out, err = cli(*QUICK, "--tracker", "full", *arguments)
+    assert (status, out) == (2, "")
+    assert message in err
+    assert len(err.strip().splitlines()) == 1
+
+
+def test_options_of_the_distance_are_refused_without_it(cli):
+    status, _, err = cli("--activity", "window")
+    assert status == 2
+    assert "--activity: has no effect without --distance" in err

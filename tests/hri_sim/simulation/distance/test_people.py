@@ -1,0 +1,66 @@
+"""Activities and trackers of a measured distance: by name, by file, and what is missing."""
+
+import numpy as np
+import pytest
+
+from hri_predict.base.errors import ConfigError
+from hri_sim.simulation.distance.people import ACTIVITIES, SIGHTS, activities, pack, sights
+from hri_sim.simulation.distance.work import Case, joints_seen
+from hri_sim.simulation.motion import load_motion
+
+SIMULATED = [each for each in ACTIVITIES.values() if not each.is_recorded]
+
+
+@pytest.mark.parametrize("activity", SIMULATED, ids=lambda each: each.name)
+def test_simulated_people_stay_off_the_robot_for_as_long_as_they_are_watched(activity):
+    motion = load_motion(activity.motion, 30.0)
+    middle = np.nanmean(np.nanmean(motion.positions[..., :2], axis=1), axis=0)
+    assert abs(middle[0]) < 0.2  # an arm that reaches out moves it by centimetres
+    assert motion.duration_s > 8.0
+
+
+def test_without_the_data_pack_recorded_people_are_left_out_and_told():
+    found, (line,) = activities(["window", "talking"], None)
+    assert [each.name for each in found] == ["talking"]
+    assert "window" in line
+    assert "--data" in line
+    assert "reaching" in line
+    with pytest.raises(ConfigError, match=r"left out.*tools.*passing, talking, reaching"):
+        activities(["tools"], None)
+
+
+def test_a_folder_that_is_not_the_data_pack_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="is not the data pack"):
+        pack(tmp_path)
+
+
+def test_a_recording_of_the_users_own_is_an_activity(recording):
+    (found,), lines = activities([str(recording)], None)
+    assert (found.name, found.motion, lines) == ("arms", str(recording), [])
+    with pytest.raises(ConfigError, match="no such recording"):
+        activities([str(recording.with_name("none.npz"))], None)
+
+
+def test_trackers_are_named_sights_or_any_joint_map(tmp_path):
+    found = sights(["legs-hidden", "body25"])
+    assert (found[0], found[1].tracker) == (SIGHTS["legs-hidden"], "body25")
+    with pytest.raises(ConfigError, match="did you mean 'coco17'"):
+        sights(["coco71"])
+
+
+def test_what_is_hidden_is_known_to_the_tracker_and_what_it_lacks_is_not():
+    def joints(sight):
+        case = Case(
+            activity=ACTIVITIES["talking"],
+            sight=SIGHTS[sight],
+            noise_m=0.0,
+            predictor=None,
+            modes=("iso",),
+        )
+        able, seen = np.array(joints_seen(case)).reshape(2, -1)
+        return able.sum(), seen.sum()
+
+    assert joints("full") == (21, 21)
+    assert joints("waist-hidden") == (21, 12)
+    assert joints("upper-body") == (12, 12)
+    assert joints("marker_clusters9") == (5, 5)
