@@ -22,6 +22,7 @@ from hri_predict.run.config import Config
 from hri_predict.run.working_distance.measure import FARTHEST_M, Measure, Situation
 from hri_predict.run.working_distance.seen import Seen
 from hri_predict.zones.body_zones import BodyZones
+from hri_predict.zones.toward import Toward
 
 LEAST_STRETCH = 1e-6
 """A robot whose stopping is taken away stops in a millionth of its time."""
@@ -251,28 +252,35 @@ def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> lis
 
 def _chosen(bodies: BodyZones, measured: Bools) -> BodyZones:
     """The same without the segments that are not measured (P, S): others stand in their place."""
-    zones = bodies.zones.capsules
+    zones, toward = bodies.zones.capsules, bodies.toward
     a, b, radius = zones.a.copy(), zones.b.copy(), zones.radius.copy()
+    if toward is not None:
+        toward = toward._replace(ends=toward.ends.copy(), extra=toward.extra.copy())
     for person, seen in enumerate(measured):
         if seen.any():
             chosen = np.where(seen, np.arange(len(seen)), int(seen.argmax()))
             for each in (a, b, radius):
                 each[person] = each[person][:, chosen]
-    return _with(bodies, Capsules(a, b, radius))
+            if toward is not None:
+                toward.ends[person] = toward.ends[person][chosen]
+                toward.extra[person] = toward.extra[person][chosen]
+    return _with(bodies, Capsules(a, b, radius), toward)
 
 
 def _without_growth(bodies: BodyZones) -> BodyZones:
     """Zones that are as thick at every time as the body as captured."""
     zones = bodies.zones.capsules
     radius = np.broadcast_to(zones.radius[:, :1], zones.radius.shape).copy()
-    return _with(bodies, Capsules(zones.a, zones.b, radius))
+    return _with(bodies, Capsules(zones.a, zones.b, radius), None)
 
 
 def _without_margins(bodies: BodyZones) -> BodyZones:
-    zones = bodies.zones.capsules
+    zones, toward = bodies.zones.capsules, bodies.toward
     margins: Floats | float = 0.0 if bodies.margins_m is None else bodies.margins_m
-    return _with(bodies, Capsules(zones.a, zones.b, zones.radius - margins))
+    if toward is not None:
+        toward = toward._replace(extra=toward.extra - margins)
+    return _with(bodies, Capsules(zones.a, zones.b, zones.radius - margins), toward)
 
 
-def _with(bodies: BodyZones, capsules: Capsules) -> BodyZones:
-    return replace(bodies, zones=replace(bodies.zones, capsules=capsules), toward=None)
+def _with(bodies: BodyZones, capsules: Capsules, toward: Toward | None) -> BodyZones:
+    return replace(bodies, zones=replace(bodies.zones, capsules=capsules), toward=toward)
