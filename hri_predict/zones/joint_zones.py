@@ -181,7 +181,7 @@ class JointZones:
     ) -> Toward | None:
         """Return how near each joint may come by direction, without segments; see ``Toward``.
 
-        ``None``: there is no calibration, or nobody here.
+        ``None``: there is no calibration, or no person here.
         """
         here, rule = len(snapshot.ids), self._rule
         if forecast is None or trust is None or spheres.claimed is None or self._radii is None:

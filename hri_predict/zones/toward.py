@@ -1,4 +1,4 @@
-"""How near a body may come in one direction: less than its zones extend to all sides.
+"""Extent of a body in one direction: less than its zones extend to all sides.
 
 A zone is a ball about a joint's forecast place, and holds the joint in every direction. A part of
 the robot only needs to know how far the joint may come *towards it*. For a joint whose true place
@@ -20,7 +20,7 @@ STILL_M = 0.05
 STEEP = 0.6
 """Vertical part of a direction from which it counts as up or down, not sideways."""
 COSINES = (-0.75, -0.25, 0.25, 0.75, 0.93)
-"""Where the classes of the angle to the motion part, from behind to ahead."""
+"""Cosines between the classes of the angle to the motion, from behind to ahead."""
 BINS = 3 + len(COSINES)
 """Classes of direction: still joints, the classes of ``COSINES``, and steep directions."""
 

@@ -67,7 +67,7 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
     """The sum and its largest terms, each with what makes it smaller."""
     if facts["why"]:
         return [f"working distance: not known: {facts['why']}"]
-    at = f"beside which {facts['robot']} may run at {facts['speed_m_s']:.2g} m/s"
+    at = f"at which {facts['robot']} may run at {facts['speed_m_s']:.2g} m/s"
     if facts["total_m"] is None:
         return [f"working distance: a person who stands, {at}, is over {FARTHEST_M:g} m away"]
     costs_m = facts["costs_m"]

@@ -60,7 +60,7 @@ class _Given(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingFrame:
-    """Where bodies are and which way they face. N of them.
+    """Places and headings of N bodies.
 
     Attributes:
         origin: (N, 3) on the floor, z 0.

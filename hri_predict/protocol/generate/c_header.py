@@ -1,4 +1,4 @@
-"""What the C code in ``drivers/c`` takes from the definition.
+"""The parts of the C code in ``drivers/c`` that follow from the definition.
 
 ``hri-predict protocol c-header`` renews the parts between ``/* generated: begin`` and
 ``/* generated: end */``, and writes ``fuzz/corpus.txt``. The rest is written by hand.

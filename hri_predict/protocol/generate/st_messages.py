@@ -1,4 +1,4 @@
-"""What the structured text in ``drivers/plc`` takes from the definition.
+"""The parts of the structured text in ``drivers/plc`` that follow from the definition.
 
 The block ``HRI_ADVICE_FIELDS``, which reads each field of an Advice, is written between two marks
 of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them. The

@@ -1,4 +1,4 @@
-"""How far a body segment extends in one direction; ``zones.toward`` says by what."""
+"""Extent of a body segment in one direction; ``zones.toward`` says what it rests on."""
 
 from math import inf, sqrt
 
@@ -9,7 +9,7 @@ from hri_predict.zones.toward import BINS, COSINES, STEEP, Toward
 
 @part
 def extent(toward: Toward, body: tuple[int, int, int], n: tuple[float, float, float]) -> float:
-    """How far a segment extends along a unit vector, from the room's origin."""
+    """Extent of a segment along a unit vector, from the room's origin."""
     p, k, s = body
     x, y, z = n
     most = -inf

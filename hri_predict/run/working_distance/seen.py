@@ -38,7 +38,7 @@ class Seen:
     reasons: list[tuple[Reason, ...]] = field(default_factory=list)
 
     def ticks(self) -> Iterator[tuple[PeopleSnapshot, Forecast | None, tuple[Reason, ...]]]:
-        """What ``RiskEngine.zones`` takes, tick by tick."""
+        """The arguments of ``RiskEngine.zones`` takes, tick by tick."""
         return zip(self.snapshots, self.forecasts, self.reasons, strict=True)
 
 

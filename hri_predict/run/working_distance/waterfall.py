@@ -1,4 +1,4 @@
-"""What each delay, zone and margin costs of the working distance in one cell.
+"""The share of each delay, zone and margin in the working distance of one cell.
 
 Each term is taken away from the cell, and the working distance is measured again. What a term costs
 depends on what else is there: a second of delay costs more where zones grow fast. So the terms are
@@ -240,7 +240,7 @@ def _budget(budget: DelayBudget, gone: set[str]) -> DelayBudget:
 
 
 def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> list[BodyZones]:
-    """(K) the zones of the segments of which both ends are measured, in the place of the others."""
+    """(K) the zones of the segments of which both ends are measured, which replace the others."""
     by_name = dict(zip(skeleton.segment_names, skeleton.segments, strict=True))
     segments = [by_name[name] for name in zones[0].zones.segments]
     a, b = [s.joint_a for s in segments], [s.joint_b for s in segments]

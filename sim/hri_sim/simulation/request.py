@@ -72,7 +72,7 @@ class OcclusionRow:
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceRequest:
-    """How near people may work; see ``hri-predict simulate --distance``.
+    """A measurement of working distances; see ``hri-predict simulate --distance``.
 
     Empty choices stand for the defaults of ``distance.run``.
     """

@@ -9,7 +9,7 @@ _TO_ROBOT = 3.1415926
 
 
 def _gesture(hand: str, at: tuple[float, float, float], hold_s: float) -> dict[str, Any]:
-    """A hand rises beside what is said."""
+    """A hand rises at some words."""
     ahead, aside, up = at
     to = [-ahead, aside, up]
     return {"do": "reach", "hand": hand, "to": to, "hold_s": hold_s}

@@ -1,1 +1,1 @@
-"""How near people may work: ``hri-predict simulate --distance``."""
+"""Working distances: ``hri-predict simulate --distance``."""

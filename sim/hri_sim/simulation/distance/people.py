@@ -16,7 +16,7 @@ from hri_sim.simulation.motion import PROCEDURAL
 
 @dataclass(frozen=True, kw_only=True)
 class Activity:
-    """What a person does.
+    """An activity of a person.
 
     Attributes:
         name: for ``--activity`` and tables.
@@ -61,7 +61,7 @@ ACTIVITIES = {
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
-    """What a tracker sees of a person.
+    """The joints of a person that a tracker sees.
 
     Attributes:
         name: for ``--tracker`` and tables.
@@ -174,7 +174,7 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
 
 
 def pack(data: Path | None) -> Path | None:
-    """The data pack's folder: as given, or beside the project if it is there.
+    """The data pack's folder: as given, or next to the project if it is there.
 
     Raises:
         ConfigError: the folder that the user names is not the data pack.

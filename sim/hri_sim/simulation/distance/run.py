@@ -171,7 +171,7 @@ def _plain(case: Case, result: dict[str, Any], own: str) -> dict[str, Any]:
 
 
 def _terms_table(case: Case, found: Waterfall) -> list[Table]:
-    """What each term costs; nothing where the distance is too large to be measured."""
+    """The cost of each term; nothing where the distance is too large to be measured."""
     if found.total_m is None:
         return []
     title = (

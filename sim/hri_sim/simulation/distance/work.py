@@ -117,7 +117,7 @@ def measure(plan: DistancePlan, case: Case) -> dict[str, Any]:
 
 
 def measure_terms(plan: DistancePlan, case: Case) -> Waterfall:
-    """What each term costs in the case's first mode."""
+    """The cost of each term in the case's first mode."""
     return PlacedPerson(plan, case).waterfall(case.modes[0])
 
 
@@ -146,7 +146,7 @@ class PlacedPerson:
         return Measure(situation, seen, zones=zones, robots=robots, middle=self.middle)
 
     def waterfall(self, mode: str, step: float = 0.01) -> Waterfall:
-        """What each term costs in one mode."""
+        """The cost of each term in one mode."""
         (variant,) = variants(self.config, [mode], ())
 
         def watched(whole: bool, fresh: bool) -> tuple[Situation, Seen]:
@@ -181,7 +181,7 @@ class PlacedPerson:
 
     @property
     def middle(self) -> Floats:
-        """(2,) the person's mean place over the whole motion, whatever is seen of it."""
+        """(2,) the person's mean place over the whole motion, seen or not."""
         motion = load_motion(self._case.activity.motion, self._settings.rate_hz)
         place: Floats = np.nanmean(np.nanmean(motion.positions[..., :2], axis=1), axis=0)
         return place
