@@ -11,7 +11,7 @@ from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.snapshot import Inferred, RecentCaptures
-from hri_predict.risk.separation.extent import extent
+from hri_predict.risk.separation.search_loops import extent
 from hri_predict.zones.body_zones import ZoneBuilder
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.self_check.self_check import Trust

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.geometry import Capsules, capsule_distance
-from hri_predict.risk.separation import search
+from hri_predict.risk.separation import search, search_loops
 from hri_predict.risk.separation.nearest import BodiesInTime, Courses
 from hri_predict.zones.loops.spheres import UNSEEN
 from hri_predict.zones.toward import BINS, NOTHING, Toward, direction_class
@@ -79,7 +79,7 @@ def pair(people, toward, robot, at, place):
     span = between(people.a[at], people.b[at], robot.a[place], robot.b[place])
     size = np.linalg.norm(span)
     capsules_m = size - people.radius[at] - robot.radius[place]
-    if p >= len(toward.extra) or size <= search.LEAST_GAP_M:
+    if p >= len(toward.extra) or size <= search_loops.LEAST_GAP_M:
         return None, capsules_m, capsules_m
     n = span / size
     ends = toward.ends[p, at[2]]
