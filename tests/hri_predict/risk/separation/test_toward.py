@@ -234,8 +234,8 @@ def test_a_robot_that_may_move_anywhere_is_no_nearer_than_its_way_less(seed):
     first, second = (true_joints(rng, toward, (0, 0, j), n) for j in toward.ends[0, 0])
     many, way_m = min(len(first), len(second)), rng.uniform(0, 0.5)
     true = Capsules(first[:many], second[:many], np.full(many, toward.extra[0, 0]))
-    moved = [v[0] + way_m * unit(rng.normal(size=(many, 3))) for v in (robot.a, robot.b)]
-    link = Capsules(*moved, np.full(many, robot.radius[0, 0]))
+    a, b = (v[0] + way_m * unit(rng.normal(size=(many, 3))) for v in (robot.a, robot.b))
+    link = Capsules(a, b, np.full(many, robot.radius[0, 0]))
     assert (capsule_distance(true, link) >= stated - way_m - 1e-9).all()
 
 
