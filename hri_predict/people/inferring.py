@@ -61,27 +61,38 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 def _continued(
     filled: Filled, snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 ) -> Filled:
-    """Inferred places that go on from where the joint was last measured.
+    """Inferred places that join those before and after, at which the joint was measured.
 
     A joint that is hidden from one step to the next would jump to its inferred place, and a
-    predictor would take that for motion.
+    predictor would take that for motion. By how much a place would be off is known where the joint
+    was measured last, and where it is measured next: in a gap, both count by their nearness in
+    time, and at an end of the history the only one fades.
     """
-    measured, positions = snapshot.observed, filled.positions
+    measured = snapshot.observed
     steps = measured.shape[1]
-    hidden = filled.observed[:, -1] & ~measured[:, -1] & measured.any(1)
-    for person in np.flatnonzero(hidden.any(1)):
-        last = steps - 1 - measured[person, ::-1].argmax(0)  # (J,)
-        for step in np.unique(last[hidden[person]]):
-            joints = np.flatnonzero(hidden[person] & (last == step))
-            seen = measured[person, step].copy()
-            seen[joints] = False
-            there = inference.fill(snapshot.history[person, step], seen)
-            joints = joints[there.observed[joints]]
-            off = snapshot.history[person, step, joints] - there.positions[joints]
-            after = np.arange(1, steps - step) / rate_hz
-            fading = np.exp(-after / _KEPT_S)[:, None, None]
-            positions[person, step + 1 :, joints] += np.swapaxes(fading * off, 0, 1)
-    return filled
+    step, hidden = np.arange(steps)[:, None], ~measured
+    last = np.maximum.accumulate(np.where(measured, step, -1), axis=1)  # (P, T, J)
+    next_ = np.minimum.accumulate(np.where(measured, step, steps)[:, ::-1], axis=1)[:, ::-1]
+    edge = np.zeros_like(measured)  # measured, and hidden in the step before or after
+    edge[:, :-1] |= hidden[:, 1:]
+    edge[:, 1:] |= hidden[:, :-1]
+    edge &= measured
+    rows = np.nonzero(edge.any(-1))
+    there = inference.fill(snapshot.history[rows], measured[rows] & ~edge[rows])
+    off = np.zeros_like(filled.positions)
+    known = (edge[rows] & there.observed)[..., None]
+    off[rows] = np.where(known, snapshot.history[rows] - there.positions, 0.0)
+    since, until = (step - last) / rate_hz, (next_ - step) / rate_hz
+    before, after = last >= 0, next_ < steps
+    share = np.where(before & after, until / np.maximum(since + until, 1e-9), 0.0)
+    first = np.where(before & ~after, np.exp(-since / _KEPT_S), share)
+    second = np.where(after & ~before, np.exp(-until / _KEPT_S), before * after - share)
+    add = first[..., None] * np.take_along_axis(off, np.maximum(last, 0)[..., None], axis=1)
+    add += second[..., None] * np.take_along_axis(
+        off, np.minimum(next_, steps - 1)[..., None], axis=1
+    )
+    inferred = (filled.observed & hidden)[..., None]
+    return filled._replace(positions=np.where(inferred, filled.positions + add, filled.positions))
 
 
 def _held(filled: Filled, measured: Bools) -> Filled:

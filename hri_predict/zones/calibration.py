@@ -286,7 +286,10 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         raise ValueError("a radius shrinks with the horizon")
     toward = None
     if file.toward_thousandths is not None:
-        toward = np.array(file.toward_thousandths, np.float64) / 1000.0
+        try:
+            toward = np.array(file.toward_thousandths, np.float64) / 1000.0
+        except ValueError:
+            raise ValueError("toward_thousandths has rows of different lengths") from None
         if toward.shape != (*classes, file.steps, BINS):
             raise ValueError(f"toward_thousandths has the shape {toward.shape}")
     return Calibration(

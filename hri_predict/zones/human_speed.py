@@ -273,7 +273,7 @@ class SpeedRule:
         return Moving(people, found[5], found[6])
 
     def peaked(self, history: Floats, measured: Bools, rate_hz: float) -> Bools:
-        """(P,) whether trunk, head or an arm was faster than assumed in the last ``PEAK_S``.
+        """(P,) whether trunk or head was faster than assumed in the last ``PEAK_S``.
 
         Args:
             history: (P, T, J, 3) metres.
@@ -286,7 +286,7 @@ class SpeedRule:
             return np.zeros(len(history), np.bool_)
         places, seen = history[:, -kept:], measured[:, -kept:]
         moved = norm(places[:, span:] - places[:, :-span]) * (rate_hz / span)
-        over = (moved > self._rule.assumed) & seen[:, span:] & seen[:, :-span] & ~self._rule.leg
+        over = (moved > self._rule.assumed) & seen[:, span:] & seen[:, :-span] & self._rule.trunk
         found: Bools = np.asarray(over.any(axis=(1, 2)))
         return found
 

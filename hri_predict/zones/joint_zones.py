@@ -221,7 +221,8 @@ class JointZones:
             rest=plain(rest),
             within=plain(within),
             way=plain(ways(path - path[:, :1])),
-            shares=plain(shares[person, at]),
+            # a step begins where the one before ends
+            shares=plain(np.maximum(shares[person, at], shares[person, np.maximum(at - 1, 0)])),
         )
 
     def _bodies(

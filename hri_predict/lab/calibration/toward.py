@@ -167,6 +167,8 @@ def _shares(drawn: Sequence[_ByDirection], level: int, stated: float) -> Floats:
     if len(whole) < LEAST_RECORDINGS:
         return result
     ball = of_equals(whole, stated)
+    if not ball > 0.0:
+        return result
     for which in range(BINS):
         parts = [part[level, of == which] for _, part, of in drawn]
         parts = [part for part in parts if part.size >= _SOME]

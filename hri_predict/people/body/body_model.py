@@ -203,14 +203,25 @@ def body_model() -> BodyModel:
     Raises:
         ConfigError: its file is damaged.
     """
-    data = json.loads(read_text(FILE, "body model"))
-    if data["joints"] != list(JOINTS):
-        raise ConfigError(f"{FILE}: is of another skeleton; install hri-predict again")
+    try:
+        return _of_json(json.loads(read_text(FILE, "body model")))
+    except (ValueError, KeyError, TypeError, IndexError):
+        raise ConfigError(f"{FILE}: is damaged; install hri-predict again") from None
+
+
+def _of_json(data: Any) -> BodyModel:
     size = 3 * len(JOINTS)
     lower = np.zeros((size, size))
     for i, row in enumerate(data["covariance_m2"]):
         lower[i, : i + 1] = row
-    covariance = lower + np.tril(lower, -1).T
-    return BodyModel(
-        np.array(data["mean_m"]), covariance, np.array(data["factor"]), float(data["most_odd"])
-    )
+    mean, factor = np.array(data["mean_m"], np.float64), np.array(data["factor"], np.float64)
+    most_odd, covariance = float(data["most_odd"]), lower + np.tril(lower, -1).T
+    numbers = np.concatenate([mean.ravel(), factor, covariance.ravel(), [most_odd]])
+    if data["joints"] != list(JOINTS) or len(data["covariance_m2"]) != size:
+        raise ValueError("of another skeleton")
+    if mean.shape != (len(JOINTS), 3) or factor.shape != (len(JOINTS),) or most_odd <= 0:
+        raise ValueError("of another shape")
+    if not np.isfinite(numbers).all() or (factor <= 0).any():
+        raise ValueError("not finite, or a factor that is not above 0")
+    np.linalg.cholesky(covariance)  # raises where it is no covariance
+    return BodyModel(mean, covariance, factor, most_odd)

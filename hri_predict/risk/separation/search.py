@@ -19,32 +19,19 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.geometry import Capsules, Xyz, axis_distance
-from hri_predict.base.machine.compiled import kernel, part
-from hri_predict.risk.separation.extent import extent
-from hri_predict.zones.toward import Toward
-
-ROUNDING_M = 1e-9
-"""Pairs within this of a bound are kept: two orders of addition may differ in the last bit."""
-LEAST_GAP_M = 1e-6
-"""Axes nearer than this have no direction from one to the other."""
-_POINT_M2 = 1e-24  # as in ``geometry``
-
-_THICK, _SIZE = 3, 4
-"""Rows of spheres: the capsule's radius, and the radius of the sphere around all of it."""
-
-Arrays = tuple[Floats, Floats, Floats]
-"""Ends a and b and radius of capsules."""
-Spheres = tuple[Floats, Floats]
-"""See ``spheres_of``."""
-Bodies = tuple[Arrays, Spheres, Toward]
-"""(P, K, S) capsules, their spheres, and the support of the first people (``NOTHING``: capsules
-alone)."""
-CourseRows = tuple[Ints, Ints, Ints, Floats]
-"""(G,) each: the bodies' step with which a course begins; the robot's place then, which moves on by
-one with each step; how many steps, one at least; and which larger distances need not be known."""
-Found = tuple[Floats, Ints, Ints, Ints]
-"""(G,) each: distance, person, segment and link."""
-
+from hri_predict.base.machine.compiled import kernel
+from hri_predict.risk.separation.search_loops import (
+    ROUNDING_M,
+    SIZE,
+    THICK,
+    Arrays,
+    Bodies,
+    CourseRows,
+    Found,
+    Spheres,
+    apart_exactly,
+    search_by_loops,
+)
 
 # -- spheres ---------------------------------------------------------------------------------------
 
@@ -77,8 +64,8 @@ def _spheres_by_loops(a: Floats, b: Floats, radius: Floats) -> Spheres:
                     spheres[i, p, k, s] = middle
                     low[i], high[i] = min(low[i], middle), max(high[i], middle)
                 size = radius[p, k, s] + 0.5 * sqrt(square)
-                spheres[_THICK, p, k, s] = radius[p, k, s]
-                spheres[_SIZE, p, k, s] = size
+                spheres[THICK, p, k, s] = radius[p, k, s]
+                spheres[SIZE, p, k, s] = size
                 sound = sound and isfinite(size)
                 for i in range(3):
                     sound = sound and isfinite(spheres[i, p, k, s])
@@ -88,10 +75,10 @@ def _spheres_by_loops(a: Floats, b: Floats, radius: Floats) -> Spheres:
                 for i in range(3):
                     off = 0.5 * (low[i] + high[i]) - spheres[i, p, k, s]
                     square += off * off
-                largest = max(largest, sqrt(square) + spheres[_SIZE, p, k, s])
+                largest = max(largest, sqrt(square) + spheres[SIZE, p, k, s])
             for i in range(3):
                 around[i, p, k] = 0.5 * (low[i] + high[i])
-            around[_THICK, p, k] = around[_SIZE, p, k] = largest if sound else inf
+            around[THICK, p, k] = around[SIZE, p, k] = largest if sound else inf
     return spheres, around
 
 
@@ -133,7 +120,7 @@ def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Fou
     whole = parts.reshape(5, places, links).swapaxes(1, 2).take(place, axis=2)[:, :, None]
     person = spheres[1].take(step, axis=2)
     least = _apart(whole, person[:, None])
-    least -= whole[_SIZE] + person[_SIZE]
+    least -= whole[SIZE] + person[SIZE]
     least = least.reshape(links * persons, -1)
     c, p = np.divmod(least.argmin(0), persons)
     likely_part = parts.take(place * links + c, axis=1)[..., None]
@@ -155,7 +142,7 @@ def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Fou
         starts, some = _groups(of)
         closest = np.minimum.reduceat(most.reshape(-1), starts * segments)
         limit[some] = np.minimum(limit[some], closest + ROUNDING_M)
-    least = most - (link[_SIZE] - link[_THICK] + (body[_SIZE] - body[_THICK]))
+    least = most - (link[SIZE] - link[THICK] + (body[SIZE] - body[THICK]))
     n, s = np.nonzero(~(least > limit.take(of)[:, None]))
     segment_rows = rows.take(body_at.take(n) * segments + s, axis=1)
     link_rows = robot_rows.take(part_at.take(n), axis=1)
@@ -164,149 +151,18 @@ def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Fou
     if not capsules_alone:
         known = np.flatnonzero(who[0] < len(toward.extra))
         at = who[0][known], step.take(row).take(n)[known], s[known]
+        on = part_at.take(n)[known]
         exact[known] = [
-            _gap(bodies, (p_, k_, s_), link, least)
-            for p_, k_, s_, link, least in zip(
-                *at, link_rows[:, known].T, exact[known], strict=True
-            )
+            apart_exactly(bodies, (p_, k_, s_), robot, divmod(q_c, links))
+            for p_, k_, s_, q_c in zip(*at, on, strict=True)
         ]
     return _nearest(exact, of.take(n), enough_m, who)
 
 
-def _search_by_loops(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
-    (_, _, radius), (each, around), _ = bodies
-    robot_a, robot_b, robot_radius = robot
-    first_step, first_place, count, enough_m = courses
-    persons, segments = radius.shape[0], radius.shape[2]
-    places, links = robot_radius.shape
-    groups = len(count)
-    distance, who = enough_m.copy(), np.zeros((3, groups), np.int64)
-    parts, far = np.empty((places, links, 5)), np.empty(segments)
-    for q in range(places):
-        for c in range(links):
-            square = 0.0
-            for i in range(3):
-                along = robot_b[q, c, i] - robot_a[q, c, i]
-                parts[q, c, i] = robot_a[q, c, i] + 0.5 * along
-                square += along * along
-            parts[q, c, _THICK] = robot_radius[q, c]
-            parts[q, c, _SIZE] = robot_radius[q, c] + 0.5 * sqrt(square)
-            for i in range(3):
-                if not isfinite(parts[q, c, i]):
-                    parts[q, c, _SIZE] = inf
-    for g in range(groups):
-        best, best_step = enough_m[g], -1
-        # Backwards: zones grow, so the last step is most often the nearest, and rules out most of
-        # the others. So does the pair of the course before, if it is as near here. Of equal
-        # distances, the first step counts, and the first pair in it.
-        p, s, c, last = who[0, g - 1], who[1, g - 1], who[2, g - 1], count[g] - 1
-        k, q = first_step[g] + last, first_place[g] + last
-        bound = _apart_exactly(bodies, (p, k, s), robot, (q, c))
-        bound = min(best, bound) if isfinite(bound) else best
-        for back in range(count[g]):
-            within = count[g] - 1 - back
-            k, q = first_step[g] + within, first_place[g] + within
-            for c in range(links):
-                x, y, z = parts[q, c, 0], parts[q, c, 1], parts[q, c, 2]
-                size = parts[q, c, _SIZE] + ROUNDING_M
-                for p in range(persons):
-                    off_x, off_y = x - around[0, p, k], y - around[1, p, k]
-                    off_z = z - around[2, p, k]
-                    square = off_x * off_x + off_y * off_y + off_z * off_z
-                    reach = bound + size + around[_SIZE, p, k]
-                    reach = 0.0 if reach < 0.0 else reach
-                    if square > reach * reach:
-                        continue
-                    for s in range(segments):  # without a branch: several at once
-                        off_x, off_y = x - each[0, p, k, s], y - each[1, p, k, s]
-                        off_z = z - each[2, p, k, s]
-                        square = off_x * off_x + off_y * off_y + off_z * off_z
-                        reach = bound + size + each[_SIZE, p, k, s]
-                        reach = 0.0 if reach < 0.0 else reach
-                        far[s] = square - reach * reach
-                    for s in range(segments):
-                        if far[s] > 0.0:  # not if NaN
-                            continue
-                        exact = _apart_exactly(bodies, (p, k, s), robot, (q, c))
-                        if not isfinite(exact):
-                            exact = -inf
-                        if exact < best or (exact == best and k != best_step):
-                            best, best_step, bound = exact, k, min(exact, bound)
-                            who[0, g], who[1, g], who[2, g] = p, s, c
-        distance[g] = best
-    return distance, who[0], who[1], who[2]
-
-
-@part
-def _apart_exactly(
-    bodies: Bodies, body: tuple[int, int, int], robot: Arrays, part: tuple[int, int]
-) -> float:
-    """The distance of a segment at (person, step, segment) and a link at (place, link)."""
-    p, k, s = body
-    q, c = part
-    (a, b, radius), _, toward = bodies
-    robot_a, robot_b, robot_radius = robot
-    x, y, z = _axis_gap(a[p, k, s], b[p, k, s], robot_a[q, c], robot_b[q, c])
-    size = sqrt(x * x + y * y + z * z)
-    exact = size - radius[p, k, s] - robot_radius[q, c]
-    if p >= len(toward.extra) or not size > LEAST_GAP_M or not isfinite(size):
-        return exact
-    x, y, z = -x / size, -y / size, -z / size
-    near = robot_a[q, c, 0] * x + robot_a[q, c, 1] * y + robot_a[q, c, 2] * z
-    end = robot_b[q, c, 0] * x + robot_b[q, c, 1] * y + robot_b[q, c, 2] * z
-    far = extent(toward, body, (x, y, z))
-    gap = min(near, end) - robot_radius[q, c] - far
-    return max(exact, gap) if isfinite(gap) else exact
-
-
-@part
-def _axis_gap(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> tuple[float, float, float]:
-    """The vector between the nearest points, as ``geometry.axis_distance`` finds them."""
-    ux, uy, uz = b1[0] - a1[0], b1[1] - a1[1], b1[2] - a1[2]
-    vx, vy, vz = b2[0] - a2[0], b2[1] - a2[1], b2[2] - a2[2]
-    rx, ry, rz = a1[0] - a2[0], a1[1] - a2[1], a1[2] - a2[2]
-    square_1, square_2 = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
-    inverse_1 = 1.0 / square_1 if square_1 > _POINT_M2 else 0.0
-    inverse_2 = 1.0 / square_2 if square_2 > _POINT_M2 else 0.0
-    along = ux * vx + uy * vy + uz * vz
-    c = ux * rx + uy * ry + uz * rz
-    f = vx * rx + vy * ry + vz * rz
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    square = nx * nx + ny * ny + nz * nz
-    wx, wy, wz = vy * rz - vz * ry, vz * rx - vx * rz, vx * ry - vy * rx
-    s = (wx * nx + wy * ny + wz * nz) / (square if square > 0.0 else inf)
-    s = _unit(s)
-    t = _unit((f + s * along) * inverse_2)
-    s = _unit((t * along - c) * inverse_1)
-    return rx + s * ux - t * vx, ry + s * uy - t * vy, rz + s * uz - t * vz
-
-
-@part
-def _unit(parameter: float) -> float:
-    """Clamped to 0..1; NaN stays."""
-    if parameter < 0.0:
-        return 0.0
-    return 1.0 if parameter > 1.0 else parameter
-
-
-search = kernel(_search_by_loops, _search_by_arrays)
+search = kernel(search_by_loops, _search_by_arrays)
 
 
 # -- arrays ----------------------------------------------------------------------------------------
-
-
-def _gap(bodies: Bodies, body: tuple[int, int, int], link: Floats, capsules_m: float) -> float:
-    """``_apart_exactly`` of a link in rows (7,); the capsules' distance is known."""
-    (a, b, _), _, toward = bodies
-    start, end = link[:3], link[:3] + link[3:6]
-    x, y, z = _axis_gap(a[body], b[body], start, end)
-    size = sqrt(x * x + y * y + z * z)
-    if not size > LEAST_GAP_M or not isfinite(size):
-        return capsules_m
-    n = -x / size, -y / size, -z / size
-    near = min(float(start @ n), float(end @ n))
-    gap = near - float(link[6]) - extent(toward, body, n)
-    return max(capsules_m, gap) if isfinite(gap) else capsules_m
 
 
 def _groups(group: Ints) -> tuple[Ints, Ints]:
@@ -347,8 +203,8 @@ def _spheres(rows: Floats) -> Floats:
     spheres = np.empty((5, rows.shape[1]))
     axis = rows[3:6]
     np.add(rows[:3], 0.5 * axis, out=spheres[:3])
-    spheres[_THICK] = rows[6]
-    np.add(rows[6], 0.5 * np.sqrt(_square(axis)), out=spheres[_SIZE])
+    spheres[THICK] = rows[6]
+    np.add(rows[6], 0.5 * np.sqrt(_square(axis)), out=spheres[SIZE])
     return spheres
 
 
@@ -356,8 +212,8 @@ def _around(spheres: Floats) -> Floats:
     """(5, ...) a sphere that holds all (5, ..., S) of the last axis."""
     result = np.empty(spheres.shape[:-1])
     result[:3] = 0.5 * (spheres[:3].min(-1) + spheres[:3].max(-1))
-    result[_SIZE] = (_apart(result[..., None], spheres) + spheres[_SIZE]).max(-1)
-    result[_THICK] = result[_SIZE]
+    result[SIZE] = (_apart(result[..., None], spheres) + spheres[SIZE]).max(-1)
+    result[THICK] = result[SIZE]
     return result
 
 
@@ -379,5 +235,5 @@ def _square(vectors: Floats) -> Floats:
 def _at_most(part: Floats, body: Floats) -> Floats:
     """The largest possible distance of capsules: that of their middles less both radii."""
     most = _apart(part, body)
-    most -= part[_THICK] + body[_THICK]
+    most -= part[THICK] + body[THICK]
     return most

@@ -1,1 +1,1 @@
-"""Working distance: how near a person may work while the robot runs, and what each delay and margin costs of it."""
+"""Working distance: how near a person may work, and what each delay and margin costs of it."""

@@ -94,7 +94,7 @@ CAUSES: dict[str, Cause] = {
         says=("UNKNOWN", "RobotState", "drive", "monitor"), marks=("silent",),
     ),
     "limit exceeded": Cause(
-        story=_story(6.0, people=(_CLOSE,), lies=({"kind": "runs"},)), at_s=5.5,
+        story=_story(6.0, people=(_CLOSE,), lies=({"kind": "runs"},)), at_s=4.0,
         says=("faster than", "advised"), marks=("faster",),
     ),
     "predictor late": Cause(

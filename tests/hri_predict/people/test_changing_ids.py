@@ -120,7 +120,8 @@ def test_joints_unseen_for_long_make_no_jump_believable(make_room, before, after
     room.see(body(1, 2.0, observed=after))
     assert room.count("impossible_captures") == 1
     snapshot = room.see(body(1, 2.0, observed=after), times=6)
-    assert lost_at(snapshot) == [0.0]
+    (where,) = lost_at(snapshot)  # of legs alone, the rest is inferred: it may lean
+    assert abs(where) <= 0.2
 
 
 @pytest.mark.parametrize("before", [HEAD, LEGS])

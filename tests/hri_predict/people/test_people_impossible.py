@@ -26,8 +26,8 @@ def test_joints_that_are_not_numbers_are_unobserved_and_counted(make_room, bad):
     wrong.positions[12, 1] = bad
     snapshot = room.see(wrong)
     assert snapshot.reasons == ()
-    assert not snapshot.observed[0, -1, 12]
-    assert snapshot.observed[0, -1].sum() == J - 1
+    assert not snapshot.measured[0, -1, 12]
+    assert snapshot.measured[0, -1].sum() == J - 1
     assert snapshot.counters["unusable_joints"] == 1
     assert np.isfinite(snapshot.history).all()
     wrong.positions[:] = bad
@@ -47,9 +47,9 @@ def test_one_joint_that_flies_off_is_disbelieved_alone(make_room):
     snapshot = room.see(wrong)
     assert snapshot.reasons == ()
     assert snapshot.counters["impossible_joints"] == 1
-    assert not snapshot.observed[0, -1, 8]
-    assert snapshot.joint_age_s[0, 8] == pytest.approx(0.04)
-    assert snapshot.last_positions[0, 8] == pytest.approx(SHAPE[8])
+    assert not snapshot.measured[0, -1, 8]
+    # inferred where it was a moment ago: what the others do says more than one wild capture
+    assert snapshot.last_positions[0, 8] == pytest.approx(SHAPE[8], abs=0.02)
 
 
 def test_a_teleport_is_refused_and_undone(make_room):

@@ -80,6 +80,7 @@ def test_shares_by_direction_that_are_stored_come_back_and_never_smaller(
     toward = np.full((len(LEVELS), len(SPEED_CLASSES), 3, BINS), 1.0)
     toward[1, 2, 0, 4] = share
     back = load_calibration(stored(tmp_path_factory.mktemp("c"), replace(made, toward=toward)))
+    assert back.toward is not None
     np.testing.assert_allclose(back.toward, toward, atol=1e-3)
     assert (back.toward >= toward - 1e-9).all()  # 1e-6 thousandths are forgiven: rounding
 

@@ -11,7 +11,7 @@ from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.body.standing import standing_body
 from hri_predict.people.snapshot import Inferred, RecentCaptures
-from hri_predict.risk.separation.extent import extent
+from hri_predict.risk.separation.search_loops import extent
 from hri_predict.zones.body_zones import ZoneBuilder
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.self_check.self_check import Trust
@@ -189,7 +189,8 @@ def test_joints_that_follow_no_forecast_extend_as_their_balls(why):
 
 
 def test_at_the_capture_balls_count():
-    found = support(*walking(3), trust_in(1))
+    snapshot, forecast = walking(3)
+    found = support(snapshot, forecast, trust_in(1))
     assert np.isinf(found.rest[:, 0]).all()
     assert np.isfinite(found.rest[:, 1:]).all()
 
@@ -201,7 +202,8 @@ def test_beyond_the_trusted_steps_joints_may_be_as_fast_as_people_can():
         guaranteed={of: t[..., :10] for of, t in CALIBRATION.guaranteed.items()},
         toward=SHARES[:, :, :10],
     )
-    found = support(*walking(4, age_s=0.0), trust_in(1), calibration=short)
+    snapshot, forecast = walking(4, age_s=0.0)
+    found = support(snapshot, forecast, trust_in(1), calibration=short)
     fast = HumanLimits().physical_speed_m_s
     more = found.rest[0, 10:, 0] - found.rest[0, 10, 0]
     over = np.arange(16) / RATE_HZ

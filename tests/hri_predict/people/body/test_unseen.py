@@ -49,8 +49,8 @@ def test_a_lost_joint_counts_from_the_first_capture_on(make_room):
     body = BODY.copy()
     body[ARM[1:]] = 0.0  # make_room's source is at the room's origin
     snapshot = make_room().see(Person(1, body, ALL), times=2)
-    assert np.flatnonzero(~snapshot.observed[0, -1]).tolist() == ARM[1:]
+    assert np.flatnonzero(~snapshot.measured[0, -1]).tolist() == ARM[1:]
     assert snapshot.counters["unseen_joints"] == 4
     body[ARM[1:]] = 0.01
     snapshot = make_room().see(Person(1, body, ALL), times=2)
-    assert np.flatnonzero(~snapshot.observed[0, -1]).tolist() == ARM[1:]
+    assert np.flatnonzero(~snapshot.measured[0, -1]).tolist() == ARM[1:]

@@ -264,7 +264,7 @@ def test_a_limb_that_was_faster_than_its_body_is_known(make_room):
     assert lost.limbs_m_s.argmax() == hand
 
 
-def test_joints_not_seen_for_long_are_older_than_the_person(make_room):
+def test_joints_that_were_hidden_at_the_loss_are_inferred(make_room):
     room = make_room(latency=0)
     foot = JOINTS.index("l_foot")
     room.see(body(1, 0.0), times=5)
@@ -272,8 +272,20 @@ def test_joints_not_seen_for_long_are_older_than_the_person(make_room):
     without[foot] = False
     room.see(body(1, 0.0, observed=without), times=10)
     (lost,) = room.see(times=4).lost
+    assert lost.joint_age_s == pytest.approx(0.0)
+    assert lost.inferred_m[foot] > 0.05
+    assert (np.delete(lost.inferred_m, foot) == 0).all()
+
+
+def test_of_a_body_of_which_little_was_seen_hidden_joints_are_older(make_room):
+    room = make_room(latency=0)
+    foot = JOINTS.index("l_foot")
+    room.see(body(1, 0.0), times=5)
+    few = np.isin(JOINTS, ("l_elbow", "l_wrist", "l_hand"))
+    room.see(body(1, 0.0, observed=few), times=10)
+    (lost,) = room.see(times=4).lost
     assert lost.joint_age_s[foot] == pytest.approx(0.4)
-    assert np.delete(lost.joint_age_s, foot) == pytest.approx(0.0)
+    assert lost.joint_age_s[JOINTS.index("l_elbow")] == pytest.approx(0.0)
 
 
 def test_more_lost_people_than_are_kept_may_be_anywhere_until_acknowledged(make_room):

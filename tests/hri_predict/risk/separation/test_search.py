@@ -14,7 +14,7 @@ VERSIONS = pytest.mark.parametrize(
     ("spheres_of", "find"),
     [
         (search.spheres_of, search.search),  # compiled, where numba is installed
-        (search._spheres_by_loops, search._search_by_loops),
+        (search._spheres_by_loops, search.search_by_loops),
     ],
 )
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.geometry import Capsules, capsule_distance
-from hri_predict.risk.separation import search
+from hri_predict.risk.separation import search, search_loops
 from hri_predict.risk.separation.nearest import BodiesInTime, Courses
 from hri_predict.zones.loops.spheres import UNSEEN
 from hri_predict.zones.toward import BINS, NOTHING, Toward, direction_class
@@ -79,7 +79,7 @@ def pair(people, toward, robot, at, place):
     span = between(people.a[at], people.b[at], robot.a[place], robot.b[place])
     size = np.linalg.norm(span)
     capsules_m = size - people.radius[at] - robot.radius[place]
-    if p >= len(toward.extra) or size <= search.LEAST_GAP_M:
+    if p >= len(toward.extra) or size <= search_loops.LEAST_GAP_M:
         return None, capsules_m, capsules_m
     n = span / size
     ends = toward.ends[p, at[2]]
@@ -234,8 +234,8 @@ def test_a_robot_that_may_move_anywhere_is_no_nearer_than_its_way_less(seed):
     first, second = (true_joints(rng, toward, (0, 0, j), n) for j in toward.ends[0, 0])
     many, way_m = min(len(first), len(second)), rng.uniform(0, 0.5)
     true = Capsules(first[:many], second[:many], np.full(many, toward.extra[0, 0]))
-    moved = [v[0] + way_m * unit(rng.normal(size=(many, 3))) for v in (robot.a, robot.b)]
-    link = Capsules(*moved, np.full(many, robot.radius[0, 0]))
+    a, b = (v[0] + way_m * unit(rng.normal(size=(many, 3))) for v in (robot.a, robot.b))
+    link = Capsules(a, b, np.full(many, robot.radius[0, 0]))
     assert (capsule_distance(true, link) >= stated - way_m - 1e-9).all()
 
 
