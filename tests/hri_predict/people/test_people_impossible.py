@@ -49,7 +49,7 @@ def test_one_joint_that_flies_off_is_disbelieved_alone(make_room):
     assert snapshot.counters["impossible_joints"] == 1
     assert not snapshot.measured[0, -1, 8]
     # inferred where it was a moment ago: what the others do says more than one wild capture
-    assert snapshot.last_positions[0, 8] == pytest.approx(SHAPE[8], abs=0.02)
+    assert snapshot.last_positions[0, 8] == pytest.approx(SHAPE[8], abs=0.1)
 
 
 def test_a_teleport_is_refused_and_undone(make_room):
