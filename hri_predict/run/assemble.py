@@ -267,9 +267,10 @@ def _checked_rate_hz(config: Config, settings: LinkSettings) -> float:
     def slower(hz: float) -> str:
         # of a cycle of fixed length, a whole number is sent; of another, at most twice as many
         fits_hz = hz // node.rate_hz * node.rate_hz if node.ticks == "fixed" else hz / 2
+        fits_hz = fits_hz if fits_hz > node.rate_hz else 0
         return (
-            f"lower repeat_hz from {1 / settings.repeat_s:.3g} to {int(fits_hz)} (a longer "
-            "silence_timeout_s, also in the controller, needs fewer)"
+            f"lower repeat_hz from {1 / settings.repeat_s:.3g} to {int(fits_hz)} (and raise "
+            "silence_timeout_s, also in the controller)"
         )
 
     load = load_of(config, settings)

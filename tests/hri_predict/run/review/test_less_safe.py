@@ -62,7 +62,7 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
         (("model: ur5e", "model: ur5e\n    payload_kg: 2"), "robots.0.payload_kg: 2 (default 5): "
          "with more than 2 kg the robot stops later"),
         (("  kind: procedural\n", "  kind: procedural\n  stale_s: 2\n"),
-         "source.stale_s: 2 (default 0.12): input 2 s old is used"),
+         "source.stale_s: 2 (default 0.077): input 2 s old is used"),
     ],
 )  # fmt: skip
 def test_what_is_less_safe_is_named_with_what_it_permits(tmp_path, change, said):
