@@ -41,6 +41,7 @@ class Publisher:
         advised: Sequence[frozenset[int]],
         predictor: Predictor,
         shadow: bool,
+        *,
         repeats: Repeats | None = None,
     ) -> None:
         self.repeats = repeats or Repeats(links)

@@ -364,7 +364,7 @@ def build(
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]
     repeats = build_repeats(config, source, configured) if configured else None
-    publisher = Publisher(links, advised, predictor, shadow, repeats)
+    publisher = Publisher(links, advised, predictor, shadow, repeats=repeats)
     index = registry.names("predictors").index(config.predictor.name)
     return Assembly(
         config=config,

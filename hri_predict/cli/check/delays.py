@@ -9,7 +9,7 @@ _OF_CONTROLLER = ("silence_timeout_s", "reaction_s")
 
 
 def delay_notes(config: Config) -> list[str]:
-    """Return a note for each link whose delays nobody has stated, or that cannot be kept."""
+    """Return a note for each link whose delays are not stated, or cannot be kept."""
     notes = []
     for link in config.links:
         notes += _assumed(link)

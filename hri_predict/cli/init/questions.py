@@ -189,7 +189,7 @@ def with_controller_times(
 ) -> dict[str, Any]:
     """``block`` with what its controller achieves, as far as there is a user who knows.
 
-    A time that nobody has stated stays out, so that ``check`` names it.
+    A time that is not stated stays out, so that ``check`` names it.
     """
     missing = {key: text for key, text in CONTROLLER_TIMES.items() if key not in block}
     if not asker.asks or not missing:

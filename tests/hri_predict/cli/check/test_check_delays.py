@@ -1,4 +1,4 @@
-"""Notes on delays that nobody has stated, and on time-outs that messages cannot keep."""
+"""Notes on delays that are not stated, and on time-outs that messages cannot keep."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +23,7 @@ def test_times_that_are_stated_need_no_note():
 
 
 @pytest.mark.parametrize("stated", ["silence_timeout_s", "reaction_s"])
-def test_a_time_of_a_controller_that_nobody_stated_is_named_with_its_figure(stated):
+def test_a_time_of_a_controller_that_is_not_stated_is_named_with_its_figure(stated):
     (unset,) = set(STATED) - {stated}
     (note,) = notes(**{stated: STATED[stated]})
     assert f"link plc: {unset} {STATED[unset] * 1e3:g} ms not set" in note

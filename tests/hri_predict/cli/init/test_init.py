@@ -254,7 +254,7 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
     assert data["ticks"] == "capture"
 
 
-def test_times_of_a_controller_that_nobody_stated_stay_out_and_are_noted(call, tmp_path):
+def test_times_of_a_controller_that_are_not_stated_stay_out_and_are_noted(call, tmp_path):
     assert call("--yes", "--link", "can:socketcan:can0", "--no-schema")[0] == 0
     config = configuration.load(tmp_path / "cell.yaml")
     assert {"silence_timeout_s", "reaction_s"}.isdisjoint(config.links[0].model_fields_set)
