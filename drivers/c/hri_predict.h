@@ -186,7 +186,7 @@ typedef struct {
     uint8_t robot;               /* index of the robot in the node's configuration, 0..7 */
     bool extended;               /* CAN: 29-bit ids */
     uint32_t base_id;            /* CAN: the link's base_id, HRI_DEFAULT_BASE_ID by default */
-    uint16_t silence_timeout_ms; /* the link's silence_timeout_s, 150 by default */
+    uint16_t silence_timeout_ms; /* the link's silence_timeout_s, 60 by default */
     uint16_t max_age_ms;         /* printed by `hri-predict check` for controllers */
     uint16_t tolerated_errors;   /* more bad or missing messages than this stop the robot: 0, ... */
     uint16_t error_window_ms;    /* ... until none comes for this time; 0: forever */

@@ -19,6 +19,7 @@ from hri_predict.cli.check.commissioned import (
     commissioning_lines,
     is_as_commissioned,
 )
+from hri_predict.cli.check.delays import delay_notes
 from hri_predict.cli.common import JointMapOption, map_path
 from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, Viewer, screens
 from hri_predict.cli.screens.together import Together
@@ -235,6 +236,8 @@ def _go(
     if unused := unused_coverage(config):
         print(f"warning: {unused}", file=sys.stderr)
     real_time = options.factor is not None
+    for note in delay_notes(config) if real_time else ():
+        print(f"warning: {note}", file=sys.stderr)
     in_terminal = not as_json and real_time and sys.stderr.isatty()
     with (
         logs.unhurried() if real_time else nullcontext(),

@@ -7,6 +7,7 @@ may have or lack. ``hri-predict conformance link:NAME`` checks the contract on a
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
@@ -16,6 +17,7 @@ from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import Name, Settings
+from hri_predict.contracts.repetition import MAX_REPEAT_HZ, default_interval_s
 from hri_predict.protocol.keyed import Keyed
 from hri_predict.protocol.messages import Advice, Message, Status
 from hri_predict.protocol.reception import ReceiveCounters
@@ -45,13 +47,20 @@ class LinkSettings(Settings):
         description="one-way delay of the link at worst, its wire being free",
     )
     silence_timeout_s: float = Field(
-        0.15,
+        0.06,
         ge=MIN_SILENCE_S,
         le=2,
         description="after how much silence the controller stops by itself",
     )
+    repeat_hz: float | None = Field(
+        None,
+        ge=0,
+        le=MAX_REPEAT_HZ,
+        description="rate at which Status and Advice are repeated until the next cycle; 0: never;"
+        " default: so often that two lost in a row are not yet silence (67 at 60 ms)",
+    )
     reaction_s: float = Field(
-        0.05,
+        0.02,
         ge=MIN_REACTION_S,
         le=2,
         description="from a frame's receipt until the controller begins to brake",
@@ -67,7 +76,7 @@ class LinkSettings(Settings):
         [], description="faults to inject; see hri_sim.faults.injector"
     )
 
-    safety: ClassVar[Safety] = harmless("reserved_load", "zones") | {
+    safety: ClassVar[Safety] = harmless("reserved_load", "zones", "repeat_hz") | {
         "delay_s": LessSafe(
             below="the robot is expected to hear each advice {more:.2g} s sooner; if it does not, a"
             " person comes 1.6 m/s times that nearer"
@@ -85,6 +94,13 @@ class LinkSettings(Settings):
     def resolved(self, base_dir: Path) -> Self:
         """The same with its files found from ``base_dir``, where the configuration lies."""
         return self
+
+    @property
+    def repeat_s(self) -> float:
+        """Interval after which Status and Advice are sent again; infinite: only once a cycle."""
+        if self.repeat_hz is not None:
+            return 1.0 / self.repeat_hz if self.repeat_hz else inf
+        return default_interval_s(self.silence_timeout_s)
 
     @property
     def blocking_s(self) -> float:
@@ -350,12 +366,10 @@ class ObservesFleet(Protocol):
         """Return an observer of Status, Advice and Schema of all cells of one or all sites."""
 
 
-def check_load(load: LinkLoad, rate_key: str = "rate_hz") -> None:
+def check_load(load: LinkLoad, slower: Callable[[float], str] | None = None) -> None:
     """Refuse a link that cannot carry what must always fit.
 
-    Args:
-        load: the link's.
-        rate_key: of the configuration; it sets ``load.rate_hz``.
+    ``slower`` names the remedy for the rate of Status and Advice that would fit.
 
     Raises:
         LinkError: one line with the load and what would fit.
@@ -363,19 +377,20 @@ def check_load(load: LinkLoad, rate_key: str = "rate_hz") -> None:
     if load.spare >= 0:
         return
     reserved = 1.0 - load.load - load.spare
-    remedies = _remedies(load, 1.0 - reserved, rate_key)
+    remedies = _remedies(load, 1.0 - reserved, slower)
     raise LinkError(
         f"link '{load.name}': {load.load:.0%} load and {reserved:.0%} reserved_load do not fit; "
         f"{' or '.join(remedies)}"
     )
 
 
-def _remedies(load: LinkLoad, room: float, rate_key: str) -> Sequence[str]:
+def _remedies(load: LinkLoad, room: float, slower: Callable[[float], str] | None) -> Sequence[str]:
     remedies = []
     per_cycle = sum(load.details[message.__name__] for message in (Status, Advice))
     rate_hz = load.rate_hz * (room - (load.load - per_cycle)) / per_cycle
     if rate_hz >= MIN_STATUS_HZ:
-        remedies.append(f"lower {rate_key} from {load.rate_hz:g} to {int(rate_hz)}")
+        default = f"lower rate_hz from {load.rate_hz:g} to {int(rate_hz)}"
+        remedies.append(default if slower is None else slower(rate_hz))
     needed = load.bitrate * load.load / room
     faster = next((b for b in load.bitrates if b >= needed and b > load.bitrate), None)
     if faster is not None:

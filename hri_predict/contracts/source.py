@@ -19,6 +19,9 @@ from hri_predict.base.settings import Pose, Region, Settings, Vector3
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Scene
 
+ARRIVAL_JITTER_S = 0.01
+"""Time by which a capture may come later than its period and the least latency."""
+
 
 class SourceSettings(Settings):
     """Settings common to all sources (``source:`` in the configuration)."""
@@ -45,7 +48,11 @@ class SourceSettings(Settings):
         "up to 40 ms; false where captures come unevenly and their stamps are right",
     )
     stale_s: float | None = Field(
-        None, ge=0.01, le=2, description="age at which input is stale; default 3 periods + 20 ms"
+        None,
+        ge=0.01,
+        le=2,
+        description="age at which input is stale; default: min_latency_s + 2 periods + 10 ms, so"
+        " that one lost capture does not count, at most 3 periods + 20 ms",
     )
     field_of_view: Region | None = Field(
         None, description="space that the sensor sees (room frame); the rest counts as occupied"
@@ -97,7 +104,14 @@ class SourceSettings(Settings):
 
     def stale_after_s(self, rate_hz: float) -> float:
         """Age in seconds at which input of ``rate_hz`` scenes per second is stale."""
-        return self.stale_s or 3.0 / rate_hz + 0.02
+        return self.stale_s or self.default_stale_s(rate_hz)
+
+    def default_stale_s(self, rate_hz: float) -> float:
+        """``stale_after_s`` unless it is set.
+
+        A capture that is lost leaves the one before it in use for two periods, and its latency.
+        """
+        return min(self.min_latency_s + 2.0 / rate_hz + ARRIVAL_JITTER_S, 3.0 / rate_hz + 0.02)
 
     @property
     def known_places(self) -> list[list[float]]:

@@ -18,6 +18,7 @@ from hri_predict.node.memory import Remembers
 from hri_predict.node.presses import Presses
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.refused_states import RefusedStates
+from hri_predict.node.repeats import Repeats
 from hri_predict.node.shedding import Shedding
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
@@ -198,6 +199,11 @@ class Node:
     def self_check(self) -> dict[str, Any] | None:
         """See ``RiskEngine.self_check``."""
         return self._risk.self_check()
+
+    @property
+    def repeats(self) -> Repeats:
+        """The part that sends Status and Advice again until the next tick."""
+        return self._publisher.repeats
 
     @property
     def remembering(self) -> dict[str, Remembers]:

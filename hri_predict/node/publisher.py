@@ -6,6 +6,7 @@ from itertools import starmap
 
 from hri_predict.contracts.link import Link
 from hri_predict.contracts.predictor import Forecast, Predictor
+from hri_predict.node.repeats import Repeats
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
@@ -29,6 +30,9 @@ class Publisher:
     """Posts each tick's messages to every link.
 
     In shadow mode the links send *unknown*, whatever the advice is.
+
+    Attributes:
+        repeats: sends Status and Advice again until the next tick.
     """
 
     def __init__(
@@ -37,8 +41,10 @@ class Publisher:
         advised: Sequence[frozenset[int]],
         predictor: Predictor,
         shadow: bool,
+        *,
+        repeats: Repeats | None = None,
     ) -> None:
-        self._links = links
+        self.repeats = repeats or Repeats(links)
         self._advised = advised  # per link: indices of the robots advised on it
         self._shadow = shadow
         self._forecast_rate_hz = predictor.rate_hz
@@ -65,10 +71,11 @@ class Publisher:
             messages += self._zones(zones, snapshot)
         if forecast is not None and snapshot is not None and not self._shadow:
             messages += self._poses(forecast, snapshot)
-        for link, robots in zip(self._links, self._advised, strict=True):
-            for message in messages:
-                if not isinstance(message, Advice) or message.robot in robots:
-                    link.post(message)
+        of_links = [
+            [m for m in messages if not isinstance(m, Advice) or m.robot in robots]
+            for robots in self._advised
+        ]
+        self.repeats.post(now_ns, of_links)
         return messages
 
     def _as_told(self, advice: Advice) -> Advice:

@@ -18,9 +18,11 @@ from hri_predict.contracts.link import (
     check_load,
 )
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
+from hri_predict.contracts.repetition import messages_hz
 from hri_predict.contracts.source import Source
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
+from hri_predict.node.repeats import Repeats
 from hri_predict.people.people import People
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.process.remote import Job
@@ -210,6 +212,13 @@ def build_budget(config: Config, source: Source) -> DelayBudget:
     return DelayBudget.from_settings(config.node.rate_hz, config.links, stale_s)
 
 
+def build_repeats(config: Config, source: Source, links: Sequence[Link]) -> Repeats:
+    """Build what sends Status and Advice again, as long as the delay budget covers it."""
+    budget = build_budget(config, source)
+    intervals_s = [settings.repeat_s for settings in config.opened_links]
+    return Repeats(links, intervals_s, budget.encoding_s + budget.cycle_s)
+
+
 def build_link(
     *,
     settings: LinkSettings,
@@ -234,16 +243,42 @@ def build_link(
             raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
         settings = settings.model_copy(update={cls.port_field: port})
     settings = settings.resolved(config.base_dir)
-    rate_hz, robots = config.node.largest_rate_hz, advised(config, settings)
+    robots = advised(config, settings)
     shapes = state_shapes(config, robots)
     with registry.building(f"link '{settings.name}'"):
-        fixed = config.node.ticks == "fixed"
-        check_load(load_of(config, settings), "rate_hz" if fixed else "max_rate_hz")
+        rate_hz = _checked_rate_hz(config, settings)
         if settings.faults:
             faulty = registry.load("faults", "link")
             inner = transport if transport is not None else cls.make_transport(settings)
             transport = faulty(inner=inner, faults=settings.faults, clock=clock, seed=0)
         return cls(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
+
+
+def _checked_rate_hz(config: Config, settings: LinkSettings) -> float:
+    """Return how often Status and Advice are sent at most.
+
+    Raises:
+        LinkError: the link does not carry them so often.
+    """
+    node = config.node
+    key = "rate_hz" if node.ticks == "fixed" else "max_rate_hz"
+    once = settings.model_copy(update={"repeat_hz": 0})
+    check_load(
+        load_of(config, once), lambda hz: f"lower {key} from {node.largest_rate_hz:g} to {int(hz)}"
+    )
+
+    def slower(hz: float) -> str:
+        # of a cycle of fixed length, a whole number is sent; of another, at most twice as many
+        fits_hz = hz // node.rate_hz * node.rate_hz if node.ticks == "fixed" else hz / 2
+        fits_hz = fits_hz if fits_hz > node.rate_hz else 0
+        return (
+            f"lower repeat_hz from {1 / settings.repeat_s:.3g} to {int(fits_hz)} (and raise "
+            "silence_timeout_s, also in the controller)"
+        )
+
+    load = load_of(config, settings)
+    check_load(load, slower)
+    return load.rate_hz
 
 
 def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
@@ -252,9 +287,10 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
     Raises:
         LinkError: this kind of link cannot carry the RobotState of one of them.
     """
-    robots = advised(config, settings)
+    robots, node = advised(config, settings), config.node
     cls = registry.load("links", settings.kind)
-    return cls.load(settings, config.node.largest_rate_hz, robots, state_shapes(config, robots))
+    rate_hz = messages_hz(settings.repeat_s, node.rate_hz, node.largest_rate_hz)
+    return cls.load(settings, rate_hz, robots, state_shapes(config, robots))
 
 
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
@@ -330,7 +366,8 @@ def build(
     links = tuple(links or ()) or configured or played_links(source, clock)
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]
-    publisher = Publisher(links, advised, predictor, shadow)
+    repeats = build_repeats(config, source, configured) if configured else None
+    publisher = Publisher(links, advised, predictor, shadow, repeats=repeats)
     index = registry.names("predictors").index(config.predictor.name)
     return Assembly(
         config=config,

@@ -20,6 +20,7 @@ from hri_predict.base.errors import MachineError
 from hri_predict.base.machine.asleep import Asleep
 from hri_predict.base.machine.realtime import steady
 from hri_predict.contracts.source import NOT_KNOWN_NS, live_part, wait_for
+from hri_predict.node.repeats import NEVER_NS
 from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.protocol.messages import NodeState
 from hri_predict.protocol.reasons import Reason
@@ -32,6 +33,7 @@ log = logging.getLogger(__name__)
 SOURCE_RETRY_NS = 100_000_000
 SOURCE_IDLE_NS = 1_000_000  # pause before polling again a source that was due but had nothing
 SOURCE_WAIT_NS = 100_000_000  # how long a stop may wait for a live source that receives nothing
+REPEATS_END_S = 1.0  # posting does not block
 SOURCE_END_S = 1.0  # poll must not block; if a source blocks nevertheless, its thread is abandoned
 SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
 
@@ -72,6 +74,7 @@ def run_real_time(
     started = starting.started
     exhausted = threading.Event()
     feeder: threading.Thread | None = None
+    repeater: threading.Thread | None = None
     try:
         assembly.prediction.start()
         node.announce(clock.now_ns(), NodeState.STARTING, Reason.STARTING)
@@ -89,6 +92,10 @@ def run_real_time(
             }
             feeder = threading.Thread(target=_feed, kwargs=shared, name="source", daemon=True)
             feeder.start()
+            repeater = threading.Thread(
+                target=_repeat, args=(assembly, stop), name="repeats", daemon=True
+            )
+            repeater.start()
             last.enter_context(steady(assembly.config.node.realtime))  # no thread inherits it
             _loop(
                 **shared,
@@ -98,6 +105,8 @@ def run_real_time(
             )
     finally:
         stop.set()
+        if repeater is not None:
+            repeater.join(REPEATS_END_S)
         with contextlib.suppress(Exception):
             node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
         pace.connected = {link.name: link.connected for link in started}
@@ -143,6 +152,7 @@ def _loop(
         ticks.begin(now_ns)
         began = time.perf_counter()
         node.tick(now_ns)
+        node.repeats.posted(clock.now_ns())
         pace.note(time.perf_counter() - began)
         if each_tick is not None:
             each_tick(now_ns)
@@ -150,6 +160,20 @@ def _loop(
         pace.late_ticks += ended.is_late
         pace.missed_ticks += ended.missed
         node.shedding.note(ended.used, now_ns)
+
+
+def _repeat(assembly: Assembly, stop: threading.Event) -> None:
+    """Run the thread that sends Status and Advice again, independent of the loop.
+
+    It does not vouch for the loop: a tick's messages are repeated for a cycle and a half at most.
+    """
+    clock, repeats, asleep = assembly.clock, assembly.node.repeats, Asleep()
+    interval_ns = repeats.interval_ns
+    while interval_ns != NEVER_NS and not stop.is_set():
+        clock.wait_until(min(repeats.due_ns, clock.now_ns() + interval_ns), stop)
+        if asleep.since_last_s():
+            return  # what was fresh before is old, and its age does not say so; the loop ends, too
+        repeats.repeat(clock.now_ns())
 
 
 def _feed(
@@ -236,7 +260,9 @@ def _steps(
         if source_ns is None and duration_s is None:
             break
         beside_ns = beside.next_ns() if beside is not None else None
-        now_ns = min(t for t in (source_ns, beside_ns, ticks.due_ns) if t is not None)
+        repeat_ns = node.repeats.due_ns
+        times_ns = (source_ns, beside_ns, ticks.due_ns, repeat_ns)
+        now_ns = min(t for t in times_ns if t is not None)
         now_ns = max(now_ns, clock.now_ns())
         if end_ns is not None and now_ns >= end_ns:
             break
@@ -247,7 +273,7 @@ def _steps(
                 ticks.captured()
             if assembly.source.next_ns() == source_ns:  # no scene: poll again at the next tick
                 due_ns = ticks.due_ns
-                clock.advance_to(due_ns if beside_ns is None else min(due_ns, beside_ns))
+                clock.advance_to(min(due_ns, repeat_ns, due_ns if beside_ns is None else beside_ns))
         if beside is not None and beside_ns is not None and beside_ns <= now_ns:
             beside.step(now_ns)
         if ticks.due_ns <= now_ns:
@@ -256,11 +282,16 @@ def _steps(
                 link.service(now_ns)
             began = time.perf_counter()
             node.tick(now_ns)
+            node.repeats.posted(now_ns)
             pace.note(time.perf_counter() - began)
             for link in assembly.links:
                 link.service(now_ns)
             if each_tick is not None:
                 each_tick(now_ns)
+        elif repeat_ns <= now_ns:
+            node.repeats.repeat(now_ns)
+            for link in assembly.links:
+                link.service(now_ns)
     node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
 
 

@@ -43,9 +43,9 @@ risk: {{mode: predictive, person_uncertainty_m: 0.05}}
 alerts: {{terminal: false}}
 links:
   - {{name: drive, kind: serial, port: simulated, baudrate: 921600, zones: false,
-      simulate: {{role: drive, robot: arm, trajectory: pick_and_place, max_age_s: 0.33}}}}
+      simulate: {{role: drive, robot: arm, trajectory: pick_and_place, max_age_s: 0.2}}}}
   - {{name: monitor, kind: can, interface: slcan, channel: simulated, bitrate: 500000,
-      zones: false, simulate: {{role: monitor, robot: arm, max_age_s: 0.33}}}}
+      zones: false, simulate: {{role: monitor, robot: arm, max_age_s: 0.2}}}}
 """)
 
 Reported = tuple[int, Floats] | tuple[int, Floats, Bools]

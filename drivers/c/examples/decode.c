@@ -109,7 +109,7 @@ int main(int argc, char **argv)
     static char line[2 * LINE_BYTES + 32];
     static uint8_t data[LINE_BYTES];
     hri_settings settings = {.base_id = HRI_DEFAULT_BASE_ID,
-                             .silence_timeout_ms = 150,
+                             .silence_timeout_ms = 60,
                              .max_age_ms = 400};
     unsigned first = argc > 3 ? (unsigned)atoi(argv[2]) : HRI_MAX_ROBOTS;
     unsigned last = argc > 3 ? (unsigned)atoi(argv[3]) : 0;

@@ -120,7 +120,7 @@ static void attend(acknowledgement *ack, uint16_t latch_id, uint32_t now)
 int main(int argc, char **argv)
 {
     static hri_receiver receiver; /* the only memory that the library needs */
-    hri_settings settings = {.link = HRI_SERIAL, .robot = 0, .silence_timeout_ms = 150};
+    hri_settings settings = {.link = HRI_SERIAL, .robot = 0, .silence_timeout_ms = 60};
     hri_robot_state state = {.mode = HRI_MODE_AUTOMATIC, .joints = 6, .tool = HRI_NO_U8};
     /* upright, elbow bent: microradians */
     static const int32_t posture[6] = {0, -1570796, 1570796, -1570796, -1570796, 0};
@@ -128,8 +128,8 @@ int main(int argc, char **argv)
     uint32_t state_due = now_ms();
     char shown[64] = "";
     int port;
-    settings.silence_timeout_ms = (uint16_t)(argc > 2 ? atoi(argv[2]) : 150);
-    settings.max_age_ms = (uint16_t)(argc > 3 ? atoi(argv[3]) : 330);
+    settings.silence_timeout_ms = (uint16_t)(argc > 2 ? atoi(argv[2]) : 60);
+    settings.max_age_ms = (uint16_t)(argc > 3 ? atoi(argv[3]) : 204);
     settings.tolerated_errors = (uint16_t)(argc > 4 ? atoi(argv[4]) : 0);
     settings.error_window_ms = 500;
     settings.first_state_counter = (uint16_t)(state_due / STATE_PERIOD_MS);

@@ -97,8 +97,8 @@ int main(int argc, char **argv)
     hri_settings settings = {.link = HRI_CLASSIC,
                              .robot = 0,
                              .base_id = HRI_DEFAULT_BASE_ID,
-                             .silence_timeout_ms = 150,
-                             .max_age_ms = 330,
+                             .silence_timeout_ms = 60,
+                             .max_age_ms = 204,
                              .error_window_ms = 500};
     uint32_t state_due = now_ms();
     unsigned shown = 1;

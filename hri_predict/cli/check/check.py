@@ -29,6 +29,7 @@ from hri_predict.cli.check.contact import (
     contact_table,
     unseen_ends_note,
 )
+from hri_predict.cli.check.delays import delay_notes
 from hri_predict.cli.check.distance import distance_facts, distance_lines
 from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
 from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
@@ -241,6 +242,7 @@ def examine(config: Config) -> dict[str, Any]:
             *(note for robot in config.node.robots for note in mode_notes(robot)),
             *still_note(config.node.robots, config.node.risk.mode),
             *_notes(config),
+            *delay_notes(config),
             *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),
             *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),

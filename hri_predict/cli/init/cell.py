@@ -132,7 +132,7 @@ def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> d
     """
     robot = robot_block(answers.robot, answers.max_speed_m_s, base_dir)
     source, links = answers.source, answers.links
-    data: dict[str, Any] = {"rate_hz": 25}
+    data: dict[str, Any] = {"rate_hz": 25, "ticks": "capture", "max_rate_hz": 50}
     if answers.simulated:
         x, y = _door(robot, base_dir, door_m)
         source = source_block("procedural") | {"noise_m": 0.004, "people": [_visitor(x, y)]}

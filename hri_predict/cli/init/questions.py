@@ -24,6 +24,11 @@ T = TypeVar("T")
 NOT_IN_A_CELL = ("approach",)
 """Sources that only the simulation fills in."""
 NONE = "none"
+CONTROLLER_TIMES = {
+    "silence_timeout_s": "After how much silence, s, does its controller stop by itself",
+    "reaction_s": "How long, s, from an Advice's receipt until its controller begins to brake",
+}
+"""Keys of a link that only the user knows, and their questions: distances rest on them."""
 
 
 def say(text: str) -> None:
@@ -175,7 +180,33 @@ def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[s
             return found
         where = f"links.{len(found)}"
         model = registry.load("links", block["kind"]).settings_model
-        found.append(completed(asker, model, block, where=where, changes=changes))
+        block = completed(asker, model, block, where=where, changes=changes)
+        found.append(with_controller_times(asker, model, block))
+
+
+def with_controller_times(
+    asker: Asker, model: type[Settings], block: dict[str, Any]
+) -> dict[str, Any]:
+    """``block`` with what its controller achieves, as far as there is a user who knows.
+
+    A time that is not stated stays out, so that ``check`` names it.
+    """
+    missing = {key: text for key, text in CONTROLLER_TIMES.items() if key not in block}
+    if not asker.asks or not missing:
+        return block
+    say("Measure the controller's times (docs/guides/plc.md): people may be as near as they allow.")
+    for key, question in missing.items():
+
+        def check(text: str, key: str = key) -> Any:
+            value = _value(text)
+            try:
+                model.model_validate(block | {key: value})
+            except ValidationError as error:
+                raise ConfigError(mistakes(error, model, block)[0].text) from error
+            return value
+
+        block[key] = asker.ask(question, model.model_fields[key].get_default(), check)
+    return block
 
 
 def completed(

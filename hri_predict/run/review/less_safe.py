@@ -33,7 +33,10 @@ def _computed(config: Config) -> dict[str, float]:
     """The defaults that depend on other settings, by key."""
     source = build_source(config, with_faults=False)
     rate_hz, robots, budget = source.rate_hz, build_robots(config), build_budget(config, source)
-    found = {"source.stale_s": 3.0 / rate_hz + 0.02, "people.max_gap_s": max(0.1, 2.5 / rate_hz)}
+    found = {
+        "source.stale_s": config.source.default_stale_s(rate_hz),
+        "people.max_gap_s": max(0.1, 2.5 / rate_hz),
+    }
     for i, (settings, model) in enumerate(zip(config.node.robots, robots, strict=True)):
         if config.node.risk.mode == "fixed":
             worst = worst_distance(config.node.risk, settings, model, budget)

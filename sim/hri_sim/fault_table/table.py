@@ -79,14 +79,17 @@ def _gives_nan(forecast: Forecast) -> Forecast:
     return Forecast(np.full_like(forecast.positions, np.nan), None)
 
 
-# The source has 30 Hz: a period is 33 ms and input is stale at 3 x 33 + 20 = 120 ms. The node has
+# The source has 30 Hz: a period is 33 ms and input is stale at 2 x 33 + 10 = 77 ms. The node has
 # 25 Hz: its advice on a scene follows one cycle (40 ms) later at most. The controller's silence
-# time-out is 150 ms and its own cycle 8 ms; a message is due every 40 ms.
-STALE = 120 + 40
+# time-out is 60 ms and its own cycle 8 ms; a message is due every 15 ms.
+STALE = 77 + 40
 SEEN = 34 + 40
 # From the node's next tick: at most a cycle, the link's delay, the controller's reaction, and its
 # own cycle.
-TOLD = 40 + 5 + 50 + 8
+TOLD = 40 + 5 + 20 + 8
+NEXT = 15 + 8
+"""From one message that the controller hears to the next, and its own cycle."""
+SILENT = 60 + NEXT
 
 
 def _both(fault: str) -> tuple[str, ...]:
@@ -130,14 +133,14 @@ CASES = (
         Case(f"{link}: {what}", (f"{link}:{fault}",), "stop", "controller", limit)
         for link in ("drive", "monitor")
         for what, fault, limit in (
-            ("silent", "freeze@{t}:direction=out", 150 + 48),
-            ("unplugged", "unplug@{t}", 150 + 48),
-            ("half of it lost", "drop@{t}:direction=out", 150 + 48),
-            ("delayed 0.5 s", "delay@{t}:delay_s=0.5,direction=out", 150 + 48),
-            ("1 bit in 1000 wrong", "bit_errors@{t}:direction=out", 150 + 48),
-            ("half of it cut short", "truncate@{t}:direction=out", 150 + 48),
-            ("everything twice", "duplicate@{t}:direction=out", 48),
-            ("flooded, everything 10 times", "flood@{t}", 48),
+            ("silent", "freeze@{t}:direction=out", SILENT),
+            ("unplugged", "unplug@{t}", SILENT),
+            ("half of it lost", "drop@{t}:direction=out", SILENT),
+            ("delayed 0.5 s", "delay@{t}:delay_s=0.5,direction=out", SILENT),
+            ("1 bit in 1000 wrong", "bit_errors@{t}:direction=out", SILENT),
+            ("half of it cut short", "truncate@{t}:direction=out", SILENT),
+            ("everything twice", "duplicate@{t}:direction=out", NEXT),
+            ("flooded, everything 10 times", "flood@{t}", NEXT),
         )
     ),
     # At 1 bit in 10000 a frame is damaged now and then. The controller tolerates no error, so it
@@ -154,13 +157,13 @@ CASES = (
     # An 8-bit counter wraps after 5.12 s at 50 Hz: a message that is this late must not be taken
     # for a fresh one, nor one with any smaller delay while the delay grows.
     Case("both links: advice 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=out"),
-         "stays stopped", "controller", 150 + 48, length_s=8.0, drain_s=5.2),
+         "stays stopped", "controller", SILENT, length_s=8.0, drain_s=5.2),
     Case("both links: RobotState 5.2 s late", _both("delay@{t}:delay_s=5.2,direction=in"),
          "stays stopped", "controller", 100 + 20 + 40 + TOLD, length_s=8.0, drain_s=5.2),
-    # A message sent at t arrives at 1.5 t. A message that arrives at 1.2 s was on the way for
-    # 0.4 s, the controllers' max_age_s, whatever its age was before.
+    # A message sent at t arrives at 1.5 t. A message that arrives at 0.6 s was on the way for
+    # 0.2 s, the controllers' max_age_s, whatever its age was before.
     Case("both links: advice ever later", _both("stretch@{t}:rate=0.5,direction=out"),
-         "stays stopped", "controller", 1200 + 8, length_s=12.0, drain_s=6.0),
+         "stays stopped", "controller", 600 + 8, length_s=12.0, drain_s=6.0),
     # A second node on the wire says clear: the controllers find its counters wrong in its first
     # cycle, whether or not the first node hears it; the first node stops them in its next.
     *(
@@ -175,7 +178,8 @@ CASES = (
              (Reason.SECOND_SENDER,))
         for link in ("drive", "monitor")
     ),
-    Case("drive: out of order", ("drive:reorder@{t}:direction=out",), "stop", "controller", 88),
+    Case("drive: out of order", ("drive:reorder@{t}:direction=out",), "stop", "controller",
+         2 * 15 + 8),
     # Two adjacent CAN frames that change places belong to one message, whose parts may arrive in
     # any order, or to different messages: for the receiver nothing is out of order.
     Case("monitor: out of order", ("monitor:reorder@{t}:direction=out",), "count only",

@@ -222,7 +222,7 @@ def test_it_sends_its_state_steadily_and_obeys_the_advice(board: Board) -> None:
 
 def test_it_stops_on_silence(board: Board) -> None:
     board.begin()
-    assert board.cycle(149) == board.moving
+    assert board.cycle(59) == board.moving
     assert board.cycle() == 0
     assert board.verdict == "silent"
 

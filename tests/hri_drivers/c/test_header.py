@@ -20,8 +20,8 @@ int main()
     hri_unit units[HRI_PARTS_STATE];
     settings.link = HRI_CLASSIC;
     settings.base_id = HRI_DEFAULT_BASE_ID;
-    settings.silence_timeout_ms = 150;
-    settings.max_age_ms = 338;
+    settings.silence_timeout_ms = 60;
+    settings.max_age_ms = 204;
     state.joints = 6;
     bool ready = hri_init(&receiver, &settings);
     unsigned sent = hri_send_robot_state(&receiver, &state, 1, units);

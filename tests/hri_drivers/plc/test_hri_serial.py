@@ -156,11 +156,11 @@ def test_another_schema_or_none_stops_it(other: Schema) -> None:
 def test_silence_and_old_data_stop_it() -> None:
     controller = Controller()
     controller.take(controller.said(OURS, SLOW))
-    assert controller.wait(149).take() == 750
+    assert controller.wait(59).take() == 750
     assert controller.wait(1).take() == 0
     assert controller["Silent"] == 1
     controller.send()
-    assert controller.take(controller.said(replace(SLOW, age_s=0.337))) == 750
+    assert controller.take(controller.said(replace(SLOW, age_s=0.203))) == 750
     assert controller.wait(1).take() == 0
     assert controller["TooOld"] == 1
     controller.wait(1000).take()

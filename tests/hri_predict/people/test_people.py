@@ -99,10 +99,10 @@ def test_a_source_of_another_skeleton_is_mapped(make_room):
 # -- stale, blind, frozen -------------------------------------------------------------------------
 
 
-def test_silence_is_stale_after_three_periods_and_20_ms_and_clears_by_itself(make_room):
+def test_silence_is_stale_after_two_periods_and_10_ms_and_clears_by_itself(make_room):
     room = make_room()
     room.see(body(1, 0.0), times=5)
-    limit = 3 * PERIOD + 20 * MS - 5 * MS  # the capture is 5 ms older than its receipt
+    limit = 2 * PERIOD + 10 * MS  # from the receipt: the least latency, 5 ms, is added
     assert room.snapshot(later=limit).reasons == ()
     stale = room.snapshot(later=limit + 1)
     assert stale.reasons == (Reason.INPUT_STALE,)
@@ -110,6 +110,14 @@ def test_silence_is_stale_after_three_periods_and_20_ms_and_clears_by_itself(mak
     assert stale.capture_ns[0] == room.now - 5 * MS
     room.now += 10_000 * MS
     assert room.see(body(1, 0.0)).reasons == ()
+
+
+@pytest.mark.parametrize("latency_ms", [0, 5, 30])
+def test_one_lost_capture_is_not_stale_however_long_the_least_latency(make_room, latency_ms):
+    room = make_room(latency=latency_ms * MS)
+    room.see(body(1, 0.0), times=5)
+    late = 9 * MS  # less than the jitter that is allowed for
+    assert room.snapshot(later=2 * PERIOD + late).reasons == ()
 
 
 def test_the_stale_limit_can_be_configured(make_room):

@@ -65,17 +65,36 @@ def test_links_are_loaded_with_the_largest_rate_and_delays_with_the_least():
     fixed, capture = examine(baseline_demo()), examine(with_capture(max_rate_hz=75.0))
     assert capture["delay_budget_s"] == fixed["delay_budget_s"]
     for slow, fast in zip(fixed["links"], capture["links"], strict=True):
-        assert fast["rate_hz"] == 75.0
+        # each 15 ms: thrice in a cycle of 40 ms, and twice in each that is a little longer than 15
+        assert (slow["rate_hz"], fast["rate_hz"]) == pytest.approx((75.0, 2 / 0.015))
         for message in ("Status", "Advice"):
-            assert fast["details"][message] == pytest.approx(3 * slow["details"][message])
+            ratio = fast["details"][message] / slow["details"][message]
+            assert ratio == pytest.approx(2 / 0.015 / 75.0)
         assert fast["details"]["RobotState"] == slow["details"]["RobotState"]
 
 
 def test_a_largest_rate_that_a_link_cannot_carry_is_refused_with_one_that_it_can():
     demo = with_capture()
-    slow = demo.links[0].model_copy(update={"baudrate": 19200, "robot_state_rate_hz": 10.0})
+    update = {"baudrate": 19200, "robot_state_rate_hz": 10.0, "repeat_hz": 0.0}
+    slow = demo.links[0].model_copy(update=update)
     with pytest.raises(LinkError, match=r"lower max_rate_hz from 100 to (\d+)") as caught:
         examine(replace(demo, links=(slow,)))
     fits = float(str(caught.value).split("max_rate_hz from 100 to ")[1].split()[0])
     fitting = demo.node.model_copy(update={"rate_hz": 10.0, "max_rate_hz": fits})
     assert examine(replace(demo, links=(slow,), node=fitting))["links"][0]["spare"] >= 0
+
+
+@pytest.mark.parametrize(
+    ("ticks", "baudrate"), [("fixed", 57600), ("fixed", 38400), ("capture", 57600)]
+)
+def test_repetitions_that_a_link_cannot_carry_are_refused_with_a_rate_that_it_can(ticks, baudrate):
+    demo = with_capture(ticks=ticks, max_rate_hz=50.0 if ticks == "capture" else None)
+    link = demo.links[0].model_copy(update={"baudrate": baudrate, "robot_state_rate_hz": 30.0})
+    with pytest.raises(LinkError, match=r"lower repeat_hz from 66.7 to (\d+)") as caught:
+        examine(replace(demo, links=(link,)))
+    fits = float(str(caught.value).split("repeat_hz from 66.7 to ")[1].split()[0])
+    fitting = link.model_copy(update={"repeat_hz": fits})
+    found = examine(replace(demo, links=(fitting,)))
+    assert found["links"][0]["spare"] >= 0
+    # a longer time between messages leaves less room for lost ones, and check says so
+    assert any("silence_timeout_s 60 ms is short" in note for note in found["notes"])

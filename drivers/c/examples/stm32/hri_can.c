@@ -167,8 +167,8 @@ bool hri_start(uint16_t first_state_counter)
         .link = LINK,
         .robot = 0u,
         .base_id = HRI_DEFAULT_BASE_ID,
-        .silence_timeout_ms = 150u, /* the link's silence_timeout_s */
-        .max_age_ms = 338u,         /* what `hri-predict check` prints for controllers */
+        .silence_timeout_ms = 60u,  /* the link's silence_timeout_s */
+        .max_age_ms = 204u,         /* what `hri-predict check` prints for controllers */
         .tolerated_errors = 0u,
         .error_window_ms = 500u,
         .first_state_counter = first_state_counter,

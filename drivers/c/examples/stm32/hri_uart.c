@@ -58,8 +58,8 @@ bool hri_start(uint16_t first_state_counter)
     const hri_settings settings = {
         .link = HRI_SERIAL,
         .robot = 0u,
-        .silence_timeout_ms = 150u, /* the link's silence_timeout_s */
-        .max_age_ms = 338u,         /* what `hri-predict check` prints for controllers */
+        .silence_timeout_ms = 60u,  /* the link's silence_timeout_s */
+        .max_age_ms = 204u,         /* what `hri-predict check` prints for controllers */
         .tolerated_errors = 0u,
         .error_window_ms = 500u,
         .first_state_counter = first_state_counter,

@@ -222,6 +222,10 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("got 'perhaps'", None),
         ("source.sees_room: ", "true"),
         ("Link 1 ('none' ends) [none]: ", "can:socketcan:can0"),
+        ("by itself [0.06]: ", "0.001"),
+        ("got 0.001", None),
+        ("by itself [0.06]: ", "0.08"),
+        ("begins to brake [0.02]: ", ""),
         ("Link 2 ('none' ends) [none]: ", ""),
         ("[predictive]: ", "reactive"),
         ("hri-predict check cell.yaml", None),
@@ -246,6 +250,15 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
     assert data["source"]["sees_room"] is True
     assert data["risk"]["mode"] == "reactive"
     assert len(data["links"]) == 1
+    assert (data["links"][0]["silence_timeout_s"], data["links"][0]["reaction_s"]) == (0.08, 0.02)
+    assert data["ticks"] == "capture"
+
+
+def test_times_of_a_controller_that_are_not_stated_stay_out_and_are_noted(call, tmp_path):
+    assert call("--yes", "--link", "can:socketcan:can0", "--no-schema")[0] == 0
+    config = configuration.load(tmp_path / "cell.yaml")
+    assert {"silence_timeout_s", "reaction_s"}.isdisjoint(config.links[0].model_fields_set)
+    assert any("silence_timeout_s 60 ms and reaction_s" in n for n in examine(config)["notes"])
 
 
 @pytest.mark.realtime

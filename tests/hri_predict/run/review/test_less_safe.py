@@ -51,8 +51,8 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
          "may be 0.05 m nearer"),
         (risk("release_captures: 1"), "risk.release_captures: 1 (default 15)"),
         (risk("coverage: {self_check: false}"), "risk.coverage.self_check: false (default true)"),
-        (("reaction_s: 0.05", "reaction_s: 0.001"), "links.plc.reaction_s: 0.001 (default 0.05): "
-         "the controller is expected to brake 0.049 s sooner"),
+        (("reaction_s: 0.05", "reaction_s: 0.001"), "links.plc.reaction_s: 0.001 (default 0.02): "
+         "the controller is expected to brake 0.019 s sooner"),
         (("0.05, delay_s: 0.01", "0.05, delay_s: 0.0001"),
          "links.plc.delay_s: 0.0001 (default 0.005)"),
         (("0.05, delay_s: 0.01", "0.05, delay_s: 0.1"),
@@ -62,7 +62,7 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
         (("model: ur5e", "model: ur5e\n    payload_kg: 2"), "robots.0.payload_kg: 2 (default 5): "
          "with more than 2 kg the robot stops later"),
         (("  kind: procedural\n", "  kind: procedural\n  stale_s: 2\n"),
-         "source.stale_s: 2 (default 0.12): input 2 s old is used"),
+         "source.stale_s: 2 (default 0.07667): input 2 s old is used"),
     ],
 )  # fmt: skip
 def test_what_is_less_safe_is_named_with_what_it_permits(tmp_path, change, said):

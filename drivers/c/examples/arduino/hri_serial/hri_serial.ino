@@ -28,8 +28,8 @@ void setup()
     }
     settings.link = HRI_SERIAL;
     settings.robot = 0;
-    settings.silence_timeout_ms = 150; /* the link's silence_timeout_s */
-    settings.max_age_ms = 338;         /* what `hri-predict check` prints for controllers */
+    settings.silence_timeout_ms = 60;  /* the link's silence_timeout_s */
+    settings.max_age_ms = 204;         /* what `hri-predict check` prints for controllers */
     settings.tolerated_errors = 0;
     settings.error_window_ms = 500;
     settings.first_state_counter = noise;

@@ -69,8 +69,8 @@ void setup()
     settings.link = HRI_CLASSIC;
     settings.robot = 0;
     settings.base_id = HRI_DEFAULT_BASE_ID;
-    settings.silence_timeout_ms = 150; /* the link's silence_timeout_s */
-    settings.max_age_ms = 338;         /* what `hri-predict check` prints for controllers */
+    settings.silence_timeout_ms = 60;  /* the link's silence_timeout_s */
+    settings.max_age_ms = 204;         /* what `hri-predict check` prints for controllers */
     settings.tolerated_errors = 0;
     settings.error_window_ms = 500;
     settings.first_state_counter = (uint16_t)esp_random();
