@@ -1,4 +1,4 @@
-"""How often Status and Advice are sent: once a cycle, and again until the next.
+"""Repetition of Status and Advice: they are sent once a cycle, and again until the next.
 
 A controller stops after a short silence, so that people need not be farther away for the case that
 a link dies. Messages must then come so often that a few may be lost. A repetition is the newest
