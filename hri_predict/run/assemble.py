@@ -255,7 +255,7 @@ def _checked_rate_hz(config: Config, settings: LinkSettings) -> float:
     """Return how often Status and Advice are sent at most.
 
     Raises:
-        LinkError: the link does not carry them so often.
+        LinkError: the link does not carry them at that rate.
     """
     node = config.node
     key = "rate_hz" if node.ticks == "fixed" else "max_rate_hz"
