@@ -2,7 +2,8 @@
 
 A controller stops after a short silence, so that people need not be farther away for the case that
 a link dies. Messages must then come at a rate at which a few may be lost. A repetition is the
-newest advice with its age; ``docs/decisions/repeated-advice.md`` says why the delay budget covers it.
+newest advice with its age; ``docs/decisions/repeated-advice.md`` says why the delay budget
+covers it.
 """
 
 from math import ceil
