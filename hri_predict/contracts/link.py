@@ -57,7 +57,7 @@ class LinkSettings(Settings):
         ge=0,
         le=MAX_REPEAT_HZ,
         description="rate at which Status and Advice are repeated until the next cycle; 0: never;"
-        " default: so often that two lost in a row are not yet silence (67 at 60 ms)",
+        " default: the rate at which two lost in a row are not yet silence (67 at 60 ms)",
     )
     reaction_s: float = Field(
         0.02,

@@ -1,8 +1,9 @@
-"""Repetition of Status and Advice: they are sent once a cycle, and again until the next.
+"""The rate of Status and Advice: once a cycle, and again until the next.
 
 A controller stops after a short silence, so that people need not be farther away for the case that
-a link dies. Messages must then come so often that a few may be lost. A repetition is the newest
-advice with its age; ``docs/decisions/repeated-advice.md`` says why the delay budget covers it.
+a link dies. Messages must then come at a rate at which a few may be lost. A repetition is the
+newest advice with its age; ``docs/decisions/repeated-advice.md`` says why the delay budget
+covers it.
 """
 
 from math import ceil
@@ -21,7 +22,7 @@ def default_interval_s(silence_timeout_s: float) -> float:
 
 
 def lost_without_silence(silence_timeout_s: float, interval_s: float) -> int:
-    """Return how many messages in a row may be lost; -1 if even each interval is silence."""
+    """Return the number of messages in a row that may be lost; -1 if each interval is silence."""
     return int((silence_timeout_s - HEARD_LATE_S) / interval_s + 1e-9) - 1
 
 

@@ -2,7 +2,7 @@
 
 An advice of a tick holds until that tick plus the delay budget's *encoding* and *cycle*, and until
 the controller has noticed the silence that may follow. So it may be sent again until the first two
-are over, even if the loop stands (``docs/decisions/repeated-advice.md``). Then this part falls
+are over, even if the loop hangs (``docs/decisions/repeated-advice.md``). Then this part falls
 silent, and the controllers stop by themselves.
 """
 
