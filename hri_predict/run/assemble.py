@@ -145,10 +145,13 @@ def build_risk(
     *,
     obeyed: bool = False,
     last_latch_id: int | None = None,
+    budget: DelayBudget | None = None,
+    calibration: Calibration | None = None,
 ) -> RiskEngine:
     """Build the risk stage for these robots and the forecasts of ``predictor``.
 
-    ``obeyed``: the robots are moved by its advice. ``last_latch_id``: see ``LatchIds``.
+    ``obeyed``: the robots are moved by its advice. ``last_latch_id``: see ``LatchIds``. ``budget``,
+    ``calibration``: the delays and the zones' calibration; by default the configuration's.
     """
     return RiskEngine(
         settings=config.node.risk,
@@ -157,10 +160,10 @@ def build_risk(
         absent_parts=config.node.people.absent_parts,
         named_zones=config.node.zones,
         field_of_view=config.source.field_of_view,
-        budget=build_budget(config, source),
+        budget=budget or build_budget(config, source),
         forecast_rate_hz=predictor.rate_hz,
         horizon_steps=predictor.horizon_steps,
-        calibration=build_calibration(config),
+        calibration=calibration or build_calibration(config),
         doors=_doors(config),
         obeyed=obeyed,
         floor_m=config.node.people.floor_m,
@@ -255,7 +258,7 @@ def _checked_rate_hz(config: Config, settings: LinkSettings) -> float:
     """Return how often Status and Advice are sent at most.
 
     Raises:
-        LinkError: the link does not carry them at that rate.
+        LinkError: the link does not carry that rate.
     """
     node = config.node
     key = "rate_hz" if node.ticks == "fixed" else "max_rate_hz"
