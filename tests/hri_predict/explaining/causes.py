@@ -60,6 +60,7 @@ def _both(fault: str) -> tuple[str, ...]:
 
 
 _CLOSE = {"start": [2.0, 0.2], "script": [{"do": "wait", "seconds": 60.0}]}
+_NEARER = _CLOSE | {"start": [1.6, 0.2]}
 _COMES = {
     "start": [3.4, 0.1],
     "script": [{"do": "wait", "seconds": 2.5}, {"do": "walk", "to": [1.2, 0.1]}],
@@ -94,7 +95,7 @@ CAUSES: dict[str, Cause] = {
         says=("UNKNOWN", "RobotState", "drive", "monitor"), marks=("silent",),
     ),
     "limit exceeded": Cause(
-        story=_story(6.0, people=(_CLOSE,), lies=({"kind": "runs"},)), at_s=4.0,
+        story=_story(6.0, people=(_NEARER,), lies=({"kind": "runs"},)), at_s=4.0,
         says=("faster than", "advised"), marks=("faster",),
     ),
     "predictor late": Cause(

@@ -39,13 +39,13 @@ from tests.hri_predict.risk.engine_cell import (
 def test_a_person_who_comes_and_goes(mode):
     cell = Cell(SETTINGS.model_copy(update={"mode": mode}))
     assert cell.settle().level is Level.CLEAR
-    levels = [cell.step(x).level for x in np.arange(6.0, 0.6, -0.04)]
+    levels = [cell.step(x).level for x in np.arange(6.0, 0.4, -0.04)]
     order = [Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP]
     if mode == "fixed":  # knows no slow speed
         order.remove(Level.SLOW)
     assert sorted(set(levels), key=order.index) == order
     assert levels == sorted(levels, key=order.index)
-    near = cell.step(0.6)
+    near = cell.step(0.4)
     assert (near.level, near.reason, near.speed_limit_m_s) == (Level.STOP, Reason.PERSON_NEAR, 0.0)
     assert near.time_to_breach_s is not None
     assert "person 10" in near.detail

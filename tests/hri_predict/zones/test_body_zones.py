@@ -286,10 +286,11 @@ def test_the_standard_keeps_its_say_about_who_moves_as_it_assumes(widen, unlike)
     )
     people = snapshot_of(np.array([body(), body(2.0)]), [0.1, 0.1])
     history = np.repeat(people.history[:, -1:], 26, axis=1)
-    history[1, :, HAND, 0] += 3.0 * np.clip(np.arange(26) - 10, 0, 5) / RATE_HZ
+    way_m = 3.0 * np.clip(np.arange(26) - 10, 0, 5) / RATE_HZ
+    history[1, ..., 0] += way_m[:, None]
     people = replace(people, history=history, observed=np.ones(history.shape[:3], bool))
     found = builder().build(people, None, trust=trust)
-    assert found.as_assumed.tolist() == [True, False]  # a hand that was fast 0.4 s ago
+    assert found.as_assumed.tolist() == [True, False]  # a body that was fast 0.4 s ago
     assert not found.speeds.fast.any()
 
 
