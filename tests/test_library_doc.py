@@ -94,7 +94,8 @@ def test_the_ring_buffer(capsys):
 def test_zones_and_advice(folder, capsys):
     lines, names = run(ADVICE, capsys)
     assert len(lines) == 10
-    known = {"CLEAR", "WARN", "SLOW", "STOP"}  # never unknown: input and robot are fresh
+    # unknown until enough captures confirm what may be released: the advisor has just begun
+    known = {"CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN"}
     assert {line.split()[0] for line in lines} <= known
     tick = names["tick"]
     assert len(tick.advices) == 1
