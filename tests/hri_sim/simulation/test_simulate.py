@@ -133,7 +133,7 @@ def test_a_recording_of_unknown_joints_and_a_slow_one_are_left_out(request_of, t
         columns = ",".join(f"{joint}_{axis}" for joint in joints for axis in "xyz")
         (tmp_path / f"{name}.csv").write_text(f"time_s,{columns}\n{rows}", encoding="utf-8")
     asked = request_of(motions=(str(tmp_path / "slow.csv"), str(tmp_path / "odd.csv")))
-    with pytest.raises(ConfigError, match="no recording is left: recording slow: 2.5 captures"):
+    with pytest.raises(ConfigError, match=r"no recording is left: recording slow: 2\.5 captures"):
         simulate(asked, lambda *_: None)
     assert "odd.csv: no joint matches" in caplog.text
 
