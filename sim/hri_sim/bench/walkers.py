@@ -40,7 +40,7 @@ def risk_calls() -> tuple[Callable[[], object], Callable[[], object]]:
     self-check. The second judges the last tick. One arm's plan is known, the other's is not. The
     delays are so long that all horizons are used.
     """
-    link = LinkSettings(name="bus", kind="can", reaction_s=0.41)
+    link = LinkSettings(name="bus", kind="can", silence_timeout_s=0.15, reaction_s=0.41)
     engine = RiskEngine(
         settings=RiskSettings(mode="predictive"),
         robots=[_arm("planned", (0.0, 0.0), 0), _arm("unplanned", (2.2, 0.0), 1)],

@@ -210,11 +210,14 @@ def test_a_robot_file_with_a_broken_chain(mistake, write, tmp_path):
     assert "nowhere" in line
 
 
+STATED = {"silence_timeout_s": 0.06, "reaction_s": 0.02}  # else ``run`` warns
+
+
 def test_an_absent_serial_port(mistake, write):
     config = write(
         (["links", 0, "simulate"], ...),
         (["links", 0, "port"], "/dev/no-such-port"),
-        (["links"], [{"name": "drive", "kind": "serial", "port": "/dev/no-such-port"}]),
+        (["links"], [{"name": "drive", "kind": "serial", "port": "/dev/no-such-port"} | STATED]),
     )
     line = mistake("run", config, "--duration", "1")
     assert "/dev/no-such-port" in line
@@ -223,7 +226,8 @@ def test_an_absent_serial_port(mistake, write):
 
 def test_an_absent_can_device(mistake, write):
     link = {"name": "bus", "kind": "can", "interface": "slcan", "channel": "/dev/no-such-can"}
-    assert "/dev/no-such-can" in mistake("run", write((["links"], [link])), "--duration", "1")
+    config = write((["links"], [link | STATED]))
+    assert "/dev/no-such-can" in mistake("run", config, "--duration", "1")
 
 
 def test_a_missing_configuration(mistake, tmp_path):

@@ -27,7 +27,9 @@ def test_both_links_of_the_demo_are_within_the_budget(demo):
     assert judge_echo(demo) == ([], [])
     for link, blocked_ms in zip(demo.links, (5.584, 0.54), strict=True):
         assert link.measured_by == "controller"
-        assert link.echoes == link.round_trip.count >= 45  # 25 a second
+        # 25 messages a second, each sent three times; repetitions may carry the same echo
+        assert 45 <= link.echoes <= link.round_trip.count
+        assert link.round_trip.count == 150
         assert link.both_ways_ms <= 8.0  # the controller's cycle
         assert link.allowed_ms == pytest.approx(2 * 5.0 + blocked_ms, abs=0.01)
 

@@ -9,6 +9,7 @@ from hri_predict.contracts.cell import ControllerReport
 from hri_predict.contracts.link import LinkCounters, Received
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.node.listeners import Listener
+from hri_predict.node.repeats import Repeats
 from hri_predict.protocol.messages import (
     Advice,
     Level,
@@ -86,7 +87,7 @@ def heard(cell, advice_of=0):
     """Replace the links by quiet ones."""
     links = [QuietLink(link.name) for link in cell.assembly.links]
     cell.node._links = links
-    cell.node._publisher._links = links
+    cell.node._publisher.repeats = Repeats(links)  # each message once
     return links
 
 

@@ -152,7 +152,7 @@ def test_a_blind_source_is_said_to_be_blind_and_then_stale(make_room):
 
 
 def test_a_sequence_that_stands_still_is_frozen_however_often_it_arrives(make_room):
-    room = make_room()
+    room = make_room(source={"stale_s": 0.14})  # after it is said to be frozen
     room.see(body(1, 0.0), times=5)
     assert room.see(body(1, 0.1), step=0, times=2).reasons == ()
     snapshot = room.see(body(1, 0.1), step=0)
@@ -169,7 +169,7 @@ def test_a_sequence_that_stands_still_is_frozen_however_often_it_arrives(make_ro
 def test_identical_joints_are_frozen_only_from_a_source_that_declares_noise(
     make_room, declares_noise
 ):
-    room = make_room(declares_noise=declares_noise)
+    room = make_room(declares_noise=declares_noise, source={"stale_s": 0.14})
     for i in range(5):
         room.see(body(1, 0.01 * i))
     snapshot = room.see(body(1, 0.04), times=3)

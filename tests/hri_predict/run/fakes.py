@@ -2,6 +2,7 @@
 
 import time
 
+from hri_predict.node.repeats import Repeats
 from hri_predict.node.shedding import Shedding
 
 MS = 1_000_000
@@ -45,6 +46,7 @@ class Node:
         self.ticks, self.scenes, self.said = [], [], []
         self.slow: dict[int, float] = {}  # tick -> seconds that it takes
         self.shedding = Shedding()
+        self.repeats = Repeats([])
         self.warm = False
 
     def warm_up(self):

@@ -31,7 +31,7 @@ DRIVE_ALONE = {"request": "recovery", "start_s": 4.4, "duration_s": 0.3}
 PERSON = {
     "start": [3.6, 2.4],
     "script": [
-        {"do": "wait", "seconds": 2.0},
+        {"do": "wait", "seconds": 0.5},  # the arm stops where its way back leads away
         {"do": "walk", "to": [1.1, -0.45]},
         {"do": "wait", "seconds": 60.0},
     ],

@@ -26,7 +26,8 @@ DRIVE = {"role": "drive", "trajectory": "pick_and_place"}
 START_S, DURATION_S = 3.0, 1.0
 
 # fault -> (causes that may stop the robot, limit in ms from the fault's start)
-SILENT_MS = 150 + 40 + 8  # the time-out, from the last advice before the fault, and a cycle
+EVERY_MS = 15  # the node repeats its advice so often by default
+SILENT_MS = 60 + EVERY_MS + 8  # the time-out, from the last advice before the fault, and a cycle
 TABLE: dict[str, tuple[Any, Any]] = {
     "none": ([], None),
     "freeze": ({"silent"}, SILENT_MS),
@@ -35,8 +36,8 @@ TABLE: dict[str, tuple[Any, Any]] = {
     "truncate": ({"errors", "silent"}, SILENT_MS),
     # sound advice, on time, that rests on what was 500 ms ago: nothing comes at first
     "delay": ({"silent", "stale"}, SILENT_MS),
-    "reorder": ({"errors"}, 2 * 40 + 8),
-    "duplicate": ({"errors"}, 40 + 8),
+    "reorder": ({"errors"}, 2 * EVERY_MS + 8),
+    "duplicate": ({"errors"}, EVERY_MS + 8),
     "unplug": ({"silent"}, SILENT_MS),
 }
 PARAMETERS = {
@@ -80,7 +81,7 @@ def run(kind, fault, seconds=6.5):
         if due <= now:
             cell.step(now)
         if tick <= now:
-            if (tick - start) // (40 * MS) % 25 == 0:
+            if (tick - start) // (EVERY_MS * MS) % 66 == 0:  # once a second
                 link.post(Schema(SCHEMA_VERSION, SCHEMA_HASH))
             link.post(
                 Advice(
@@ -93,7 +94,7 @@ def run(kind, fault, seconds=6.5):
             )
             link.service(now)
             link.take()
-            tick += 40 * MS
+            tick += EVERY_MS * MS
     (report,) = cell.stop()
     return report
 
