@@ -1,6 +1,7 @@
 """The node: one tick, its life cycle, and what it does when a stage fails."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def near(make_workcell):
 
 def heard(cell, advice_of=0):
     """Replace the links by quiet ones."""
-    links = [QuietLink(link.name) for link in cell.assembly.links]
+    links: list[Any] = [QuietLink(link.name) for link in cell.assembly.links]
     cell.node._links = links
     cell.node._publisher.repeats = Repeats(links)  # each message once
     return links
