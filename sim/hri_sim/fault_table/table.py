@@ -297,7 +297,7 @@ def _scene(base: Config, people: int) -> Config:
 
 
 def _people(count: int) -> list[dict[str, Any]]:
-    places = [[2.3, 0.2], [0.4, 2.2]][:count]
+    places = [[2.1, 0.2], [0.4, 2.0]][:count]
     return [{"start": place, "script": [{"do": "wait", "seconds": 60.0}]} for place in places]
 
 

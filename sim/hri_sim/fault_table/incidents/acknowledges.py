@@ -40,7 +40,8 @@ ACKNOWLEDGES = (
     _by_itself("by program every 10 s", _LOST, period_s=10.0),
     _by_itself("of nothing, as protocol version 2 did", _LOST, period_s=0.5, names="nothing"),
     _by_itself("two old ones in turn", _LOST, period_s=0.5, ids=2, names="first"),
-    _by_itself("a taped button, latched", (Reason.LATCHED,), latch=("stop", "lost"), period_s=1.0),
+    # While the person is lost, that is the reason. The latch shows as one once it is over.
+    _by_itself("a taped button, latched", _LOST, latch=("stop", "lost"), period_s=1.0),
     Incident(
         name="acknowledge: by an operator, once, and the cell works on",
         people=(_WENT,),

@@ -30,7 +30,7 @@ ROBOT_LIES = (
         people=(_COMES,),
         duration_s=9.0,
         lies=({"kind": "degrees"},),
-        says=(Reason.ROBOT_VELOCITY_WRONG,),
+        says=(Reason.ROBOT_STATE_INVALID,),  # which names the unit
     ),
     Incident(
         name="robot: position jumps",
@@ -53,7 +53,7 @@ ROBOT_LIES = (
         people=(FAR,),
         duration_s=8.0,
         lies=({"kind": "hold", "start_s": 2.5},),
-        not_moving=(2.8, 3.4),
+        not_moving=(2.8, 3.2),  # then it stands, as it says, until it is released
         says=(Reason.ROBOT_STATE_FROZEN,),
     ),
     Incident(

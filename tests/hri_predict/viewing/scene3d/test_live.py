@@ -93,7 +93,7 @@ def test_a_browser_shows_the_cell_as_it_changes():
 
         view.show(stop)
         browser.wait_for_text("arm: STOP")
-        browser.wait_for_text("a person is too close")
+        browser.wait_for_text(stop.facts["robots"][0]["reason"])
         browser.wait_for_text(f"{stop.facts['robots'][0]['separation_m']:.2f} m")
         time.sleep(2.0)  # software draws about one frame a second
         changed = np.abs(scene(browser) - before).max(axis=-1) > 0.1
