@@ -12,14 +12,16 @@ A map is a YAML file (maps in ``configs/skeletons/`` are known by name)::
       l_shoulder: LShoulder
       r_shoulder: RShoulder
       neck: {LShoulder: 0.5, RShoulder: 0.5}
+    rigid:                         # joints that move with a rigid body of markers
+      torso: {at: chest, left: [rib_r, rib_l], up: [belly, chest], offset_m: [-0.1, 0, 0.05]}
 
 Only anatomical midpoints (``waist`` of the hips, ``neck`` of the shoulders, ``head`` of the ears)
-may be derived from several joints; such a joint is observed if all its sources are. No source joint
-is two canonical ones. A canonical joint missing from the map is never measured. The node infers it,
-with its uncertainty, where the map's joints allow (``people/body/inferred.py``).
+may be averaged of several joints. A joint of several sources is observed if all of them are. No
+source joint is two canonical ones. A canonical joint missing from the map is never measured. The
+node infers it, with its uncertainty, where the map's joints allow (``people/body/inferred.py``).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -32,6 +34,7 @@ from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.files import YAML_ENDINGS, data_path, read_yaml
 from hri_predict.base.settings import Settings, validated
 from hri_predict.base.skeleton import CANONICAL
+from hri_predict.contracts.rigid_joint import RigidJoint
 
 METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
 _EXAMPLE = "such as l_wrist: LeftHand or neck: {LShoulder: 0.5, RShoulder: 0.5}"
@@ -51,6 +54,7 @@ class JointMap:
         rotation: (3, 3) from the source's axes to forward, left, up.
         weights: (J, J_source) weight of each source joint in each canonical one; a row of zeros if
             the source has no such joint.
+        rigid: canonical joints that move with a rigid body of the source's; none has weights.
         mapped: (J,) which canonical joints this source can ever deliver.
     """
 
@@ -59,13 +63,23 @@ class JointMap:
     scale_to_m: float
     rotation: Floats
     weights: Floats
+    rigid: Mapping[str, RigidJoint] = field(default_factory=dict)
     mapped: Bools = field(init=False)
     _needed: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         needed = self.weights > 0
+        for joint, rigid in self.rigid.items():
+            of = [self.source_joints.index(name) for name in rigid.sources]
+            needed[CANONICAL.index(joint), of] = True
         object.__setattr__(self, "mapped", np.asarray(needed.any(axis=1)))
         object.__setattr__(self, "_needed", needed.T.astype(np.float64))
+
+    @property
+    def used(self) -> Bools:
+        """(J_source,) the source joints of which any canonical one is made."""
+        used: Bools = np.asarray(self._needed.any(axis=1))
+        return used
 
     def to_metres_z_up(self, points: Floats) -> Floats:
         """Raw (..., 3) in the source's units and axes to metres, x forward, y left, z up."""
@@ -76,7 +90,7 @@ class JointMap:
         """Map source joints to canonical ones, in any frame.
 
         Args:
-            positions: (..., J_source, 3).
+            positions: (..., J_source, 3) metres, right-handed where the map has rigid joints.
             observed: (..., J_source); a joint with a non-finite coordinate always counts as
                 unobserved.
 
@@ -88,8 +102,12 @@ class JointMap:
         clean = np.where(good[..., np.newaxis], positions, 0.0)
         missing = (~good).astype(np.float64) @ self._needed
         seen: Bools = (missing == 0.0) & self.mapped
-        mapped: Floats = np.where(seen[..., np.newaxis], self.weights @ clean, 0.0)
-        return mapped, seen
+        mapped: Floats = self.weights @ clean
+        for joint, rigid in self.rigid.items():
+            place, spans = rigid.place(clean, self.source_joints)
+            mapped[..., CANONICAL.index(joint), :] = place
+            seen[..., CANONICAL.index(joint)] &= spans
+        return np.where(seen[..., np.newaxis], mapped, 0.0), seen
 
     def with_units(self, scale_to_m: float) -> "JointMap":
         """Return this map for a file in other units: metres per unit.
@@ -158,7 +176,12 @@ class SourceFrame(Settings):
         axes_rotation(self.axes, self.left_handed)
         return self
 
-    def joint_map(self, source_joints: Sequence[str], weights: Floats) -> JointMap:
+    def joint_map(
+        self,
+        source_joints: Sequence[str],
+        weights: Floats,
+        rigid: Mapping[str, RigidJoint] | None = None,
+    ) -> JointMap:
         """The map of these joints with the file's name, units and axes."""
         return JointMap(
             name=self.name,
@@ -166,6 +189,7 @@ class SourceFrame(Settings):
             scale_to_m=self.units,
             rotation=axes_rotation(self.axes, self.left_handed),
             weights=weights,
+            rigid=rigid or {},
         )
 
 
@@ -174,6 +198,7 @@ class JointMapSettings(SourceFrame):
 
     joints: Annotated[list[str], Field(min_length=1, max_length=1000)]
     map: dict[str, dict[str, float]]
+    rigid: dict[str, RigidJoint] = {}
 
     @field_validator("joints", mode="before")
     @classmethod
@@ -218,6 +243,8 @@ class JointMapSettings(SourceFrame):
                     )
             _check_weights(joint, sources)
         _check_used_once(self.map)
+        for joint, rigid in self.rigid.items():
+            _check_rigid(joint, rigid, self)
         return self
 
     def to_joint_map(self) -> JointMap:
@@ -226,13 +253,13 @@ class JointMapSettings(SourceFrame):
         for joint, sources in self.map.items():
             for source, weight in sources.items():
                 weights[CANONICAL.index(joint), self.joints.index(source)] = weight
-        return self.joint_map(self.joints, weights)
+        return self.joint_map(self.joints, weights, self.rigid)
 
 
-def _check_canonical(joint: str) -> None:
+def _check_canonical(joint: str, key: str = "map") -> None:
     if joint not in CANONICAL.joints:
         raise ValueError(
-            f"map: no canonical joint '{joint}'{nearest(joint, CANONICAL.joints)} "
+            f"{key}: no canonical joint '{joint}'{nearest(joint, CANONICAL.joints)} "
             f"(known: {', '.join(CANONICAL.joints)})"
         )
 
@@ -244,6 +271,16 @@ def _check_weights(joint: str, sources: dict[str, float]) -> None:
         raise ValueError(
             f"map.{joint}: only {', '.join(DERIVED)} may be derived from several joints; "
             "name one source joint or leave it out (unobserved)"
+        )
+
+
+def _check_rigid(joint: str, rigid: RigidJoint, settings: JointMapSettings) -> None:
+    _check_canonical(joint, "rigid")
+    if joint in settings.map:
+        raise ValueError(f"rigid.{joint}: stands in map as well; give it once")
+    for source in sorted(rigid.sources - set(settings.joints)):
+        raise ValueError(
+            f"rigid.{joint}: the source has no joint '{source}'{nearest(source, settings.joints)}"
         )
 
 

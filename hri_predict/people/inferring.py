@@ -10,6 +10,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.people.body.inferred import Filled, Inference
+from hri_predict.people.carried import Carried, carry
 from hri_predict.people.snapshot import Inferred, LostPerson, PeopleSnapshot, RecentCaptures
 
 _GAIN = 2.2
@@ -32,8 +33,9 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
     measured = snapshot.observed
     if measured.all():
         return replace(snapshot, lost=lost) if lost else snapshot
-    filled = inference.fill(snapshot.history, measured)
-    held = _held(_continued(filled, snapshot, inference, rate_hz), measured)
+    carried = carry(snapshot.history, measured, rate_hz)
+    filled = _by_carried(inference.fill(carried.positions, carried.observed), carried)
+    held = _held(_continued(filled, snapshot, inference, rate_hz, carried), measured)
     joints: Bools = np.asarray(held.observed[:, -1] & ~measured[:, -1])
     newest = held.positions[:, -1]
     recent, shown = snapshot.recent, np.asarray(measured[:, -1])
@@ -58,8 +60,19 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
     )
 
 
+def _by_carried(filled: Filled, carried: Carried) -> Filled:
+    """Inferred joints, with the uncertainty of the carried ones that they rest on."""
+    inferred = filled.observed & ~carried.observed
+    by_others = np.where(inferred, carried.within_m.max(-1, keepdims=True), 0.0)
+    return filled._replace(within_m=filled.within_m + carried.within_m + by_others)
+
+
 def _continued(
-    filled: Filled, snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
+    filled: Filled,
+    snapshot: PeopleSnapshot,
+    inference: Inference,
+    rate_hz: float,
+    carried: Carried,
 ) -> Filled:
     """Inferred places that join those before and after, at which the joint was measured.
 
@@ -91,7 +104,7 @@ def _continued(
     add += second[..., None] * np.take_along_axis(
         off, np.minimum(next_, steps - 1)[..., None], axis=1
     )
-    inferred = (filled.observed & hidden)[..., None]
+    inferred = (filled.observed & ~carried.observed)[..., None]
     return filled._replace(positions=np.where(inferred, filled.positions + add, filled.positions))
 
 

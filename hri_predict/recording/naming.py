@@ -34,7 +34,9 @@ def map_of_names(names: Sequence[str]) -> JointMap:
     bare = without_shared(names)
     readings = [_reading(names)] if bare == list(names) else [_reading(names), _reading(bare)]
     best = max(readings, key=lambda m: int(m.mapped.sum()))  # the first of equals
-    return replace(best, source_joints=tuple(names))
+    own = dict(zip(best.source_joints, names, strict=True))
+    rigid = {joint: each.renamed(own) for joint, each in best.rigid.items()}
+    return replace(best, source_joints=tuple(names), rigid=rigid)
 
 
 def _reading(names: Sequence[str]) -> JointMap:
@@ -81,8 +83,7 @@ def with_map(recording: Recording, own: JointMap) -> Recording:
     """
     names = recording.joint_map.source_joints
     columns = {name: k for k, name in enumerate(names)}
-    used = np.flatnonzero((own.weights > 0).any(axis=0))
-    for joint in (own.source_joints[k] for k in used):
+    for joint in (own.source_joints[k] for k in np.flatnonzero(own.used)):
         if joint not in columns:
             raise ConfigError(
                 f"joint map {own.name}: uses '{joint}', which is not among the recording's joints"
@@ -103,7 +104,13 @@ def _by_name(joint_map: JointMap, columns: Mapping[str, int], names: Sequence[st
     places = [columns[joint_map.source_joints[k]] for k in there]
     weights[:, places] = joint_map.weights[:, there]
     same = tuple(names) == joint_map.source_joints or joint_map.name == "canonical"
-    return _map(joint_map.name if same else f"{joint_map.name} by name", names, weights)
+    made = _map(joint_map.name if same else f"{joint_map.name} by name", names, weights)
+    rigid = {
+        joint: each.renamed({name: names[k] for name, k in columns.items()})
+        for joint, each in joint_map.rigid.items()
+        if each.sources <= set(columns)
+    }
+    return replace(made, rigid=rigid)
 
 
 def _completed(best: JointMap, other: Floats, taken: Bools) -> JointMap:

@@ -162,7 +162,7 @@ def write_bvh(path: Path, recording: Recording) -> Written:
     used = sorted(set(joints))
     written = replace(frames.written, joints=len(used))
     written.dropped["joints that are none of the canonical ones"] += int(
-        np.count_nonzero(~(recording.joint_map.weights > 0).any(axis=0))
+        np.count_nonzero(~recording.joint_map.used)
     )
     unseen = int(np.count_nonzero(~seen[:, used]))
     written.dropped["joint positions that were not observed"] += unseen

@@ -11,6 +11,7 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ, Pose
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.rigid_joint import RigidJoint
 from hri_predict.protocol.definition import SCHEMA_VERSION
 
 FORMAT_VERSION = "2"
@@ -66,6 +67,7 @@ class RecordingInfo:
             "scale_to_m": repr(self.joint_map.scale_to_m),
             "rotation": json.dumps(self.joint_map.rotation.tolist()),
             "weights": json.dumps(self.joint_map.weights.tolist()),
+            "rigid": json.dumps({k: v.model_dump() for k, v in self.joint_map.rigid.items()}),
             "rate_hz": repr(self.rate_hz),
             "declares_noise": json.dumps(self.declares_noise),
             "config": self.config,
@@ -134,6 +136,12 @@ def _joint_map(metadata: Mapping[str, str]) -> JointMap:
     weights = np.array(json.loads(metadata["weights"]), dtype=np.float64)
     if rotation.shape != (3, 3) or weights.shape != (len(JOINTS), len(joints)):
         raise ValueError("joint map")
+    rigid = json.loads(metadata.get("rigid", "{}"))
+    if not isinstance(rigid, dict):
+        raise ValueError("rigid joints of the joint map")
+    rigid = {joint: RigidJoint.model_validate(each) for joint, each in rigid.items()}
+    if not all(j in JOINTS and each.sources <= set(joints) for j, each in rigid.items()):
+        raise ValueError("rigid joints of the joint map")
     scale_to_m = float(metadata["scale_to_m"])
     sane = np.isfinite(rotation).all() and (weights >= 0).all() and (weights <= 1).all()
     if not (sane and 0 < scale_to_m < math.inf):
@@ -144,4 +152,5 @@ def _joint_map(metadata: Mapping[str, str]) -> JointMap:
         scale_to_m=scale_to_m,
         rotation=rotation,
         weights=weights,
+        rigid=rigid,
     )

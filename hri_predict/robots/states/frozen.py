@@ -179,6 +179,8 @@ class FrozenCheck:
 
     def _stops_impossibly(self, before: _State, state: _State, period_s: float) -> bool:
         """Whether the state stands, and the one before moved too fast to stand there so soon."""
+        if not self._acceleration:  # states without an error, which a waterfall assumes
+            return False
         fastest = max(map(abs, before.qd))
         if fastest <= MOVES or max(map(abs, state.qd)) > min(MOVES, STANDS_SHARE * fastest):
             return False

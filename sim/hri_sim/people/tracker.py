@@ -14,7 +14,7 @@ def delivered_by(tracker: JointMap) -> JointMap:
 
     A joint that the tracker derives from others which it delivers (COCO's waist, between the hips)
     is derived here, too, so it has their errors. One that is derived from points that are not
-    canonical joints (COCO's head, between the ears) is delivered as itself.
+    canonical joints (COCO's head, between the ears; a shoulder by markers on a chest) is itself.
     """
     alone = (tracker.weights > 0) & ((tracker.weights > 0).sum(1, keepdims=True) == 1)
     owner = alone.astype(np.float64)  # (J, J_source): which canonical joint a source joint is
@@ -23,7 +23,7 @@ def delivered_by(tracker: JointMap) -> JointMap:
     weights = np.zeros_like(canonical.weights)
     for joint in np.flatnonzero(tracker.mapped):
         row = tracker.weights[joint]
-        if known[row > 0].all():
+        if row.any() and known[row > 0].all():
             weights[joint] = row @ (owner / np.maximum(owner.sum(0), 1.0)).T
         else:
             weights[joint, joint] = 1.0

@@ -74,6 +74,45 @@ def test_source_order(name, joint, index):
     assert load_joint_map(name).source_joints[index] == joint
 
 
+def test_a_shoulder_moves_with_the_markers_on_the_chest():
+    joint_map = load_joint_map("marker_clusters9")
+    at = {"hip": [0.0, 0, 1.0], "collar": [0.0, 0, 1.35], "left_shoulder": [0, 0.12, 1.35],
+          "right_shoulder": [0, -0.12, 1.35]}  # fmt: skip
+    positions = np.array([at.get(name, [9.0, 9, 9]) for name in joint_map.source_joints])
+    observed = np.ones(9, dtype=np.bool_)
+    joints, seen = joint_map.map(positions, observed)
+    left, right = (JOINTS.index(f"{s}_shoulder") for s in "lr")
+    np.testing.assert_allclose(joints[left], [-0.11, 0.19, 1.44], atol=1e-12)
+    np.testing.assert_allclose(joints[right], [-0.11, -0.19, 1.44], atol=1e-12)
+    assert seen[[left, right]].all()
+    observed[joint_map.source_joints.index("hip")] = False
+    assert not joint_map.map(positions, observed)[1][[left, right]].any()
+    assert list(joint_map.used) == [True] * 9
+
+
+@pytest.mark.parametrize(
+    ("rigid", "wrong"),
+    [
+        ({"shoulder": {}}, "rigid: no canonical joint 'shoulder'"),
+        ({"l_hip": {"at": "c"}}, "rigid.l_hip: the source has no joint 'c'"),
+        ({"l_wrist": {}}, "rigid.l_wrist: stands in map as well"),
+        ({"l_hip": {"up": ["a", "b"]}}, "left and up must name three or four different"),
+        ({"l_hip": {"offset_m": [0, 0, 3]}}, "offset_m"),
+        ({"l_hip": {"at": 4}}, "rigid.l_hip.at"),
+    ],
+)
+def test_a_wrong_rigid_joint_is_named(tmp_path, rigid, wrong):
+    whole = {"at": "a", "left": ["a", "b"], "up": ["d", "a"], "offset_m": [0, 0, 0]}
+    text = {"name": "x", "reference": "x", "units": "m", "axes": ["x", "y", "z"],
+            "joints": ["a", "b", "d", "w"], "map": {"l_wrist": "w"},
+            "rigid": {k: whole | v for k, v in rigid.items()}}  # fmt: skip
+    path = tmp_path / "own.yaml"
+    path.write_text(yaml.safe_dump(text))
+    with pytest.raises(ConfigError, match=wrong.replace(".", r"\.")) as caught:
+        load_joint_map(str(path))
+    assert "\n" not in str(caught.value)
+
+
 def side(source_joint: str) -> str:
     name = source_joint.lower()
     return "l" if "left" in name else "r" if "right" in name else name[0]

@@ -28,8 +28,18 @@ def test_arms_in_a_cameras_frame_are_lifted_to_where_one_sits(recording):
 
 def test_clusters_without_a_floor_are_lifted_to_where_one_stands(tmp_path):
     names = load_joint_map("marker_clusters9").source_joints
-    positions = np.random.default_rng(0).normal(size=(60, len(names), 3), scale=0.1)
-    positions[:, names.index("head"), 2] = 0.9
+    positions = np.random.default_rng(0).normal(size=(60, len(names), 3), scale=0.02)
+    for name, place in {
+        "head": [0.0, 0.0, 0.3],
+        "left_shoulder": [0.0, 0.12, 0.0],
+        "right_shoulder": [0.0, -0.12, 0.0],
+        "left_elbow": [-0.1, 0.2, -0.2],
+        "right_elbow": [-0.1, -0.2, -0.2],
+        "left_hand": [0.1, 0.2, -0.2],
+        "right_hand": [0.1, -0.2, -0.2],
+        "hip": [0.0, 0.0, -0.3],
+    }.items():
+        positions[:, names.index(name)] += place
     path = tmp_path / "stack_1.npz"
     np.savez(
         path,

@@ -1,6 +1,7 @@
 """MCAP files of absurd numbers and sizes: one clear error, or read up to there."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from hri_predict.recording.mcap import reader as mcap_reader
 
 JOINTS = 6
 INFO = RecordingInfo(joint_map=load_joint_map("assembly_arms"), rate_hz=30.0, declares_noise=True)
+A, B, C = INFO.joint_map.source_joints[:3]
+RIGID = {"at": A, "left": [A, B], "up": [C, A], "offset_m": [0, 0, 0.1]}
 SCENE = Scene(0, 0, True, (Person(1, np.zeros((JOINTS, 3)), np.ones(JOINTS, bool)),))
 
 
@@ -53,6 +56,11 @@ def test_a_chunk_that_lies_about_its_size_is_not_unpacked(compression, data, sai
         ("rotation", "[[NaN, 0, 0], [0, 1, 0], [0, 0, 1]]"),
         ("weights", json.dumps([[1e308] * 6] * 21)),
         ("weights", json.dumps([[-1.0] * 6] * 21)),
+        ("rigid", "[]"),
+        ("rigid", '{"l_hip": 3}'),
+        ("rigid", json.dumps({"l_hip": {**RIGID, "at": "no such joint"}})),
+        ("rigid", json.dumps({"l_hop": RIGID})),
+        ("rigid", json.dumps({"l_hip": {**RIGID, "offset_m": [1e308, 0, 0]}})),
         ("scale_to_m", "nan"),
         ("scale_to_m", "0.0"),
     ],
@@ -64,6 +72,21 @@ def test_absurd_metadata_are_one_clear_error(tmp_path: Path, monkeypatch, key, v
         recorder.on_scene(SCENE, 10)
     with pytest.raises(RecordingError, match="its metadata are damaged"):
         open_recording(tmp_path / "a.mcap")
+
+
+def test_rigid_joints_of_a_map_come_back(tmp_path: Path) -> None:
+    info = replace(INFO, joint_map=load_joint_map("marker_clusters9"))
+    person = Person(1, np.arange(27.0).reshape(9, 3) ** 2 / 500, np.ones(9, bool))
+    with Recorder(tmp_path / "a.mcap", info, threaded=False) as recorder:
+        recorder.on_scene(replace(SCENE, people=(person,)), 10)
+    read = open_recording(tmp_path / "a.mcap").joint_map
+    assert dict(read.rigid) == dict(info.joint_map.rigid)
+    for mine, theirs in zip(
+        read.map(person.positions, person.observed),
+        info.joint_map.map(person.positions, person.observed),
+        strict=True,
+    ):
+        np.testing.assert_array_equal(mine, theirs)
 
 
 @pytest.mark.parametrize(

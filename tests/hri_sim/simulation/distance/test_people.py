@@ -63,4 +63,4 @@ def test_what_is_hidden_is_known_to_the_tracker_and_what_it_lacks_is_not():
     assert joints("full") == (21, 21)
     assert joints("waist-hidden") == (21, 12)
     assert joints("upper-body") == (12, 12)
-    assert joints("marker_clusters9") == (5, 5)
+    assert joints("marker_clusters9") == (7, 7)

@@ -1,0 +1,80 @@
+"""Shoulders and hips that are not seen for a moment, carried along with the rest of the body.
+
+Without both shoulders or both hips a body has no heading, and nothing that is hidden can be
+inferred. A tracker loses a shoulder for a few captures at a time, so the pair that was seen last
+stands in: where it was, moved as the head has moved since, or as all joints have that are seen.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.skeleton import JOINTS
+
+PER_S = 1.5
+"""Metres a second by which a shoulder or hip moves away from where it is carried: holds 99 % of
+them up to 0.5 s, carried by the head or by the arms, in the recordings of the data pack (fit and
+test, people who run, dance and jump among them)."""
+LONGEST_S = 0.3
+"""Longest time for which a pair is carried."""
+_PAIRS = tuple(
+    np.array([JOINTS.index(f"{side}_{joint}") for side in ("l", "r")])
+    for joint in ("shoulder", "hip")
+)
+_HEAD = np.array([JOINTS.index(name) for name in ("head", "head_top")])
+
+
+class Carried(NamedTuple):
+    """Bodies with carried joints: positions (P, T, J, 3), which joints are seen or carried
+    (P, T, J), and (P, T, J) metres within which a carried joint is; 0 for all others."""
+
+    positions: Floats
+    observed: Bools
+    within_m: Floats
+
+
+def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
+    """Carry the pair that was seen last through steps without a complete pair.
+
+    Args:
+        positions: (P, T, J, 3) metres, finite, in the room; where not measured, anything.
+        measured: (P, T, J).
+        rate_hz: steps per second.
+    """
+    found = Carried(positions.copy(), measured.copy(), np.zeros(measured.shape))
+    whole = np.stack([measured[..., pair].all(-1) for pair in _PAIRS], axis=-1)  # (P, T, 2)
+    step = np.arange(measured.shape[1])[:, None]
+    last = np.maximum.accumulate(np.where(whole, step, -1), axis=1)
+    age_s = (step - last) / rate_hz
+    due = ~whole.any(-1) & measured.any(-1)
+    newest = last.argmax(-1)  # the shoulders, if both were seen then
+    for number, pair in enumerate(_PAIRS):
+        carries = due & (newest == number) & (last[..., number] >= 0)
+        carries &= age_s[..., number] <= LONGEST_S + 1e-9
+        for person, at in np.argwhere(carries):
+            since = last[person, at, number]
+            shift = _shift(positions[person], measured[person], since, at)
+            if shift is not None:
+                places = positions[person, since] + shift
+                _place(found, (person, at), pair, places, age_s[person, at, number])
+    return found
+
+
+def _shift(positions: Floats, measured: Bools, since: int, at: int) -> Floats | None:
+    """How far a body (T, J, 3) has moved between two steps; ``None``: no joint is seen in both."""
+    both = measured[since] & measured[at]
+    head = both[_HEAD]
+    of = _HEAD[head] if head.any() else np.flatnonzero(both)
+    if not of.size:
+        return None
+    moved: Floats = (positions[at, of] - positions[since, of]).mean(0)
+    return moved
+
+
+def _place(found: Carried, step: tuple[int, int], pair: Ints, places: Floats, age_s: float) -> None:
+    """Write the joints of a pair that are not seen in a step (person, time)."""
+    missing = pair[~found.observed[step][pair]]
+    found.positions[step][missing] = places[missing]
+    found.observed[step][missing] = True
+    found.within_m[step][missing] = PER_S * age_s
