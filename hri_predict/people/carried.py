@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats, Ints
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 
 PER_S = 1.5
@@ -55,9 +55,12 @@ def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
         for person, at in np.argwhere(carries):
             since = last[person, at, number]
             shift = _shift(positions[person], measured[person], since, at)
-            if shift is not None:
-                places = positions[person, since] + shift
-                _place(found, (person, at), pair, places, age_s[person, at, number])
+            if shift is None:
+                continue
+            missing = pair[~measured[person, at, pair]]
+            found.positions[person, at, missing] = positions[person, since, missing] + shift
+            found.observed[person, at, missing] = True
+            found.within_m[person, at, missing] = PER_S * age_s[person, at, number]
     return found
 
 
@@ -70,11 +73,3 @@ def _shift(positions: Floats, measured: Bools, since: int, at: int) -> Floats | 
         return None
     moved: Floats = (positions[at, of] - positions[since, of]).mean(0)
     return moved
-
-
-def _place(found: Carried, step: tuple[int, int], pair: Ints, places: Floats, age_s: float) -> None:
-    """Write the joints of a pair that are not seen in a step (person, time)."""
-    missing = pair[~found.observed[step][pair]]
-    found.positions[step][missing] = places[missing]
-    found.observed[step][missing] = True
-    found.within_m[step][missing] = PER_S * age_s

@@ -35,7 +35,9 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
         return replace(snapshot, lost=lost) if lost else snapshot
     carried = carry(snapshot.history, measured, rate_hz)
     filled = _by_carried(inference.fill(carried.positions, carried.observed), carried)
-    held = _held(_continued(filled, snapshot, inference, rate_hz, carried), measured)
+    held = _held(
+        _continued(filled, snapshot, inference, rate_hz=rate_hz, carried=carried), measured
+    )
     joints: Bools = np.asarray(held.observed[:, -1] & ~measured[:, -1])
     newest = held.positions[:, -1]
     recent, shown = snapshot.recent, np.asarray(measured[:, -1])
@@ -71,6 +73,7 @@ def _continued(
     filled: Filled,
     snapshot: PeopleSnapshot,
     inference: Inference,
+    *,
     rate_hz: float,
     carried: Carried,
 ) -> Filled:
