@@ -65,7 +65,7 @@ def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
 
 
 def _shift(positions: Floats, measured: Bools, since: int, at: int) -> Floats | None:
-    """How far a body (T, J, 3) has moved between two steps; ``None``: no joint is seen in both."""
+    """(3,) motion of a body (T, J, 3) between two steps; ``None``: no joint is seen in both."""
     both = measured[since] & measured[at]
     head = both[_HEAD]
     of = _HEAD[head] if head.any() else np.flatnonzero(both)

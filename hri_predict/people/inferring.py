@@ -35,9 +35,8 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
         return replace(snapshot, lost=lost) if lost else snapshot
     carried = carry(snapshot.history, measured, rate_hz)
     filled = _by_carried(inference.fill(carried.positions, carried.observed), carried)
-    held = _held(
-        _continued(filled, snapshot, inference, rate_hz=rate_hz, carried=carried), measured
-    )
+    filled = _continued(filled, snapshot, inference, rate_hz=rate_hz, carried=carried)
+    held = _held(filled, measured)
     joints: Bools = np.asarray(held.observed[:, -1] & ~measured[:, -1])
     newest = held.positions[:, -1]
     recent, shown = snapshot.recent, np.asarray(measured[:, -1])
