@@ -107,7 +107,11 @@ class RiskSettings(Settings):
         0.05, ge=MIN_SPEED_M_S, le=1, description="a limit below this is advised as a stop"
     )
     speed_rise_m_s2: float = Field(
-        0.5, ge=0.01, le=100, description="maximum rise of the speed limit; it falls at once"
+        2.0,
+        ge=0.01,
+        le=100,
+        description="maximum rise of the speed limit; it falls at once. Each limit is permitted by"
+        " itself; the rise only spares the robot jerks",
     )
     latch: list[LatchCause] = Field(
         [],

@@ -11,6 +11,7 @@ import numpy as np
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import ConfigError, UnusableRecordingError
 from hri_predict.base.files import YAML_ENDINGS, read_text
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.base.work.identity import code_digest
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.contracts.predictor import PredictorSettings
@@ -29,7 +30,7 @@ from hri_sim.simulation.results.publish import Result, report
 from hri_sim.simulation.results.report import Judged, Row, judged
 from hri_sim.simulation.scenario import draw
 from hri_sim.simulation.store import Store
-from hri_sim.simulation.work import ALONE, SimulationPlan, blocks, episodes, run_block
+from hri_sim.simulation.work import ALONE, SimulationPlan, SourceValue, blocks, episodes, run_block
 
 __all__ = ["Result", "report", "run", "simulate"]
 
@@ -135,10 +136,12 @@ def _basis(plan: SimulationPlan, predictor: str | None) -> ZoneBasis:
     return basis_of(plan.asked(predictor), _settings(config), coverage, config.base_dir)
 
 
-def _seen(request: SimulationRequest) -> tuple[tuple[str, str | float], ...]:
+def _seen(request: SimulationRequest) -> tuple[tuple[str, SourceValue], ...]:
     """Return the request's values for the source; the configuration's own values stay otherwise."""
     asked = {
         "tracker": request.tracker,
+        "lacks": request.lacks or None,
+        "hidden": request.hidden or None,
         "noise_m": request.noise_m,
         "wander_m": request.wander_m,
     }
@@ -205,10 +208,12 @@ def _demand_seen(motion: Motion, cell: Cell) -> None:
     Raises:
         UnusableRecordingError: it does not, so the node would see no person.
     """
-    tracker = cell.source.tracker
-    if not (map_of([motion], tracker, cell.config.base_dir).weights > 0).any():
+    source = cell.source
+    able = map_of([motion], source.tracker, cell.config.base_dir, source.lacks).mapped
+    if not (able & ~np.isin(JOINTS, source.hidden)).any():
         raise UnusableRecordingError(
-            f"recording {motion.name}: tracker {tracker} sees none of its joints; leave it out"
+            f"recording {motion.name}: tracker {source.tracker} sees none of its joints; leave it "
+            f"out"
         )
 
 

@@ -22,6 +22,8 @@ class SimulationRequest:
     motions: tuple[str, ...] = ()
     joint_map: str | None = None
     tracker: str | None = None
+    lacks: tuple[str, ...] = ()
+    hidden: tuple[str, ...] = ()
     noise_m: float | None = None
     wander_m: float | None = None
     episodes: int = 2000

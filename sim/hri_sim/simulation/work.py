@@ -30,6 +30,9 @@ ALONE = Variant("unprotected", ())
 BLOCK = 20
 """Number of episodes of one recording in a block."""
 
+SourceValue = str | float | tuple[str, ...]
+"""Of a key of ``source:``."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationPlan:
@@ -56,7 +59,7 @@ class SimulationPlan:
     coverages: tuple[float, ...]
     motions: tuple[str, ...]
     joint_map: str | None
-    seen: tuple[tuple[str, str | float], ...]
+    seen: tuple[tuple[str, SourceValue], ...]
     episodes: int
     seed: int
     people: int
@@ -66,7 +69,7 @@ class SimulationPlan:
     def loaded(self, predictor: str | None) -> Config:
         """Return the configuration with one of the predictors."""
         config = configuration.load(Path(self.config)).quiet()
-        changes = dict(self.seen)
+        changes: dict[str, Any] = dict(self.seen)
         if self.joint_map is not None:
             changes["joint_map"] = self.joint_map
         if changes:

@@ -50,4 +50,4 @@ def test_the_node_says_fault_to_every_robot_and_releases_slowly(make_workcell):
     assert after[-1].advices[0].level is Level.UNKNOWN, "the release needs captures, as any does"
     later = cell.run(3.0)[-1]
     assert later.status.node_state is NodeState.RUNNING
-    assert later.advices[0].level is before.advices[0].level
+    assert later.advices[0].level.may_move

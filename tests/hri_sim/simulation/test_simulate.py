@@ -94,6 +94,17 @@ def test_a_tracker_with_noise_changes_what_is_seen_in_both_ways_of_running(reque
     assert "tracker coco17; noise_m 0.02; wander_m 0.01" in report(seen, None).notes[-1]
 
 
+@pytest.mark.long
+def test_hidden_arms_change_what_is_seen_in_both_ways_of_running(request_of):
+    arms = tuple(f"{side}_{part}" for part in ("elbow", "wrist", "hand") for side in "lr")
+    walk = {"motions": ("procedural:0",), "episodes": 1}
+    whole = simulate(request_of(**walk), lambda *_: None)
+    half = simulate(request_of(hidden=arms, **walk), lambda *_: None)
+    assert half.checks == 1
+    assert half.disagreements == []
+    assert [r.outcomes for r in half.results] != [r.outcomes for r in whole.results]
+
+
 @pytest.fixture
 def glimpse(tmp_path):
     """A recording of two thirds of a second, which is too short for an approach."""

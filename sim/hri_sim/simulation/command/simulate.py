@@ -26,7 +26,7 @@ from hri_predict.run.compared_predictors import asked_predictors
 from hri_sim.simulation.command.distance import distances
 from hri_sim.simulation.command.occlude import occluded
 from hri_sim.simulation.command.screen import show
-from hri_sim.simulation.distance.people import ACTIVITIES, own_sights
+from hri_sim.simulation.distance.people import ACTIVITIES, FULL, own_sights, sights
 from hri_sim.simulation.request import (
     DistanceRequest,
     OcclusionRequest,
@@ -95,8 +95,8 @@ def simulate(
     tracker: Annotated[
         list[str] | None,
         typer.Option(
-            help="See people as this tracker delivers them: a joint map's name (coco17) or file; "
-            f"with --distance also {', '.join(own_sights())}, and repeatable.",
+            help="See people as this tracker delivers them: a joint map's name (coco17) or file, "
+            f"or {', '.join(own_sights())}; repeatable with --distance.",
         ),
     ] = None,
     noise: Annotated[
@@ -280,6 +280,7 @@ def simulate(
         )
     without_effect(lost, "without --occlude")
     seen_as = _one("--tracker", tracker, "a simulation of approaches")
+    sight = FULL if seen_as is None else sights([seen_as])[0]
     from hri_sim import simulation
 
     if out is not None:
@@ -294,7 +295,9 @@ def simulate(
         coverages=tuple(coverage or ()),
         motions=_motions(data or [Path("../shared/data")], split),
         joint_map=None if joint_map is None else map_path(joint_map),
-        tracker=None if seen_as is None else map_path(seen_as),
+        tracker=sight.tracker,
+        lacks=sight.lacks,
+        hidden=sight.hidden,
         noise_m=_one("--noise", noise, "a simulation of approaches"),
         wander_m=wander,
         episodes=episodes,
