@@ -2,7 +2,8 @@
 
 Without both shoulders or both hips a body has no heading, and nothing that is hidden can be
 inferred. A tracker loses a shoulder for a few captures at a time, so the pair that was seen last
-stands in: where it was, moved as the head has moved since, or as all joints have that are seen.
+stands in: where it was, moved as the head has moved since, or as all joints have that are seen. A
+body of which little else is seen stays without.
 """
 
 from typing import NamedTuple
@@ -11,6 +12,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
+from hri_predict.people.body.body_model import LEAST_JOINTS
 
 PER_S = 1.5
 """Metres a second by which a shoulder or hip moves away from where it is carried: holds 99 % of
@@ -47,7 +49,7 @@ def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
     step = np.arange(measured.shape[1])[:, None]
     last = np.maximum.accumulate(np.where(whole, step, -1), axis=1)
     age_s = (step - last) / rate_hz
-    due = ~whole.any(-1) & measured.any(-1)
+    due = ~whole.any(-1) & (measured.sum(-1) >= LEAST_JOINTS)
     newest = last.argmax(-1)  # the shoulders, if both were seen then
     for number, pair in enumerate(_PAIRS):
         carries = due & (newest == number) & (last[..., number] >= 0)

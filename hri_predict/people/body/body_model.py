@@ -1,14 +1,17 @@
-"""Places of joints that are not seen, by those that are: a normal distribution of human postures.
+"""Places of joints that are not seen, by those that are: a distribution of human postures.
 
 All joints of a body in its own heading frame (z up; y from the right shoulder and hip to the left;
-the origin on the floor below the seen trunk) have one joint normal distribution, with a mean and a
-covariance. From any set of seen joints, the mean of the others follows by conditioning, with a
-standard deviation: C. Bishop, "Pattern Recognition and Machine Learning" (2006), eq. 2.81 and 2.82.
-Where the body stands under its joints is not assumed: the origin has a wide prior of its own.
+the origin on the floor below the seen trunk) have one multivariate t distribution, with a mean and
+a scale matrix. From any set of seen joints, the mean of the others follows by conditioning: C.
+Bishop, "Pattern Recognition and Machine Learning" (2006), eq. 2.81 and 2.82. Their scale grows with
+the squared Mahalanobis distance d of the M seen coordinates, by (TAIL + d) / (TAIL + M): P. Ding,
+"On the conditional distribution of the multivariate t distribution", The American Statistician 70
+(2016) 293. So the joints of a body that bends or jumps are less certain than those of one that
+stands. Where the body stands under its joints is not assumed: the origin has a wide prior.
 
-Postures are not normally distributed, so the standard deviation is only a scale: ``factor`` times
-it held ``lab.calibration.body_model.HELD`` of the true joints of recordings that were not fitted. A
-body whose seen joints are themselves unlike all recorded ones (lying, climbing) is not completed.
+Postures do not follow a t distribution either, so this is only a scale: ``factor`` times it held
+``lab.calibration.body_model.HELD`` of the true joints of recordings that were not fitted. A body
+whose seen joints are themselves unlike all recorded ones (lying, climbing) is not completed.
 """
 
 import json
@@ -24,12 +27,16 @@ from hri_predict.base.files import package_path, read_text
 from hri_predict.base.skeleton import JOINTS
 
 FILE = package_path("people", "body", "body_model.json")
-NOISE_M = 0.01
+NOISE_M = 0.02
 """Standard deviation of each coordinate of a seen joint."""
 ORIGIN_M, FLOOR_M = 1.0, 0.03
 """Standard deviations of the origin over the floor, and of the floor's height."""
-LEAST_JOINTS = 6
+LEAST_JOINTS = 4
 """With fewer, a body is bounded by its reach alone."""
+TAIL = 8.0
+"""Degrees of freedom."""
+LEAST_GROWTH = 0.7
+"""Growth of the scale, at least: a posture very near to the mean is not as certain as that."""
 LEAST_WIDTH_M = 0.1
 """Horizontal distance of both shoulders or hips: of less, the heading is not known."""
 _PAIRS = tuple((JOINTS.index(f"l_{n}"), JOINTS.index(f"r_{n}")) for n in ("shoulder", "hip"))
@@ -54,7 +61,7 @@ class _Given(NamedTuple):
     """The solution for one set of seen joints, M coordinates."""
 
     gain: Floats  # (3 J, M)
-    within_m: Floats  # (J,)
+    within_m: Floats  # (J,) at a growth of 1
     inverse: Floats  # (M, M) of the seen coordinates' covariance
 
 
@@ -115,7 +122,7 @@ class BodyModel:
     Args:
         mean: (J, 3) metres, in the heading frame.
         covariance: (3 J, 3 J) square metres, positive definite.
-        factor: (J,) standard deviations within which the true joint is.
+        factor: (J,) scales within which the true joint is.
         most_odd: largest squared Mahalanobis distance of seen joints from the mean, a coordinate.
     """
 
@@ -150,10 +157,12 @@ class BodyModel:
             some, rows = rows[alike], rows[~alike]
             given, of = self._given(mask), np.repeat(mask, 3)
             off = own[some][:, of] - self.mean.reshape(-1)[of]
-            odd = np.einsum("ni,ij,nj->n", off, given.inverse, off) / off.shape[1]
+            size = off.shape[1]
+            odd = np.einsum("ni,ij,nj->n", off, given.inverse, off) / size
             usable[some] = odd <= self.most_odd
+            growth = np.sqrt((TAIL + odd * size) / (TAIL + size))
             place[some] += off @ given.gain.T
-            within[some] = given.within_m
+            within[some] = np.maximum(growth, LEAST_GROWTH)[:, None] * given.within_m
         return Completed(frame.back(place.reshape(positions.shape)), within, usable)
 
     def oddness(self, positions: Floats, seen: Bools) -> Floats:

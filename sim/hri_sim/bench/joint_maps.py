@@ -7,9 +7,17 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from hri_predict.base.files import atomic_write
 from hri_predict.cli.check.joint_map import StandingBody
 from hri_predict.cli.common import without_effect
 from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.lab.calibration.body_model import (
+    FITTED,
+    HELD,
+    JUDGED,
+    fit_body_model,
+    read_postures,
+)
 from hri_predict.lab.calibration.inferred import fitted
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
@@ -27,6 +35,10 @@ def joint_maps(
         Path | None,
         typer.Option(help="Fit on this folder's recordings where missing joints are; print that."),
     ] = None,
+    postures: Annotated[
+        Path | None,
+        typer.Option(help="With --fit: write the distribution of postures to this file."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare the shipped joint maps: the volume of the zones around a person who stands still.
@@ -39,7 +51,10 @@ def joint_maps(
         without_effect({"--config": config, "--json": as_json or None}, "with --fit")
         for name, (place, within) in fitted(fit).items():
             print(f'    "{name}": ({place}, {within}),')
+        if postures is not None:
+            _write_postures(fit, postures)
         return
+    without_effect({"--postures": postures}, "without --fit")
     loaded = configuration.load(config or configuration.shipped("demo.yaml"))
     body = StandingBody(loaded, assemble.build_predictor(loaded))
     steps = [body.step_at(seconds) for seconds in _AT_S]
@@ -60,3 +75,11 @@ def joint_maps(
         head = f"{1e3 * float(body.times_s[step]):.0f} ms"
         columns[head] = f"{{reach[{k}]:.2f}}, {{inferred[{k}]:.2f}}"
     figures("Zones around a standing body, m3: by reach, inferred", columns, rows)
+
+
+def _write_postures(data: Path, out: Path) -> None:
+    model, errors = fit_body_model(read_postures(data, FITTED), read_postures(data, JUDGED))
+    atomic_write(out, json.dumps(model.to_json(), separators=(",", ":")).encode())
+    print(f"{out}: joints of other people are within, m, in {HELD:.0%}:")
+    for title, joints in errors.items():
+        print(f"    {title}: {', '.join(f'{joint} {at:.2f}' for joint, at in joints.items())}")

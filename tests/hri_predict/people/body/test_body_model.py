@@ -1,4 +1,4 @@
-"""Joints are placed by those that are seen as a normal distribution of postures has them."""
+"""Joints are placed by those that are seen as the distribution of postures has them."""
 
 import json
 
@@ -47,7 +47,8 @@ def any_model(seed):
 
 
 def conditioned(model, body, seen):
-    """Places and radii by Bishop, eq. 2.81 and 2.82, in a heading frame of its own making."""
+    """Places and radii by Bishop, eq. 2.81 and 2.82, in a heading frame of its own making; the
+    scale by Ding (2016)."""
     at = dict(zip(JOINTS, body, strict=True))
     across = np.zeros(2)
     for part in ("shoulder", "hip"):
@@ -70,7 +71,9 @@ def conditioned(model, body, seen):
     place = (model.mean.reshape(-1) + across_sets @ inverse @ off).reshape(-1, 3)
     left = covariance - across_sets @ inverse @ across_sets.T
     variance = [np.trace(left[i : i + 3, i : i + 3]) for i in range(0, len(left), 3)]
-    return turned(place, heading) + origin, model.factor * np.sqrt(variance)
+    growth = np.sqrt((module.TAIL + off @ inverse @ off) / (module.TAIL + known.sum()))
+    within = max(growth, module.LEAST_GROWTH) * model.factor * np.sqrt(variance)
+    return turned(place, heading) + origin, within
 
 
 # -- conditioning ------------------------------------------------------------------------------
@@ -85,11 +88,12 @@ def test_places_and_radii_are_those_of_the_conditioned_distribution(seed, seen, 
     assert found.usable.all()
     # a covariance of condition 1e6, in metres
     np.testing.assert_allclose(found.positions[0], place, atol=1e-8)
-    np.testing.assert_allclose(found.within_m[0], within, atol=1e-8)
+    np.testing.assert_allclose(found.within_m[0], within, rtol=1e-6)
 
 
-def test_the_places_are_those_of_samples_that_have_the_seen_joints_there():
-    """Of samples of the distribution, the places of two hidden hands follow as is stated."""
+def test_the_places_are_those_of_samples_that_have_the_seen_joints_there(monkeypatch):
+    """Of samples of a normal distribution, the places of two hidden hands follow as is stated."""
+    monkeypatch.setattr(module, "TAIL", 1e12)
     model = body_model()
     rng = np.random.default_rng(3)
     flat = rng.multivariate_normal(model.mean.reshape(-1), model.covariance, 4000)
@@ -97,8 +101,8 @@ def test_the_places_are_those_of_samples_that_have_the_seen_joints_there():
     found = model.complete(bodies, np.broadcast_to(seen, bodies.shape[:2]))
     off = np.linalg.norm(found.positions - bodies, axis=-1)[found.usable][:, ~seen]
     deviation = (found.within_m[0] / model.factor)[~seen]
-    # within 5 %: 4000 samples, and the seen joints' noise of 1 cm
-    np.testing.assert_allclose(np.sqrt((off**2).mean(0)), deviation, rtol=0.08)
+    # 4000 samples, and the seen joints have no noise, for which 2 cm are allowed
+    np.testing.assert_allclose(np.sqrt((off**2).mean(0)), deviation, rtol=0.1)
 
 
 @given(
@@ -117,7 +121,7 @@ def test_turning_and_moving_over_the_floor_changes_nothing(seen, angle, shift, s
     np.testing.assert_allclose(
         there.positions[0], turned(here.positions[0], angle, (*shift, 0.0)), atol=1e-9
     )
-    np.testing.assert_array_equal(here.within_m, there.within_m)
+    np.testing.assert_allclose(here.within_m, there.within_m, rtol=1e-6)
 
 
 @given(seen=SETS, seed=st.integers(0, 10_000))
@@ -144,12 +148,24 @@ def test_bodies_together_are_as_one_by_one():
             np.testing.assert_allclose(one[0], all_of_them[i], atol=1e-12)
 
 
-@given(seed=st.integers(0, 10_000), more=st.integers(0, COUNT - 1), seen=SETS)
-def test_a_joint_more_never_makes_another_less_certain(seed, more, seen):
-    body, with_it = trembling(seed)[None], seen.copy()
+@given(more=st.integers(0, COUNT - 1), seen=SETS)
+def test_a_joint_more_makes_no_other_of_the_mean_posture_less_certain(more, seen):
+    body, with_it = body_model().mean[None], seen.copy()
     with_it[more] = True
     less, known = (body_model().complete(body, s[None]).within_m for s in (seen, with_it))
     assert (known <= less + 1e-9).all()
+
+
+@given(seen=SETS)
+def test_the_odder_the_posture_the_larger_the_radii(seen):
+    mean = body_model().mean
+    arms_up = mean + np.isin(JOINTS, ["l_hand", "l_wrist", "l_elbow"])[:, None] * [0, 0, 0.35]
+    for size in (0.5, 1.0):
+        body = (1 - size) * mean + size * arms_up
+        less, more = (body_model().complete(b[None], seen[None]) for b in (mean, body))
+        assert (more.within_m >= less.within_m - 1e-9).all()
+    if seen[of("l_elbow", "l_wrist")].all():
+        assert (more.within_m[0, ~seen] > 1.02 * less.within_m[0, ~seen]).all()
 
 
 # -- what is completed -------------------------------------------------------------------------
@@ -168,7 +184,7 @@ def test_a_joint_that_is_seen_is_never_moved(seed, seen):
 @pytest.mark.parametrize(
     "names",
     [
-        ("l_hip", "r_hip", "l_shoulder", "r_shoulder", "neck"),  # five joints
+        ("l_shoulder", "r_shoulder", "neck"),  # three joints
         ("head", "neck", "torso", "waist", "l_shoulder", "l_elbow", "l_wrist", "l_hip"),  # no pair
         ("l_elbow", "l_wrist", "l_hand", "r_elbow", "r_wrist", "r_hand"),  # no trunk
         ("l_wrist",),
