@@ -148,6 +148,13 @@ def _seen(request: SimulationRequest) -> tuple[tuple[str, SourceValue], ...]:
     return tuple((key, value) for key, value in asked.items() if value is not None)
 
 
+def _said(value: SourceValue) -> str | float:
+    """Return a value of the source as the report states it."""
+    if isinstance(value, tuple):
+        return ", ".join(value)
+    return Path(value).name if isinstance(value, str) else value
+
+
 def _text(joint_map: str | None) -> str | None:
     """Return a joint map's content, or its shipped name."""
     own = joint_map is not None and joint_map.endswith(YAML_ENDINGS)
@@ -267,7 +274,7 @@ def _result(plan: SimulationPlan, store: Store, left_out: Sequence[str]) -> Resu
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
-        **{key: Path(v).name if isinstance(v, str) else v for key, v in plan.seen},
+        **{key: _said(value) for key, value in plan.seen},
         "recordings": names_of([Path(name) for name in plan.motions]),
         "folders": sorted({"/".join(Path(name).parts[-3:-1]) for name in plan.motions} - {""}),
     }
