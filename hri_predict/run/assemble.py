@@ -17,6 +17,7 @@ from hri_predict.contracts.link import (
     Transport,
     check_load,
 )
+from hri_predict.contracts.link_abilities import OfRobots
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.contracts.repetition import messages_hz
 from hri_predict.contracts.source import Source
@@ -242,7 +243,7 @@ def build_link(
         if not isinstance(cls, Simulatable):
             raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
         settings = settings.model_copy(update={cls.port_field: port})
-    settings = settings.resolved(config.base_dir)
+    settings = of_robots(config, settings.resolved(config.base_dir))
     robots = advised(config, settings)
     shapes = state_shapes(config, robots)
     with registry.building(f"link '{settings.name}'"):
@@ -287,10 +288,25 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
     Raises:
         LinkError: this kind of link cannot carry the RobotState of one of them.
     """
+    settings = of_robots(config, settings)
     robots, node = advised(config, settings), config.node
     cls = registry.load("links", settings.kind)
     rate_hz = messages_hz(settings.repeat_s, node.rate_hz, node.largest_rate_hz)
     return cls.load(settings, rate_hz, robots, state_shapes(config, robots))
+
+
+def of_robots(config: Config, settings: LinkSettings) -> LinkSettings:
+    """Return a link's settings with what its kind takes from the robots that it advises.
+
+    Raises:
+        LinkError: they do not fit these robots.
+    """
+    cls = registry.load("links", settings.kind)
+    if not isinstance(cls, OfRobots):
+        return settings
+    robots = [config.node.robots[i] for i in advised(config, settings)]
+    completed: LinkSettings = cls.of_robots(settings, robots)
+    return completed
 
 
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
