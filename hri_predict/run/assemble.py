@@ -17,7 +17,6 @@ from hri_predict.contracts.link import (
     Transport,
     check_load,
 )
-from hri_predict.contracts.link_abilities import OfRobots
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.contracts.repetition import messages_hz
 from hri_predict.contracts.source import Source
@@ -36,6 +35,7 @@ from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.levels.latches import random_latch_id
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
+from hri_predict.run.advised import advised, of_robots
 from hri_predict.run.config import Config
 from hri_predict.run.places import check_places
 from hri_predict.zones.calibration import Calibration, calibration_for
@@ -295,34 +295,11 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
     return cls.load(settings, rate_hz, robots, state_shapes(config, robots))
 
 
-def of_robots(config: Config, settings: LinkSettings) -> LinkSettings:
-    """Return a link's settings with what its kind takes from the robots that it advises.
-
-    Raises:
-        LinkError: they do not fit these robots.
-    """
-    cls = registry.load("links", settings.kind)
-    if not isinstance(cls, OfRobots):
-        return settings
-    robots = [config.node.robots[i] for i in advised(config, settings)]
-    completed: LinkSettings = cls.of_robots(settings, robots)
-    return completed
-
-
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
     """Return the properties that decide the length of each robot's RobotState."""
     models = build_robots(config)
     shapes = ((models[i].reported, models[i].mobile is not None) for i in robots)
     return [StateShape(*shape) for shape in shapes]
-
-
-def advised(config: Config, link: LinkSettings) -> list[int]:
-    """Return the indices of the robots whose advice a link carries."""
-    return [
-        i
-        for i, robot in enumerate(config.node.robots)
-        if not link.robots or robot.name in link.robots
-    ]
 
 
 def build(
