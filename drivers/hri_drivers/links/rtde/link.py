@@ -62,7 +62,7 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
         " max_speed_m_s",
     )
     rise_per_s: float = Field(
-        0.5, ge=0.02, le=5, description="how fast the slider rises, fraction per second"
+        0.5, ge=0.02, le=2, description="how fast the slider rises, fraction per second"
     )
     hold_s: float = Field(0.5, ge=0, le=10, description="minimum time for which 0 is held")
     max_age_s: float = Field(

@@ -12,8 +12,8 @@ from hri_predict.protocol.messages import Advice, Level
 
 LEAST = 0.01
 """The smallest fraction above 0 that is written."""
-LONGEST_STEP_S = 0.1
-"""A link that was held up for longer rises no further than in this time."""
+LONGEST_STEP_S = 0.02
+"""A link that was held up for longer rises no further than in this time: it must not jump."""
 COUNTS = 2**31
 """The watchdog's register is an INT32; it counts from 0 to 2147483647."""
 

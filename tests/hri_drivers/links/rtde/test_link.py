@@ -26,7 +26,7 @@ Make = Callable[..., RtdeLink]
 
 def settings(**changes: Any) -> RtdeLinkSettings:
     data = {"name": "arm", "host": "127.0.0.1", "full_speed_m_s": 1.0, "hold_s": 0.1} | changes
-    return RtdeLinkSettings(rise_per_s=5.0, **data)
+    return RtdeLinkSettings(rise_per_s=2.0, **data)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.rtde.slider import LEAST, SpeedSlider
+from hri_drivers.links.rtde.slider import LEAST, LONGEST_STEP_S, SpeedSlider
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 
@@ -119,7 +119,7 @@ def test_a_link_that_was_held_up_does_not_jump():
     low = run.at.fraction
     run.now_ms += 3000
     run.slider.take(CLEAR, run.now_ms * MS)
-    assert run.at.fraction <= low + 0.5 * 0.1 + 1e-9
+    assert run.at.fraction <= low + 0.5 * LONGEST_STEP_S + 1e-9
 
 
 LIMITS = st.one_of(st.none(), st.floats(-1, 3), st.just(float("nan")))
@@ -143,5 +143,5 @@ def test_it_never_permits_more_than_the_newest_advice(steps):
         written = run.at
         allowed = limit if run.now_ms - heard_ms < 60 else 0.0
         assert 0.0 <= written.fraction <= max(0.0, min(1.0, allowed))
-        assert written.fraction - before <= 0.5 * 0.1 + LEAST + 1e-9
+        assert written.fraction - before <= 0.5 * LONGEST_STEP_S + LEAST + 1e-9
         before = written.fraction
