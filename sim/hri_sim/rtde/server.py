@@ -38,7 +38,7 @@ INPUTS: dict[str, tuple[str, str]] = {
 
 @dataclass(kw_only=True)
 class Behaviour:
-    """What a test asks of the controller beyond the guide.
+    """Misbehaviour that a test asks for.
 
     Attributes:
         refuse_version: refuse protocol version 2.

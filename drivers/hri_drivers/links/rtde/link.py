@@ -96,7 +96,7 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
 
     @property
     def inputs(self) -> Recipe:
-        """What is written into the controller."""
+        """Registers that are written into the controller."""
         registers = (self.watchdog_register, self.level_register)
         names = (f"input_int_register_{n}" for n in registers)
         return Recipe(("speed_slider_mask", "speed_slider_fraction", *names), _TYPES)

@@ -1,4 +1,4 @@
-"""What the controller reports, as a RobotState."""
+"""The state that the controller reports, as a RobotState."""
 
 import math
 

@@ -20,7 +20,7 @@ COUNTS = 2**31
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What is written into the robot's registers at once.
+    """Values written into the robot's registers at once.
 
     Attributes:
         fraction: of the speed slider, 0 to 1.
