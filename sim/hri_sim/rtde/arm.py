@@ -8,7 +8,7 @@ SWING = (0.6, 0.2, 0.2, 0.0, 0.0, 0.4)
 PHASE_RATE = 1.0
 """Turns of the swing, rad/s, with the slider at 1."""
 RAMP_PER_S = 2.0
-"""How fast its speed follows the slider, fraction per second."""
+"""Slope with which its speed follows the slider, fraction per second."""
 JUMP = 0.1
 """A slider that rises from 0 by more than this at once is a protective stop."""
 

@@ -1,6 +1,6 @@
 """The register image: what a PLC reads at this moment.
 
-It is computed when it is read. So values that nobody renews are *unknown* in the next reply,
+It is computed when it is read. So values that are not renewed are *unknown* in the next reply,
 whether the node's loop hangs, the link's thread does, or both.
 """
 

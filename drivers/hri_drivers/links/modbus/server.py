@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections import deque
+from typing import Any
 
 from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
@@ -153,7 +154,7 @@ class ModbusTransport:
         if not await server.listen():
             return
         try:
-            sockets = getattr(server.transport, "sockets", ())
+            sockets: Any = getattr(server.transport, "sockets", None)
             self.port = sockets[0].getsockname()[1]
             self._loop = asyncio.get_running_loop()
             self._ready.set()
@@ -161,16 +162,12 @@ class ModbusTransport:
         finally:
             await server.shutdown()
 
-    async def _asked(
-        self,
-        function: int,
-        start: int,
-        address: int,
-        count: int,
-        registers: list[int],
-        values: "list[int] | list[bool] | None",
-    ) -> ExcCodes | None:
-        """Called by pymodbus for each request, with its own registers, which begin at ``start``."""
+    async def _asked(self, *request: Any) -> ExcCodes | None:
+        """Answer a request: function, first register, address, count, registers, values.
+
+        pymodbus calls it with its own registers, and with ``None`` as values of a request to read.
+        """
+        function, _, address, count, registers, values = request
         if function in _READ:
             registers[:READ_WORDS] = self._image.words(time.monotonic_ns())
             return None

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_drivers.links.modbus.codec import ModbusCodec
 from hri_drivers.links.modbus.image import Block
 from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import (
@@ -32,9 +33,6 @@ from hri_predict.protocol.registers import (
     state_address,
     unpacked,
 )
-
-pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
-from hri_drivers.links.modbus.codec import ModbusCodec
 
 ADVICE = Advice(
     robot=1,
