@@ -204,7 +204,8 @@ def _rtde() -> Target:
             for kind, found in RtdeSplitter().feed(data):
                 codec.decode(RtdePacket(kind, found))
 
-    return Target("rtde", [framed_packet(ord("U"), state), framed_packet(ord("M"), text)], feed)
+    packets = [("U", b"\1" + state), ("U", state), ("M", text), ("S", b"\1")]
+    return Target("rtde", [framed_packet(ord(kind), data) for kind, data in packets], feed)
 
 
 def _modbus() -> Target:
@@ -212,7 +213,12 @@ def _modbus() -> Target:
     codec = ModbusCodec(plc_timeout_s=1.0)
     codec.stand([0], [None])
     state = packed(STATE, {"STATE_COUNTER": 7, "ROBOT_MODE": 1, "JOINTS": 6})
-    blocks = (Block.of(1000, [5, 77, 0, 9]), Block.of(1001, [7, 0, 8]), Block.of(1100, state))
+    blocks = (
+        Block.of(1000, [5]),
+        Block.of(1000, [5, 77, 0, 9]),
+        Block.of(1001, [7, 0, 8]),
+        Block.of(1100, state),
+    )
 
     def feed(data: bytes) -> None:
         codec.decode(Block(int.from_bytes(data[:2], "big"), data[2:]))

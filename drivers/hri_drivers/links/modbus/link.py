@@ -49,7 +49,7 @@ class ModbusLinkSettings(ConfiguredLinkSettings):
         50.0, ge=0, le=1000, description="rate at which PLCs write RobotState"
     )
     max_age_s: float = Field(
-        0.4, gt=0, le=5, description="maximum age of an Advice's capture; older ones are unknown"
+        0.4, ge=0.02, le=5, description="maximum age of an Advice's capture; older ones are unknown"
     )
     plc_timeout_s: float = Field(
         1.0, ge=0.05, le=60, description="PLC_HEARTBEAT that stands still for longer is reported"

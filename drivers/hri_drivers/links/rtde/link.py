@@ -66,7 +66,10 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
     )
     hold_s: float = Field(0.5, ge=0, le=10, description="minimum time for which 0 is held")
     max_age_s: float = Field(
-        0.4, gt=0, le=5, description="maximum age of an Advice's capture; older ones permit nothing"
+        0.4,
+        ge=0.02,
+        le=5,
+        description="maximum age of an Advice's capture; older ones permit nothing",
     )
     watchdog_register: int = Field(
         24, ge=0, le=47, description="input_int_register that counts fresh Advice"
