@@ -1,5 +1,8 @@
 """The register image: what nobody renews is unknown by itself, at the moment that it is read."""
 
+import subprocess
+import sys
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -109,3 +112,27 @@ def test_two_words_have_the_high_one_first():
     words = packed(NODE, {"PROTOCOL_HASH": 0x12345678})
     assert words[6:8] == [0x1234, 0x5678]
     assert packed(NODE, {"PEOPLE": 70_000})[4] == 65535
+
+
+def test_without_the_extra_the_error_names_it():
+    code = (
+        "import sys; sys.modules['pymodbus'] = None\n"
+        "from hri_predict.contracts import registry\n"
+        "registry.load('links', 'rtde')\n"
+        "try: registry.load('links', 'modbus')\n"
+        "except Exception as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert "needs a package that is not installed: pymodbus" in done.stdout
+    assert "pip install 'hri-predict[modbus]'" in done.stdout
+    assert done.stdout.count("\n") == 1
+
+
+def test_without_a_modbus_link_nothing_of_it_is_imported():
+    code = (
+        "import sys\n"
+        "import hri_predict.cli.commands, hri_predict.run.assemble, hri_drivers.links.rtde.link\n"
+        "print('pymodbus' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "False\n"
