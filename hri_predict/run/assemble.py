@@ -35,6 +35,7 @@ from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.levels.latches import random_latch_id
 from hri_predict.robots.model import RobotModel, load_robot
 from hri_predict.robots.tracker import RobotTracker
+from hri_predict.run.advised import advised, of_robots
 from hri_predict.run.config import Config
 from hri_predict.run.places import check_places
 from hri_predict.zones.calibration import Calibration, calibration_for
@@ -242,7 +243,7 @@ def build_link(
         if not isinstance(cls, Simulatable):
             raise ConfigError(f"link {settings.name}: kind '{settings.kind}' cannot be simulated")
         settings = settings.model_copy(update={cls.port_field: port})
-    settings = settings.resolved(config.base_dir)
+    settings = of_robots(config, settings.resolved(config.base_dir))
     robots = advised(config, settings)
     shapes = state_shapes(config, robots)
     with registry.building(f"link '{settings.name}'"):
@@ -287,6 +288,7 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
     Raises:
         LinkError: this kind of link cannot carry the RobotState of one of them.
     """
+    settings = of_robots(config, settings)
     robots, node = advised(config, settings), config.node
     cls = registry.load("links", settings.kind)
     rate_hz = messages_hz(settings.repeat_s, node.rate_hz, node.largest_rate_hz)
@@ -298,15 +300,6 @@ def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
     models = build_robots(config)
     shapes = ((models[i].reported, models[i].mobile is not None) for i in robots)
     return [StateShape(*shape) for shape in shapes]
-
-
-def advised(config: Config, link: LinkSettings) -> list[int]:
-    """Return the indices of the robots whose advice a link carries."""
-    return [
-        i
-        for i, robot in enumerate(config.node.robots)
-        if not link.robots or robot.name in link.robots
-    ]
 
 
 def build(

@@ -4,6 +4,8 @@ Most mutations die at a checksum; every other input has it repaired, so that wha
 reached as well. Decoders live as long as the run: what one input leaves behind meets the next.
 """
 
+import contextlib
+import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,12 @@ import numpy as np
 from cobs import cobs
 
 from hri_drivers.links.can.isotp import IsoTpReceiver
+from hri_drivers.links.modbus.codec import ModbusCodec
+from hri_drivers.links.modbus.image import Block
+from hri_drivers.links.rtde.link import RtdeCodec
+from hri_drivers.links.rtde.packets import Packet as RtdePacket
+from hri_drivers.links.rtde.packets import Splitter as RtdeSplitter
+from hri_drivers.links.rtde.packets import framed as framed_packet
 from hri_drivers.sources.mvn.codec import StreamSplitter
 from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
 from hri_drivers.sources.scene_json.codec import LineSplitter, SceneReader
@@ -20,6 +28,7 @@ from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
 from hri_drivers.sources.sent import SentScene
+from hri_predict.base.errors import LinkError
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.operation.monitoring.fleet import Fleet
@@ -28,6 +37,7 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.keyed import Keyed, key_of
 from hri_predict.protocol.profile4 import Profile4Receiver
+from hri_predict.protocol.registers import STATE, packed
 from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
@@ -64,6 +74,8 @@ def targets() -> list[Target]:
         Target("serial", _seeds_of_c("serial"), _ignoring(SerialReceiver().feed)),
         _profile4(),
         _keyed(),
+        _rtde(),
+        _modbus(),
         _scene_stream("scene_stream", 21, with_key=False),
         _scene_stream("scene_stream_long", 100, with_key=False),
         _scene_stream("scene_stream_key", 21, with_key=True),
@@ -179,6 +191,39 @@ def _keyed() -> Target:
 
     seeds = [bytes((i,)) + unit.data for i, unit in enumerate(units)]
     return Target("keyed", seeds, feed, repaired)
+
+
+def _rtde() -> Target:
+    """What a controller sends over one connection, after the setup."""
+    codec = RtdeCodec()
+    state = struct.pack(">d12d2iI", 1.0, *[0.1] * 12, 7, 1, 2)
+    text = b"\x05hello\x02ur\x01"
+
+    def feed(data: bytes) -> None:
+        with contextlib.suppress(LinkError):  # one line; the link connects again
+            for kind, found in RtdeSplitter().feed(data):
+                codec.decode(RtdePacket(kind, found))
+
+    packets = [("U", b"\1" + state), ("U", state), ("M", text), ("S", b"\1")]
+    return Target("rtde", [framed_packet(ord(kind), data) for kind, data in packets], feed)
+
+
+def _modbus() -> Target:
+    """An address, then the words that a PLC writes there."""
+    codec = ModbusCodec(plc_timeout_s=1.0)
+    codec.stand([0], [None])
+    state = packed(STATE, {"STATE_COUNTER": 7, "ROBOT_MODE": 1, "JOINTS": 6})
+    blocks = (
+        Block.of(1000, [5]),
+        Block.of(1000, [5, 77, 0, 9]),
+        Block.of(1001, [7, 0, 8]),
+        Block.of(1100, state),
+    )
+
+    def feed(data: bytes) -> None:
+        codec.decode(Block(int.from_bytes(data[:2], "big"), data[2:]))
+
+    return Target("modbus", [codec.raw(block) for block in blocks], feed)
 
 
 def _scene_stream(name: str, joints: int, with_key: bool) -> Target:

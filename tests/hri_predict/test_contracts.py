@@ -9,6 +9,8 @@ from typing import assert_type
 import pytest
 
 from hri_drivers.links.can.link import CanLink, CanLinkSettings
+from hri_drivers.links.rtde.link import RtdeLink, RtdeLinkSettings
+from hri_drivers.links.rtde.packets import Packet
 from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
 from hri_drivers.sources.mvn.source import MvnSettings, MvnSource
 from hri_drivers.sources.scene_json.json_source import JsonSettings, JsonSource
@@ -25,6 +27,7 @@ from hri_predict.contracts.link import (
     ObservesFleet,
     Simulatable,
 )
+from hri_predict.contracts.link_abilities import OfRobots, Unprotected
 from hri_predict.contracts.predictor import AnyPredictorClass, PredictorClass
 from hri_predict.contracts.source import AnySourceClass, SourceClass
 from hri_predict.predictors.baselines import (
@@ -46,6 +49,7 @@ from hri_sim.replay import RecordingSettings, RecordingSource
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource
 
 SERIAL: LinkClass[SerialLinkSettings, bytes] = SerialLink
+RTDE: LinkClass[RtdeLinkSettings, Packet] = RtdeLink
 CAN: LinkClass[CanLinkSettings, CanFrame] = CanLink
 
 PROCEDURAL: SourceClass[ProceduralSettings] = ProceduralSource
@@ -84,6 +88,8 @@ def test_the_registry_gives_what_the_contracts_say():
     [
         (Simulatable, SerialLink, ZeroVelocity),
         (ChecksTogether, CanLink, ZeroVelocity),
+        (OfRobots, RtdeLink, SerialLink),
+        (Unprotected, RtdeLink, SerialLink),
         (Trained, KDFormerPredictor, ZeroVelocity),
         (ObservesFleet, None, SerialLink),
     ],

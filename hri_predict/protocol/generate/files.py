@@ -12,6 +12,7 @@ from hri_predict.protocol.generate import (
     c_header,
     dbc,
     document,
+    modbus,
     plcopen,
     scl,
     st_messages,
@@ -21,6 +22,7 @@ from hri_predict.protocol.generate import (
 COMMAND = "hri-predict protocol files"
 RENEWED: dict[str, Callable[[str], str]] = {
     "PROTOCOL.md": lambda text: blocks.renewed(text, document.BLOCKS, blocks.DOCUMENT),
+    "MODBUS.md": lambda text: blocks.renewed(text, modbus.BLOCKS, blocks.DOCUMENT),
     **dict.fromkeys(
         ("c/hri_predict.h", "c/hri_decode.c", "c/examples/decode.c"),
         lambda text: blocks.renewed(text, c_header.BLOCKS),

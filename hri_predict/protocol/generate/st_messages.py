@@ -15,6 +15,7 @@ from hri_predict.protocol.generate import blocks
 from hri_predict.protocol.generate.c_messages import bits_of, name_of
 from hri_predict.protocol.messages import Advice, Schema
 from hri_predict.protocol.reception import FORGET_S
+from hri_predict.protocol.registers import MAP_VERSION, NEAREST, ROBOT, placed
 from hri_predict.protocol.robot_state import BASE_ROBOTS, ROBOT_STATE
 from hri_predict.protocol.serial import MAX_ENCODED
 
@@ -43,6 +44,8 @@ def constants() -> dict[str, str]:
         **{f"PART_{e.part}_NUMBER": f"16#{e.number:X}" for e in ROBOT_STATE.extra},
         "BASE_ROBOTS": f"{BASE_ROBOTS}",
         "LONGEST": f"{MAX_ENCODED}",
+        "MAP_VERSION": f"{MAP_VERSION}",
+        **{f"{register.name}_AT": f"{at}" for at, register in placed(ROBOT + NEAREST)},
     }
 
 

@@ -14,6 +14,7 @@ FILES = (
     "hri_advice.st",
     "hri_send.st",
     "hri_serial.st",
+    "hri_modbus.st",
 )  # each uses those before it
 _UNIT = re.compile(
     r"^(FUNCTION|FUNCTION_BLOCK) (\w+)(?: : (\w+))?\n(.*?)^END_\1$", re.DOTALL | re.MULTILINE

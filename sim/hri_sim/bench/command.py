@@ -17,12 +17,13 @@ from hri_sim.bench.forecasts import predictors
 from hri_sim.bench.joint_maps import joint_maps
 from hri_sim.bench.links import links
 from hri_sim.bench.memory import memory
+from hri_sim.bench.plants import plants
 from hri_sim.bench.rows import QUICK, Row, Scope
 from hri_sim.bench.sections import SECTIONS
 from hri_sim.bench.trackers import trackers
 
 app = typer.Typer(invoke_without_command=True)
-for command in (predictors, links, fleet, joint_maps, trackers, faults, memory, soak):
+for command in (predictors, links, fleet, plants, joint_maps, trackers, faults, memory, soak):
     app.command()(command)
 
 

@@ -7,7 +7,7 @@ import pytest
 from tests.hri_drivers.plc.structured_text import Units, load
 
 PLC = Path(__file__).resolve().parents[3] / "drivers" / "plc"
-SOURCES = [PLC / f"hri_{name}.st" for name in ("fields", "advice", "send", "serial")]
+SOURCES = [PLC / f"hri_{name}.st" for name in ("fields", "advice", "send", "serial", "modbus")]
 
 
 def everything() -> Units:

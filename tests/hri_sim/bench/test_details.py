@@ -59,6 +59,20 @@ def test_costs_of_the_fleet_link():
 
 @pytest.mark.long
 @pytest.mark.realtime
+def test_delays_of_rtde_and_modbus():
+    pytest.importorskip("pymodbus", reason="pymodbus is an extra")
+    done = CliRunner().invoke(app, ["plants", "--seconds", "1", "--json"])
+    assert done.exit_code == 0, done.output
+    rows = json.loads(done.stdout)
+    assert [row["link"].split(",")[0] for row in rows] == ["rtde", "modbus"]
+    for row in rows:
+        assert 0 < row["heard"] <= row["sent"]
+        latency = row["latency_ms"]
+        assert 0 < latency["p50"] <= latency["p99"] <= latency["max"]
+
+
+@pytest.mark.long
+@pytest.mark.realtime
 def test_a_page_of_cells_as_json():
     pytest.importorskip("zenoh", reason="zenoh is an extra")
     done = CliRunner().invoke(app, ["fleet", "--cells", "3", "--seconds", "6", "--json"])

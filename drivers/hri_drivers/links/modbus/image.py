@@ -1,0 +1,116 @@
+"""The register image: what a PLC reads at this moment.
+
+It is computed when it is read. So values that are not renewed are *unknown* in the next reply,
+whether the node's loop hangs, the link's thread does, or both.
+"""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hri_predict.protocol.fields import MAX_ROBOTS
+from hri_predict.protocol.registers import (
+    NEAREST,
+    NODE,
+    NOT_AVAILABLE,
+    READ_WORDS,
+    ROBOT,
+    Register,
+    nearest_address,
+    packed,
+    placed,
+    robot_address,
+    words_of,
+)
+
+_AGES = ("NODE_AGE", "AGE", "NEAREST_AGE")
+_JUDGED = (ROBOT, NEAREST)
+"""Blocks that an old capture makes stale; NODE only shows its age."""
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Words from an address on, each big-endian: one unit of the link."""
+
+    address: int
+    data: bytes
+
+    @staticmethod
+    def of(address: int, words: Sequence[int]) -> "Block":
+        """Make one of words."""
+        return Block(address, b"".join(word.to_bytes(2, "big") for word in words))
+
+    @property
+    def words(self) -> list[int]:
+        """The words; half a word at the end is left out."""
+        return [
+            int.from_bytes(self.data[k : k + 2], "big") for k in range(0, len(self.data) - 1, 2)
+        ]
+
+
+_PLACES: dict[int, tuple[Register, ...]] = {
+    0: NODE,
+    **{robot_address(r): ROBOT for r in range(MAX_ROBOTS)},
+    **{nearest_address(r): NEAREST for r in range(MAX_ROBOTS)},
+}
+
+
+class Image:
+    """Keeps the newest blocks and when they came; thread-safe.
+
+    Args:
+        silence_s: a block that is older than this is stale.
+        max_age_s: an advice, or a distance, of an older capture is stale.
+    """
+
+    def __init__(self, silence_s: float, max_age_s: float) -> None:
+        self._silence_ns = round(silence_s * 1e9)
+        self._max_age_ms = round(max_age_s * 1e3)
+        self._lock = threading.Lock()
+        self._blocks: dict[int, tuple[list[int], int]] = {}
+
+    def put(self, block: Block, now_ns: int) -> None:
+        """Take a block instead of the one before at its address; one of another map is not."""
+        words, registers = block.words, _PLACES.get(block.address)
+        if registers is not None and len(words) == words_of(registers):
+            with self._lock:
+                self._blocks[block.address] = (words, now_ns)
+
+    def forget(self) -> None:
+        """Make everything stale."""
+        with self._lock:
+            self._blocks.clear()
+
+    def words(self, now_ns: int) -> list[int]:
+        """Return all ``READ_WORDS`` words."""
+        with self._lock:
+            blocks = dict(self._blocks)
+        image = [0] * READ_WORDS
+        for address, registers in _PLACES.items():
+            words, came_ns = blocks.get(address, (packed(registers, {}), None))
+            if address == 0 and came_ns is None:
+                words[0] = 0  # not even the map's version, before the first Status
+            image[address : address + len(words)] = self._aged(registers, words, came_ns, now_ns)
+        return image
+
+    def _aged(
+        self,
+        registers: tuple[Register, ...],
+        words: list[int],
+        came_ns: int | None,
+        now_ns: int,
+    ) -> list[int]:
+        """The words with their ages of now; stale ones where their time is over."""
+        words = list(words)
+        since_ns = self._silence_ns if came_ns is None else max(0, now_ns - came_ns)
+        stale = since_ns >= self._silence_ns
+        for at, register in placed(registers):
+            if register.name in _AGES and words[at] != NOT_AVAILABLE:
+                words[at] = min(words[at] + since_ns // 1_000_000, NOT_AVAILABLE - 1)
+            old = register.name in _AGES and words[at] >= self._max_age_ms
+            stale = stale or (old and registers in _JUDGED)
+        if stale:
+            for at, register in placed(registers):
+                if register.stale is not None:
+                    words[at : at + register.words] = packed((register,), {})
+        return words

@@ -1,0 +1,199 @@
+"""The Modbus TCP server, by pymodbus, in a thread of its own."""
+
+import asyncio
+import contextlib
+import errno
+import socket
+import threading
+import time
+from collections import deque
+from typing import Any
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from hri_drivers.links.modbus.image import Block, Image
+from hri_predict.base.errors import LinkError
+from hri_predict.protocol.fields import MAX_ROBOTS
+from hri_predict.protocol.registers import (
+    READ_WORDS,
+    STATE,
+    STATE_BASE,
+    STATE_STRIDE,
+    WRITE_BASE,
+    WRITTEN,
+    offset_of,
+    state_address,
+    words_of,
+)
+
+START_S = 5.0
+CAPACITY = 1024  # writes that may wait to be read; the oldest are dropped
+_READ = (3, 4)
+_WRITE = (6, 16)
+_WRITTEN_WORDS, _STATE_WORDS = words_of(WRITTEN), words_of(STATE)
+_ACK_AT = offset_of(WRITTEN, "ACK_LATCH_ID")
+WHOLE = {
+    (WRITE_BASE, 1),  # the heartbeat
+    (WRITE_BASE, _WRITTEN_WORDS),  # with an acknowledge
+    (WRITE_BASE + _ACK_AT, _WRITTEN_WORDS - _ACK_AT),  # an acknowledge
+    *((state_address(robot), _STATE_WORDS) for robot in range(MAX_ROBOTS)),
+}
+"""(address, words) of the requests to write that are taken; part of a value is never taken."""
+
+
+class ModbusTransport:
+    """``Transport[Block]``: written blocks go into the image, a PLC's writes are read.
+
+    Args:
+        address: host and port to listen on; port 0 lets the system choose.
+        image: what PLCs read.
+
+    Attributes:
+        port: the port that is open.
+        refused: requests to write that were refused.
+        overrun: writes that were not read in time.
+    """
+
+    def __init__(self, address: tuple[str, int], image: Image) -> None:
+        self.port = address[1]
+        self.refused = self.overrun = 0
+        self._address = address
+        self._image = image
+        self._arrived = threading.Condition()
+        self._inbox: deque[Block] = deque()
+        self._thread: threading.Thread | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._ended: asyncio.Event | None = None
+        self._ready = threading.Event()
+
+    def open(self) -> None:
+        """Listen.
+
+        Raises:
+            LinkError: it cannot; names address and remedy.
+        """
+        self.close()
+        self._try_address()
+        self._ready.clear()
+        self._thread = threading.Thread(target=self._run, name="modbus-server", daemon=True)
+        self._thread.start()
+        if not self._ready.wait(START_S) or self._loop is None:
+            self.close()
+            raise LinkError(f"Modbus server at {self._named}: it does not start; see the log")
+
+    def write(self, unit: Block) -> None:
+        """Put a block into the image.
+
+        Raises:
+            LinkError: the server has ended.
+        """
+        self._check()
+        self._image.put(unit, time.monotonic_ns())
+
+    def read(self, timeout_s: float) -> list[Block]:
+        """Return what PLCs have written.
+
+        Raises:
+            LinkError: the server has ended.
+        """
+        self._check()
+        with self._arrived:
+            if not self._inbox and timeout_s > 0:
+                self._arrived.wait(timeout_s)
+            units = list(self._inbox)
+            self._inbox.clear()
+        return units
+
+    def close(self) -> None:
+        """End the server and its connections; never raises, safe to call twice."""
+        thread, self._thread = self._thread, None
+        loop, ended = self._loop, self._ended
+        if thread is not None:
+            if loop is not None and ended is not None:
+                with contextlib.suppress(RuntimeError):  # it has ended by itself
+                    loop.call_soon_threadsafe(ended.set)
+            thread.join(START_S)
+        self._loop = None
+        self._image.forget()
+        with self._arrived:
+            self._inbox.clear()
+            self._arrived.notify_all()
+
+    @property
+    def _named(self) -> str:
+        return f"{self._address[0]}:{self._address[1]}"
+
+    def _check(self) -> None:
+        if self._thread is None or not self._thread.is_alive():
+            raise LinkError(f"Modbus server at {self._named} is closed; open it first")
+
+    def _try_address(self) -> None:
+        """Find out why an address cannot be used: pymodbus does not say it."""
+        family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
+        try:
+            socket.create_server(self._address, family=family).close()
+        except OSError as error:
+            remedies = {
+                errno.EADDRINUSE: "in use by another program; end it, or choose another 'port'",
+                errno.EADDRNOTAVAIL: "not an address of this machine; correct 'host'",
+                errno.EACCES: "not permitted; choose a 'port' above 1023",
+            }
+            why = remedies.get(error.errno or 0, f"{error.strerror}; correct 'host' and 'port'")
+            raise LinkError(f"Modbus server at {self._named}: {why}") from error
+
+    def _run(self) -> None:
+        with contextlib.suppress(Exception):  # ``read`` and ``write`` find it ended
+            asyncio.run(self._serve())
+        self._ready.set()
+
+    async def _serve(self) -> None:
+        self._ended = asyncio.Event()
+        server = ModbusTcpServer(_device(self._asked), address=self._address)
+        if not await server.listen():
+            return
+        try:
+            sockets: Any = getattr(server.transport, "sockets", None)
+            self.port = sockets[0].getsockname()[1]
+            self._loop = asyncio.get_running_loop()
+            self._ready.set()
+            await self._ended.wait()
+        finally:
+            await server.shutdown()
+
+    async def _asked(self, *request: Any) -> ExcCodes | None:
+        """Answer a request: function, first register, address, count, registers, values.
+
+        pymodbus calls it with its own registers, and with ``None`` as values of a request to read.
+        """
+        function, _, address, count, registers, values = request
+        if function in _READ:
+            registers[:READ_WORDS] = self._image.words(time.monotonic_ns())
+            return None
+        if function not in _WRITE:
+            return ExcCodes.ILLEGAL_FUNCTION
+        if values is None or (address, count) not in WHOLE:
+            self.refused += 1
+            return ExcCodes.ILLEGAL_VALUE
+        with self._arrived:
+            if len(self._inbox) >= CAPACITY:
+                self._inbox.popleft()
+                self.overrun += 1
+            self._inbox.append(Block.of(address, [int(value) & 0xFFFF for value in values]))
+            self._arrived.notify_all()
+        return None
+
+
+def _device(asked: object) -> SimDevice:
+    """All registers; 0 to ``READ_WORDS`` less 1 can only be read. Every unit id is answered."""
+    words = DataType.REGISTERS
+    return SimDevice(
+        0,
+        simdata=[
+            SimData(0, values=[0] * READ_WORDS, datatype=words, readonly=True),
+            SimData(WRITE_BASE, values=[0] * _WRITTEN_WORDS, datatype=words),
+            SimData(STATE_BASE, values=[0] * (MAX_ROBOTS * STATE_STRIDE), datatype=words),
+        ],
+        action=asked,  # type: ignore[arg-type]
+    )

@@ -1,0 +1,1 @@
+"""Universal Robots' controllers by RTDE: joints in; speed slider, watchdog and level out."""

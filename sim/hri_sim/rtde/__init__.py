@@ -1,0 +1,1 @@
+"""A Universal Robots controller to try the ``rtde`` link with: ``python -m hri_sim.rtde``."""

@@ -1,0 +1,76 @@
+"""A controller with an arm that obeys the speed slider, for trying ``kind: rtde`` without a robot.
+
+    python -m hri_sim.rtde
+
+It prints a line of JSON with its port when it is ready, then one for each change of what a client
+has written. It ends with Ctrl-C.
+"""
+
+import asyncio
+import contextlib
+import json
+import sys
+import time
+from typing import Annotated, Any
+
+import typer
+
+from hri_sim.rtde.arm import Arm
+from hri_sim.rtde.server import Behaviour, Controller
+
+
+def main(
+    *,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="0: the system chooses.")] = 30_004,
+    watchdog_register: Annotated[int, typer.Option(help="As the link's.")] = 24,
+    level_register: Annotated[int, typer.Option(help="As the link's.")] = 25,
+    watchdog_s: Annotated[
+        float, typer.Option(help="Pause if the watchdog stands still for this long; 0: never.")
+    ] = 0.06,
+    each: Annotated[bool, typer.Option(help="Print every data package, with its time.")] = False,
+    refuse_version: Annotated[bool, typer.Option(help="Refuse protocol version 2.")] = False,
+    lacks: Annotated[list[str] | None, typer.Option(help="A name that is not found.")] = None,
+    silent_after_s: Annotated[float, typer.Option(help="Then send no more data.")] = 1e9,
+    garbage_after_s: Annotated[float, typer.Option(help="Then send other bytes.")] = 1e9,
+    piece: Annotated[int, typer.Option(help="Send in pieces of this many bytes.")] = 0,
+    frozen: Annotated[bool, typer.Option(help="The time stamp stands still.")] = False,
+) -> None:
+    """Serve RTDE until it is ended."""
+    behaviour = Behaviour(
+        refuse_version=refuse_version,
+        lacks=frozenset(lacks or ()),
+        silent_after_s=silent_after_s,
+        garbage_after_s=garbage_after_s,
+        piece=piece,
+        frozen=frozen,
+    )
+    arm = Arm(watchdog_s)
+    said: dict[str, Any] = {}
+
+    def written(values: dict[str, Any]) -> None:
+        counts = f"input_int_register_{watchdog_register}"
+        shown = {
+            "slider": round(values.get("speed_slider_fraction", 0.0), 3),
+            "level": values.get(f"input_int_register_{level_register}"),
+            "safety_mode": arm.safety_mode,
+        }
+        if each:
+            shown |= {"watchdog": values.get(counts), "at_ns": time.monotonic_ns()}
+        if shown != said:
+            said.clear()
+            said.update(shown)
+            print(json.dumps(shown), flush=True)
+
+    controller = Controller(arm, (watchdog_register, level_register), behaviour, written)
+    try:
+        asyncio.run(controller.serve(host, port, lambda p: print(f'{{"port": {p}}}', flush=True)))
+    except OSError as error:
+        where = f"{host}:{port}"
+        print(f"hri_sim.rtde: cannot listen on {where}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(2) from error
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(BrokenPipeError, KeyboardInterrupt):
+        typer.run(main)
