@@ -7,10 +7,10 @@ last look like motion to it, so the measure is of these: lengths are averaged ov
 steps, and what white noise leaves of itself in such means is subtracted. Medians make sure that one
 bad bone or a burst of wrong captures does not decide.
 
-Marker-based recordings stay below ``FLOOR_M`` (their 97 % quantile is 3.2 mm), where nothing grows,
-to the bit. Above it, a radius r becomes the root of r² + (g n)², with n the noise above the
-floor and g the *growth* of the calibration, by level and step. Bones along which no error lies show
-nothing: a person of whom no such bone is seen has the zones of a clean tracker.
+Of marker-based recordings, 97 in 100 windows stay below ``FLOOR_M``, where nothing grows, to the
+bit. Above it, a radius r becomes the root of r² + (g n)², with n the noise above the floor and g
+the *growth* of the calibration, by level and step. Errors across a bone hardly change its length,
+and where no bone is seen nothing is measured: then zones are those of a clean tracker.
 """
 
 from collections.abc import Mapping

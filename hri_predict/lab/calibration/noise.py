@@ -39,7 +39,7 @@ _LEAST_NOISE_M = 1e-4
 _LEAST_WINDOWS = 5
 
 See = Callable[[Presence, int], Presence]
-"""How a tracker sees a presence; the number is a seed."""
+"""Maps a presence and a seed to what a tracker delivers of it."""
 
 
 def as_recorded(presence: Presence, seed: int) -> Presence:
