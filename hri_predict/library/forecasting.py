@@ -88,6 +88,7 @@ class Spread:
                 forecast=forecast.positions,
                 error_m=trust.error_m,
                 residual_m=trust.residual_m,
+                measured=snapshot.measured,
             ),
         )
         seen = np.asarray(snapshot.observed.any(1))

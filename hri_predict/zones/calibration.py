@@ -37,6 +37,7 @@ from hri_predict.base.files import package_path, read_text
 from hri_predict.base.settings import Settings, validated
 from hri_predict.base.skeleton import JOINTS, Skeleton
 from hri_predict.contracts.predictor import PredictorSettings
+from hri_predict.zones.input_noise import NoiseGrowth
 from hri_predict.zones.learned_scale import ScaleNetwork
 from hri_predict.zones.motion_class import SPEED_CLASSES, trunk_joints
 from hri_predict.zones.motion_ranges import MotionRanges
@@ -107,6 +108,7 @@ class CalibrationFile(Settings):
     toward_thousandths: list[list[list[list[Share]]]] | None = Field(
         None, description="shares of the estimated radii: level, speed class, step, direction"
     )
+    noise: dict[str, Any] | None = Field(None, description="growth of radii: of, level, step")
     guaranteed_mm: dict[str, list[list[list[Row]]]] = Field(
         description="of, level, speed class, joint"
     )
@@ -134,6 +136,7 @@ class Calibration:
         ranges: of the motions in the recordings.
         toward: (L, 3, H, BINS) shares of the estimated radii of single joints that count in
             directions of a class (``toward``); ``None``: the whole radius counts in all.
+        noise: growth of the estimated radii with a tracker's noise; ``None``: nothing grows.
         made: the day on which it was made; ``None`` if not known.
         site: the parts of a site's recordings that moved its factors.
     """
@@ -151,6 +154,7 @@ class Calibration:
     shape: ScaleShape | None = None
     limits: Mapping[Of, Floats] | None = None
     toward: Floats | None = None
+    noise: NoiseGrowth | None = None
     made: date | None = None
     site: SiteParts | None = None
 
@@ -246,6 +250,7 @@ def save_text(calibration: Calibration) -> str:
         toward_thousandths=None
         if calibration.toward is None
         else np.ceil(calibration.toward * 1000.0 - 1e-6).astype(np.int64).tolist(),
+        noise=None if calibration.noise is None else calibration.noise.to_json(),
         guaranteed_mm={of: _thousandths(table) for of, table in calibration.guaranteed.items()},
         recordings=calibration.recordings,
         ranges=RangesFile(**calibration.ranges),
@@ -303,6 +308,7 @@ def _unpacked(file: CalibrationFile) -> Calibration:
         estimated=factors,
         limits=limits,
         toward=toward,
+        noise=None if file.noise is None else NoiseGrowth.of_json(file.noise, OFS, file.steps),
         guaranteed=guaranteed,
         recordings=file.recordings,
         ranges=file.ranges.model_dump(),

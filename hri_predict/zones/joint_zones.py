@@ -310,6 +310,7 @@ class JointZones:
             forecast=forecast.positions,
             error_m=trust.error_m,
             residual_m=trust.residual_m,
+            measured=snapshot.measured,
         )
         claimed = self._radii.of(speed, evidence)
         recent = snapshot.observed[:, -RECENT_STEPS:].sum(1)  # (P, J)

@@ -73,6 +73,7 @@ class Evidence:
         forecast: (P, H, J, 3) metres.
         error_m: (P, 2, J) errors of the forecasts made ``LEADS_S`` ago; NaN if unknown.
         residual_m: (P,) see ``motion_class``; NaN if unknown.
+        measured: (P, T, J) where the history was measured; ``None``: where it was observed.
     """
 
     history: Floats
@@ -80,6 +81,7 @@ class Evidence:
     forecast: Floats
     error_m: Floats
     residual_m: Floats
+    measured: Bools | None = None
 
 
 def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats:

@@ -10,6 +10,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.machine.compiled import kernel, part
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.zones.calibration import Calibration, needed, plain
+from hri_predict.zones.input_noise import input_noise_m
 from hri_predict.zones.learned_scale import Evidence, LearnedScale
 from hri_predict.zones.motion_class import BRISK_M_S, SPEED_CLASSES, STILL_M_S, speed_class
 from hri_predict.zones.scale_shape import shaped_by
@@ -71,6 +72,8 @@ class Radii:
             self._shares = np.ones((len(self._table), horizon_steps, BINS))
             self._shares[:, :known] = calibration.toward[level][:, :known]
         shape = calibration.shape
+        self._noise, self._of, self._level = calibration.noise, settings.of, level
+        self._skeleton = skeleton
         self._shape = _NO_SHAPE if shape is None else shape.logarithms(horizon_steps)
 
     def of(self, speed_m_s: Floats, evidence: Evidence) -> Floats:
@@ -83,7 +86,12 @@ class Radii:
         if self._scale is None:
             return _largest(self._table, speed_m_s)
         tables = self._table, self._limits, *self._shape
-        return _radii(self._scale(evidence), speed_m_s, tables)
+        found = _radii(self._scale(evidence), speed_m_s, tables)
+        if self._noise is None:
+            return found
+        measured = evidence.observed if evidence.measured is None else evidence.measured
+        noise_m = input_noise_m(evidence.history, measured, self._skeleton)
+        return self._noise.grown(found, noise_m, self._of, self._level)
 
     def shares(self, speed_m_s: Floats) -> Floats | None:
         """(P, H, BINS) shares of the radii by direction, see ``toward``; ``None``: not calibrated.

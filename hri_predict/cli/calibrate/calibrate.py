@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.calibrate import checking, leaving_out, making, site
+from hri_predict.cli.calibrate import checking, leaving_out, making, noise, site
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings
 from hri_predict.cli.common import (
     ClusterOption,
@@ -41,6 +41,13 @@ def calibrate(
             "it.",
         ),
     ] = False,
+    with_noise: Annotated[
+        bool,
+        typer.Option(
+            "--noise",
+            help="Keep a calibration, and measure how much its zones grow with a tracker's noise.",
+        ),
+    ] = False,
     onto: Annotated[
         str | None,
         typer.Option(
@@ -55,7 +62,7 @@ def calibrate(
     calibration: Annotated[
         Path | None,
         typer.Option(
-            help="With --check: the calibration to measure.", show_default="the shipped one"
+            help="With --check or --noise: the calibration.", show_default="the shipped one"
         ),
     ] = None,
     split: Annotated[
@@ -114,7 +121,8 @@ def calibrate(
         raise ConfigError("--check: has no effect with --leave-out, which measures; give one")
     if check or leave_out:
         other = "with --check" if check else "with --leave-out"
-        without_effect({"--onto": onto, "--report": report}, other)
+        measured = {"--noise": True if with_noise else None}
+        without_effect({"--onto": onto, "--report": report, **measured}, other)
     if check:
         checking.check(
             settings=settings,
@@ -138,6 +146,27 @@ def calibrate(
             "with --leave-out",
         )
         leaving_out.leave_out(settings=settings, data=chosen, out=out, as_json=as_json)
+        return
+    if with_noise:
+        without_effect(
+            {
+                "--onto": onto,
+                "--report": report,
+                "--disturb": True if disturb else None,
+                "--card": card,
+                "--tracked": tracked,
+                "--jobs": jobs,
+                "--cluster": cluster,
+            },
+            "with --noise",
+        )
+        noise.add_noise(
+            settings=settings,
+            data=chosen,
+            path=calibration,
+            out=out or Path(f"{predictor}.calibration.json"),
+            as_json=as_json,
+        )
         return
     without_effect(
         {"--calibration": calibration, "--disturb": True if disturb else None, "--card": card},

@@ -81,7 +81,11 @@ class _Rows:
 
 def _some(evidence: Evidence, chosen: Bools) -> Evidence:
     return Evidence(
-        **{name: getattr(evidence, name)[chosen] for name in Evidence.__dataclass_fields__}
+        **{
+            name: known[chosen]
+            for name in Evidence.__dataclass_fields__
+            if (known := getattr(evidence, name)) is not None
+        }
     )
 
 

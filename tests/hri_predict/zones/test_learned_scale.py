@@ -69,7 +69,8 @@ def scale(own=None, steps=25, rate_hz=RATE_HZ, skeleton=CANONICAL):
 
 
 def one(known, person):
-    return Evidence(**{f.name: getattr(known, f.name)[person][None] for f in fields(known)})
+    rows = {f.name: getattr(known, f.name) for f in fields(known)}
+    return Evidence(**{name: r[person][None] for name, r in rows.items() if r is not None})
 
 
 # -- what it reads --------------------------------------------------------------------------------

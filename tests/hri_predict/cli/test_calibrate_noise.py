@@ -1,0 +1,63 @@
+"""``calibrate --noise``: a calibration stays, and its zones grow with a tracker's noise."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hri_predict.zones.calibration import load_calibration
+from tests.hri_predict.cli.test_calibrate import (  # noqa: F401
+    CV,
+    _short_fit,
+    cli,
+    folder,
+    made,
+)
+
+
+def test_all_but_the_growth_stays(cli, folder, made, tmp_path):  # noqa: F811
+    out = tmp_path / "noisy.json"
+    options = ["--noise", "--calibration", made, "--out", out, "--json"]
+    status, text, _ = cli(*CV, "--data", folder, *options)
+    assert status == 0
+    said = json.loads(text)
+    assert said["file"] == str(out)
+    assert set(said["growth"]) == {"joint", "body"}
+    before, after = json.loads(made.read_text()), json.loads(out.read_text())
+    assert before.pop("noise") is None
+    growth = after.pop("noise")
+    assert before == after
+    assert growth
+    found = load_calibration(out).noise
+    assert found is not None
+    for table in found.table.values():
+        assert table.shape == (3, 30)
+        assert (np.diff(table, axis=0) >= 0).all()
+        assert (np.diff(table, axis=1) >= 0).all()
+    again = tmp_path / "again.json"
+    assert cli(*CV, "--data", folder, "--noise", "--calibration", out, "--out", again)[0] == 0
+    assert again.read_bytes() == out.read_bytes()  # the growth before has no part in it
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--check", "--noise"], "--noise: has no effect with --check"),
+        (["--leave-out", "--noise"], "--noise: has no effect with --leave-out"),
+        (["--noise", "--onto", "shipped"], "--onto: has no effect with --noise"),
+        (["--noise", "--disturb"], "--disturb: has no effect with --noise"),
+        (["--noise", "--as-recorded"], "--tracked: has no effect with --noise"),
+    ],
+)
+def test_options_that_would_do_nothing_are_refused(cli, folder, tmp_path, options, said):  # noqa: F811
+    status, _, err = cli(*CV, "--data", folder, "--out", tmp_path / "a.json", *options)
+    assert status == 2
+    assert said in err
+    assert not (tmp_path / "a.json").exists()
+
+
+def test_another_predictors_calibration_is_refused(cli, folder, made, tmp_path):  # noqa: F811
+    options = ["--noise", "--calibration", made, "--out", tmp_path / "a.json"]
+    status, _, err = cli("--predictor", "zero_velocity", "--data", folder, *options)
+    assert status == 2
+    assert "constant_velocity" in err
