@@ -1,0 +1,202 @@
+"""One ROS 2 node in a context and a thread of its own; by default only on this machine.
+
+Needs rclpy, of a sourced ROS 2 installation (Jazzy or later) or of the extra ``ros2``.
+
+``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` alone limits what a node finds, not who reaches it: Fast
+DDS still receives on all interfaces. ``ros2_loopback.xml`` binds it to 127.0.0.1. Fast DDS reads
+its profiles once in a process, so all nodes of a process have the same ``discovery``. A profile of
+the user's own (``FASTDDS_DEFAULT_PROFILES_FILE``) takes precedence.
+"""
+
+import atexit
+import contextlib
+import logging
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, StringConstraints
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from hri_predict.base.errors import LinkError
+from hri_predict.base.settings import Settings
+
+MAX_DOMAIN = 232
+"""Largest domain whose ports exist (design.ros2.org, "ROS_DOMAIN_ID")."""
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE"
+LOOPBACK = Path(__file__).with_name("ros2_loopback.xml")
+JOIN_S = 1.0
+PAUSE_S = 0.1  # after a callback that raised
+
+Discovery = Literal["localhost", "subnet"]
+NodeName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
+TopicName = Annotated[
+    str,
+    StringConstraints(pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$",
+                      max_length=200),
+]  # fmt: skip
+
+log = logging.getLogger(__name__)
+_lock = threading.Lock()
+_discovery: Discovery | None = None  # of this process, since its first node
+
+
+class Ros2Settings(Settings):
+    """Settings of every ROS 2 node of ours; for the source and the link."""
+
+    domain_id: int | None = Field(
+        None, ge=0, le=MAX_DOMAIN, description="ROS domain; default: ROS_DOMAIN_ID, or 0"
+    )
+    discovery: Discovery = Field(
+        "localhost",
+        description="localhost: nodes of this machine only; subnet: all machines in the network",
+    )
+    node_name: NodeName = Field("hri_predict", description="name of the node in the ROS graph")
+
+
+class SpinningNode:
+    """A node whose callbacks run in one thread, from ``open`` to ``close``.
+
+    A callback that raises is logged, and the thread goes on.
+
+    Args:
+        settings: the node's.
+    """
+
+    def __init__(self, settings: Ros2Settings) -> None:
+        self._settings = settings
+        self._context: Context | None = None
+        self._node: Node | None = None
+        self._executor: SingleThreadedExecutor | None = None
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+
+    def open(self) -> Node:
+        """Create the node; create its publishers and subscriptions, then call ``spin``.
+
+        Raises:
+            LinkError: ROS 2 cannot start, or another node of this process has another
+                ``discovery``; one line with the remedy.
+        """
+        self.close()
+        self._stopping.clear()
+        atexit.register(self.close)  # a node that spins at exit aborts the process
+        try:
+            with _environment(self._settings.discovery):
+                self._context = Context()
+                self._context.init(
+                    args=[], initialize_logging=False, domain_id=_domain(self._settings)
+                )
+                self._node = Node(
+                    self._settings.node_name,
+                    context=self._context,
+                    use_global_arguments=False,
+                    enable_rosout=False,
+                    start_parameter_services=False,
+                )
+        except LinkError:
+            self.close()
+            raise
+        except Exception as error:  # RCLError, RuntimeError, or the middleware's own
+            self.close()
+            why = (str(error).splitlines() or [type(error).__name__])[0]
+            raise LinkError(
+                f"ROS 2 does not start: {why}; check RMW_IMPLEMENTATION and {PROFILES}"
+            ) from error
+        return self._node
+
+    def spin(self) -> None:
+        """Start the thread that runs the node's callbacks."""
+        assert self._context is not None
+        assert self._node is not None
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(
+            target=self._run, args=(self._executor,), name="ros2-node", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop the thread and destroy the node; never raises, safe to call twice.
+
+        Do not call it from a callback.
+        """
+        self._stopping.set()
+        atexit.unregister(self.close)
+        executor, self._executor = self._executor, None
+        thread, self._thread = self._thread, None
+        node, self._node = self._node, None
+        context, self._context = self._context, None
+        if executor is not None:
+            with contextlib.suppress(Exception):
+                executor.shutdown(JOIN_S)
+        if thread is not None:
+            thread.join(JOIN_S)
+        if node is not None:
+            with contextlib.suppress(Exception):
+                node.destroy_node()
+        if context is not None:
+            with contextlib.suppress(Exception):
+                context.try_shutdown()
+
+    def _run(self, executor: SingleThreadedExecutor) -> None:
+        while not self._stopping.is_set():
+            try:
+                executor.spin()
+            except (ExternalShutdownException, ShutdownException):
+                return
+            except Exception:
+                if not self._stopping.wait(PAUSE_S):
+                    log.exception("ros2: a callback failed; the node goes on")
+
+
+def _domain(settings: Ros2Settings) -> int:
+    """Return the configured domain, or that of the environment.
+
+    Raises:
+        LinkError: ``ROS_DOMAIN_ID`` is not a domain.
+    """
+    if settings.domain_id is not None:
+        return settings.domain_id
+    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        raise LinkError(
+            f"ROS_DOMAIN_ID: '{text}' is not a number from 0 to {MAX_DOMAIN}; correct it, or set "
+            f"'domain_id'"
+        )
+    return int(text)
+
+
+@contextlib.contextmanager
+def _environment(discovery: Discovery) -> Iterator[None]:
+    """Set the variables that ROS 2 reads while a node is created, and restore them.
+
+    Raises:
+        LinkError: another node of this process has another ``discovery``.
+    """
+    global _discovery
+    ours = {RANGE: discovery.upper()}
+    if discovery == "localhost" and not os.environ.get(PROFILES):
+        ours[PROFILES] = str(LOOPBACK)
+    with _lock:
+        if _discovery not in (None, discovery):
+            raise LinkError(
+                f"discovery: {discovery}, but another ROS 2 node of this process has "
+                f"{_discovery}; give the source and the links the same"
+            )
+        _discovery = discovery
+        before = {name: os.environ.get(name) for name in ours}
+        os.environ.update(ours)
+        try:
+            yield
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    os.environ.pop(name, None)
+                else:
+                    os.environ[name] = value
