@@ -4,6 +4,7 @@ As tf2 (REP-105): each frame has one parent. A transform that moves is interpola
 messages, and never extrapolated; after its newest message it holds only while it stands still.
 """
 
+import math
 from bisect import bisect_right
 from collections import deque
 from typing import Any
@@ -126,7 +127,7 @@ class FrameTree:
         parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
         t, q = message.transform.translation, message.transform.rotation
         pose = np.array([t.x, t.y, t.z, q.x, q.y, q.z, q.w], np.float64)
-        norm = float(np.linalg.norm(pose[3:]))
+        norm = math.hypot(*pose[3:].tolist())
         if not np.isfinite(pose).all() or abs(norm - 1) > NORM_TOLERANCE or child == parent:
             raise ValueError
         pose[3:] /= norm
