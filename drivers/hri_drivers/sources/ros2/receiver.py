@@ -11,7 +11,6 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
-    HistoryPolicy,
     QoSProfile,
     ReliabilityPolicy,
     qos_policy_name_from_kind,
@@ -19,7 +18,7 @@ from rclpy.qos import (
 from visualization_msgs.msg import MarkerArray
 
 from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
-from hri_drivers.sources.ros2.settings import Ros2SourceSettings
+from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
 from hri_drivers.wires.ros2 import SpinningNode
 from hri_predict.base.errors import SourceError
 from hri_predict.contracts.source import SourceCounters
@@ -67,11 +66,15 @@ class Ros2Receiver:
         node = self._spinning.open()
         kind = TYPES[self._settings.message]
         for index, topic in enumerate(self._settings.topics):
-            self._subscribe(node, kind, topic, index, self._qos(reliable=False))
+            self._subscribe(node, topic, index, kind=kind, qos=self._qos())
         if TFMessage is not None:
-            self._subscribe(node, TFMessage, "/tf", TF, self._qos(reliable=False))
-            latched = self._qos(reliable=True, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-            self._subscribe(node, TFMessage, "/tf_static", TF_STATIC, latched)
+            self._subscribe(node, "/tf", TF, kind=TFMessage, qos=self._qos())
+            latched = QoSProfile(
+                depth=WAITING,
+                reliability=ReliabilityPolicy.RELIABLE,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            self._subscribe(node, "/tf_static", TF_STATIC, kind=TFMessage, qos=latched)
         self._node = node
         self._look_s = time.monotonic() + SILENT_S
         self._spinning.spin()
@@ -106,18 +109,12 @@ class Ros2Receiver:
             self._people.clear()
             self._transforms.clear()
 
-    def _qos(
-        self,
-        *,
-        reliable: bool,
-        durability: DurabilityPolicy = DurabilityPolicy.VOLATILE,
-    ) -> QoSProfile:
-        wanted = reliable or self._settings.reliability == "reliable"
+    def _qos(self) -> QoSProfile:
+        """As rclpy's sensor data, unless ``reliability`` asks for more."""
         return QoSProfile(
-            history=HistoryPolicy.KEEP_LAST,
             depth=WAITING,
-            reliability=ReliabilityPolicy.RELIABLE if wanted else ReliabilityPolicy.BEST_EFFORT,
-            durability=durability,
+            reliability=ReliabilityPolicy[self._settings.reliability.upper()],
+            durability=DurabilityPolicy.VOLATILE,
         )
 
     def _subscribe(self, node: Node, kind: Any, topic: str, index: int, qos: QoSProfile) -> None:
@@ -153,20 +150,29 @@ class Ros2Receiver:
         return note
 
     def _say_who_is_missing(self, node: Node) -> None:
-        """Note topics without a publisher, and those that there are instead."""
-        silent = [t for t in self._settings.topics if not node.count_publishers(t)]
-        if not silent:
-            return
+        """Note the first topic that no node publishes as configured, and what there is instead."""
+        wanted = KINDS[self._settings.message]
+        for topic in self._settings.topics:
+            kinds = {info.topic_type for info in node.get_publishers_info_by_topic(topic)}
+            if kinds and wanted not in kinds:
+                self._counters.note(
+                    f"{topic}: is {min(kinds)}, not {wanted}; correct 'message' or 'topics'"
+                )
+                return
+            if not kinds:
+                self._counters.note(
+                    f"{topic}: no publisher; start it, or correct 'topics', 'domain_id' or "
+                    f"'discovery'{self._instead(node)}"
+                )
+                return
+
+    def _instead(self, node: Node) -> str:
         possible = sorted(
             f"{topic} ({kinds[0].rsplit('/', 1)[-1]})"
             for topic, kinds in node.get_topic_names_and_types()
             if kinds[0] in READERS and topic not in self._settings.topics
         )
-        there = f"; there are: {', '.join(possible[:5])}" if possible else ""
-        self._counters.note(
-            f"{silent[0]}: no publisher; start it, or correct 'topics', 'domain_id' or "
-            f"'discovery'{there}"
-        )
+        return f"; there are: {', '.join(possible[:5])}" if possible else ""
 
 
 def _gid(info: dict[str, Any]) -> bytes:

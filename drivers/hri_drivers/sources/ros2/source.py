@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from hri_drivers.sources.live import LiveSource, sender_joints
+from hri_drivers.sources.live import LiveSource, Receiver, sender_joints
 from hri_drivers.sources.ros2.decoder import Ros2Decoder
-from hri_drivers.sources.ros2.receiver import Ros2Receiver
 from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
 from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.frame_tree import FrameTree
@@ -38,6 +38,7 @@ class Ros2Source(LiveSource):
         """
         joint_map = sender_joints(settings, base_dir).with_units(1.0).with_axes(settings.axes)
         counters = SourceCounters()
+        receiver = _receiver(settings, counters)
         tree = FrameTree()
         self.decoder = Ros2Decoder(
             kind=KINDS[settings.message],
@@ -53,9 +54,30 @@ class Ros2Source(LiveSource):
         )
         super().__init__(
             settings=settings,
-            receiver=Ros2Receiver(settings, counters),
+            receiver=receiver,
             decoder=self.decoder,
             counters=counters,
             joint_map=joint_map,
             clock=clock,
         )
+
+    @property
+    def stamps_utc(self) -> bool:  # type: ignore[override]
+        """See ``hri_predict.contracts.source.Live``; as far as the newest stamps show."""
+        return self.decoder.captures.clock == "utc"
+
+
+def _receiver(settings: Ros2SourceSettings, counters: SourceCounters) -> Receiver:
+    """Import ROS 2 only where a source is built: its settings are checked and documented without.
+
+    Raises:
+        ConfigError: ROS 2 is not installed, or cannot be loaded.
+    """
+    try:
+        from hri_drivers.sources.ros2.receiver import Ros2Receiver
+    except ImportError as error:
+        raise ConfigError(
+            f"source 'ros2' needs a package that is not installed: {error.name or error}; source "
+            f"your ROS 2 installation, or pip install 'hri-predict[ros2]'"
+        ) from error
+    return Ros2Receiver(settings, counters)
