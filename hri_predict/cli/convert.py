@@ -24,7 +24,7 @@ from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.bounded import watching
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
-from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, WRITERS, of_ending
+from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, of_ending
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.plausibility import check_possible
@@ -40,7 +40,7 @@ def convert(
     output: Annotated[Path, typer.Argument(help="The file to write; its ending gives the format.")],
     to: Annotated[
         str | None,
-        typer.Option(help=f"Write this format: {', '.join(WRITERS)} (amass and pack are .npz)."),
+        typer.Option(help=f"Write this format: {', '.join(BY_NAME)} (amass and pack are .npz)."),
     ] = None,
     person: Annotated[
         int | None,
@@ -139,13 +139,13 @@ def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
 
 def _format(output: Path, to: str | None) -> str:
     if to is not None:
-        return str(one_of("--to", to, list(WRITERS)))
-    possible = [each for each in of_ending(output.suffix.lower()) if each.name in WRITERS]
+        return str(one_of("--to", to, list(BY_NAME)))
+    same = of_ending(output.suffix.lower())
+    possible = [each for each in same if each.write is not None]
     if not possible:
         endings = dict.fromkeys(each.ending for each in BY_NAME.values())
-        raise ConfigError(
-            f"{output}: '{output.suffix}' is not written; use {', '.join(endings)}, or --to"
-        )
+        why = "only read, never written: ending" if same else "unknown ending"
+        raise ConfigError(f"{output}: {why} '{output.suffix}'; use {', '.join(endings)}, or --to")
     return possible[0].name
 
 

@@ -29,7 +29,9 @@ def topics(
     try:
         found = topics_of(file_of(bag))
     except OSError as error:
-        raise RecordingError(f"recording {bag}: cannot be read: {error.strerror}") from error
+        raise RecordingError(
+            f"recording {bag}: cannot be read: {error.strerror or error}"
+        ) from error
     rows = [asdict(each) | {"options": _options(each)} for each in found]
     if as_json:
         print(json.dumps({"bag": str(bag), "topics": rows}))

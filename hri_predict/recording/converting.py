@@ -4,7 +4,7 @@ from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.base.files import atomic_file
-from hri_predict.recording.format_table import WRITERS
+from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.frames import Written
 from hri_predict.recording.recording import Recording
 
@@ -15,7 +15,7 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
     Args:
         recording: the recording to write.
         output: the file.
-        to: name of its format, one of ``WRITERS``.
+        to: name of its format, one of ``BY_NAME``.
         force: replace an existing file; never the one that is read.
 
     Raises:
@@ -25,8 +25,10 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
     try:
         if output.exists():
             _check_replaceable(recording, output, force)
+        write = BY_NAME[to].write
+        assert write is not None
         with atomic_file(output) as partial:
-            return WRITERS[to](partial, recording)
+            return write(partial, recording)
     except OSError as error:
         raise RecordingError(
             f"{output}: cannot be written: {error.strerror or error}; name another file"

@@ -180,12 +180,12 @@ FORMATS = (
         only="recorded by this node",
     ),
 )
-WRITERS = {
-    each.name: each.write
+BY_NAME = {
+    each.name: each
     for each in sorted(FORMATS, key=lambda each: each.name)
     if each.write is not None
 }
-BY_NAME = {each.name: each for each in FORMATS if each.name in WRITERS}
+"""The formats that can be written."""
 ENDINGS = tuple(dict.fromkeys(each.ending for each in FORMATS))
 ANY_ENDING = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
 

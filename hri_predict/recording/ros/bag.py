@@ -12,6 +12,7 @@ from hri_predict.protocol.ros.messages import Release, typestore
 BAG_ENDING = ".bag"
 METADATA = "metadata.yaml"
 _STORAGES = (".db3", ".mcap")
+ENDINGS = (BAG_ENDING, *_STORAGES)
 _MCAP_START = b"\x89MCAP0\r\n\x01"
 _LENGTHS = Struct("<QI")  # of the header record, and of the profile's name
 _MAX_PROFILE = 64
@@ -93,6 +94,10 @@ def open_bag(path: Path) -> Iterator[Bag]:
         RecordingError: it is damaged, or not a bag.
     """
     typestore("jazzy")  # says what is missing
+    if not path.is_file():
+        raise RecordingError(f"recording {path}: no such file, or a folder without {METADATA}")
+    if path.suffix.lower() not in ENDINGS:
+        raise RecordingError(f"recording {path}: not a ROS bag ({', '.join(ENDINGS)})")
     from rosbags import rosbag1, rosbag2
 
     kind = rosbag1.Reader if path.suffix.lower() == BAG_ENDING else rosbag2.Reader
