@@ -1,4 +1,4 @@
-"""Publishes a swaying person on a ROS 2 topic: to try the node's ``kind: ros2``, or to start from.
+"""Publishes a test person on a ROS 2 topic: to try the node's ``kind: ros2``, or to start from.
 
 Needs ROS 2 (Jazzy or later) alone. Stamp each capture with the time at which the camera looked, and
 publish every capture, also when no one is there.
@@ -6,6 +6,7 @@ publish every capture, also when no one is there.
 
 import argparse
 import math
+import random
 import time
 
 import rclpy
@@ -21,6 +22,7 @@ STANDING = [  # the joints of configs/skeletons/canonical.yaml; x forward, y lef
     (0, 0.1, 0.93), (0, 0.1, 0.5), (0, 0.1, 0.1), (0.15, 0.1, 0.02),
     (0, -0.1, 0.93), (0, -0.1, 0.5), (0, -0.1, 0.1), (0.15, -0.1, 0.02),
 ]  # fmt: skip
+LOOSE = {6: 0.4, 7: 0.8, 8: 1.0, 10: -0.4, 11: -0.8, 12: -1.0}  # of joints: share of the swing
 CLOCKS = {
     "utc": time.time_ns,
     "boot": lambda: time.clock_gettime_ns(time.CLOCK_BOOTTIME),
@@ -30,12 +32,18 @@ CLOCKS = {
 _START_NS = time.monotonic_ns()
 
 
-def swaying(seconds: float, person: int) -> list[tuple[float, float, float]]:
-    """Joints of a test person; person 0 stands at (2, 0), the next ones 1.5 m farther left."""
-    sway = 0.02 * math.sin(1.5 * seconds)
-    tremble = 0.001 * math.sin(40.0 * seconds)  # no two captures are equal, as with a real sensor
-    away = 1.5 * person
-    return [(2 + x + sway * z + tremble, away + y + tremble, z) for x, y, z in STANDING]
+def moving(seconds: float, person: int) -> list[tuple[float, float, float]]:
+    """Joints of a test person who sways and moves the arms, never the same way twice, as seen by a
+    sensor with 2 mm of noise. Person 0 stands at (2, 0), the next ones 1.5 m farther left each.
+    """
+    sway = 0.012 * (math.sin(1.5 * seconds) + math.sin(0.97 * seconds + 1))
+    swing = 0.08 * math.sin(2.3 * seconds) + 0.06 * math.sin(3.1 * seconds + 2)
+    joints = []
+    for k, (x, y, z) in enumerate(STANDING):
+        ahead = LOOSE.get(k, 0.0) * swing + sway * z
+        place = (2 + x + ahead, 1.5 * person + y, z)
+        joints.append(tuple(v + random.gauss(0.0, 0.002) for v in place))
+    return joints
 
 
 def pose_array(people: list[list[tuple[float, float, float]]]) -> PoseArray:
@@ -70,7 +78,7 @@ def stamped(message: PoseArray | MarkerArray, frame: str, stamp_ns: int) -> None
 
 def arguments() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(description="Publish a swaying person on a ROS 2 topic.")
+    parser = argparse.ArgumentParser(description="Publish a test person on a ROS 2 topic.")
     parser.add_argument("--topic", default="/people")
     parser.add_argument("--message", choices=["pose_array", "marker_array"], default="pose_array")
     parser.add_argument("--frame", default="map")
@@ -99,7 +107,7 @@ def main() -> None:
         while time.monotonic() - start < wanted.seconds:
             at_ns = CLOCKS[wanted.clock]() + round(wanted.shift * 1e9)
             seconds = time.monotonic() - start
-            message = make([swaying(seconds, k)[: wanted.joints] for k in range(wanted.people)])
+            message = make([moving(seconds, k)[: wanted.joints] for k in range(wanted.people)])
             stamped(message, wanted.frame, at_ns)
             publisher.publish(message)
             sent += 1

@@ -1,14 +1,7 @@
 """The source against real ROS 2 nodes in other processes; each test has a domain of its own."""
 
-import itertools
-import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,44 +11,12 @@ pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 in
 pytest.importorskip("rosbags", reason="needs the extra bags")
 pytestmark = [pytest.mark.long, pytest.mark.realtime]
 
-PUBLISHER = Path(__file__).parents[4] / "drivers" / "ros2" / "people_publisher.py"
-DOMAINS = itertools.count(100 + os.getpid() % 100)
-Start = Callable[..., subprocess.Popen[bytes]]
-
-
-@pytest.fixture
-def domain() -> int:
-    return next(DOMAINS)
-
-
-@pytest.fixture
-def publish(domain: int) -> Iterator[Start]:
-    """Starts publishers in processes of their own."""
-    started: list[subprocess.Popen[bytes]] = []
-
-    def start(**options: Any) -> subprocess.Popen[bytes]:
-        words = [
-            f"--{name.replace('_', '-')}" if value is True else f"--{name}={value}"
-            for name, value in options.items()
-        ]
-        environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }  # fmt: skip
-        process = subprocess.Popen([sys.executable, PUBLISHER, *words], env=environment)
-        started.append(process)
-        return process
-
-    yield start
-    for process in started:
-        process.kill()
-        process.wait()
-
 
 @pytest.fixture
 def listen(hear, domain: int):
     """Opens a source in the test's domain."""
 
-    def opened(**settings: Any):
+    def opened(**settings):
         given = {
             "topics": ["/people"], "frame": "map", "sees_room": True, "domain_id": domain,
             "rate_hz": 30,
@@ -77,7 +38,7 @@ def test_people_are_heard_with_their_places(listen, publish):
     stamps = [scene.stamp_ns for scene in scenes]
     assert stamps == sorted(stamps)
     waist = scenes[-1].people[1].positions[0]
-    assert waist[:2] == pytest.approx([2.0, 1.5], abs=0.025)  # swaying by 19 mm, trembling by 1
+    assert waist[:2] == pytest.approx([2.0, 1.5], abs=0.04)  # sways by 23 mm; 2 mm of noise
     assert ear.source.stamps_utc
     assert ear.counters.malformed == 0
 
