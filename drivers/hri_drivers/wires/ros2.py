@@ -15,48 +15,23 @@ import os
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
 
-from pydantic import Field, StringConstraints
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
+from hri_drivers.wires.ros2_settings import MAX_DOMAIN, Discovery, Ros2Settings
 from hri_predict.base.errors import LinkError
-from hri_predict.base.settings import Settings
 
-MAX_DOMAIN = 232
-"""Largest domain whose ports exist (design.ros2.org, "ROS_DOMAIN_ID")."""
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE"
 LOOPBACK = Path(__file__).with_name("ros2_loopback.xml")
 JOIN_S = 1.0
 PAUSE_S = 0.1  # after a callback that raised
 
-Discovery = Literal["localhost", "subnet"]
-NodeName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=64)]
-TopicName = Annotated[
-    str,
-    StringConstraints(pattern=r"^/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$",
-                      max_length=200),
-]  # fmt: skip
-
 log = logging.getLogger(__name__)
 _lock = threading.Lock()
 _discovery: Discovery | None = None  # of this process, since its first node
-
-
-class Ros2Settings(Settings):
-    """Settings of every ROS 2 node of ours; for the source and the link."""
-
-    domain_id: int | None = Field(
-        None, ge=0, le=MAX_DOMAIN, description="ROS domain; default: ROS_DOMAIN_ID, or 0"
-    )
-    discovery: Discovery = Field(
-        "localhost",
-        description="localhost: nodes of this machine only; subnet: all machines in the network",
-    )
-    node_name: NodeName = Field("hri_predict", description="name of the node in the ROS graph")
 
 
 class SpinningNode:
