@@ -17,8 +17,7 @@ from hri_drivers.links.load import SCHEMA_HZ, padded_shapes
 from hri_drivers.links.ros2.codec import FramesReceiver, Publication, Ros2Codec, worst_bits
 from hri_drivers.links.ros2.plain import PlainMessages
 from hri_drivers.links.ros2.topics import Topics, doubled, unknown
-from hri_drivers.links.ros2.transport import Ros2Transport
-from hri_drivers.wires.ros2 import Ros2Settings, TopicName
+from hri_drivers.wires.ros2_settings import NodeName, Ros2Settings, TopicName
 from hri_drivers.wires.transport import Transport
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import ConfigError, LinkError
@@ -46,6 +45,7 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
         le=20,
         description="speed of the robot's fastest point at speed_fraction 1",
     )
+    node_name: NodeName = Field("hri_predict_link", description="its name in the ROS graph")
     namespace: TopicName = Field("/hri", description="namespace of its topics")
     remap: dict[str, TopicName] = Field(
         {}, description="other names of topics, such as robot_0/speed_ovr: /speed_ovr"
@@ -63,7 +63,7 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
         description="network bandwidth that this link may use, bit/s",
     )
 
-    safety: ClassVar[Safety] = harmless("take", "bitrate", "domain_id") | {
+    safety: ClassVar[Safety] = harmless("take", "bitrate") | {
         "full_speed_m_s": LessSafe(
             below="fractions are of {value:g} m/s: a robot that is faster at fraction 1 exceeds its"
             " limit"
@@ -113,12 +113,25 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
     ) -> None:
         super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
         device = getattr(self._transport, "device", self._transport)  # beneath injected faults
-        if isinstance(device, Ros2Transport):
+        if hasattr(device, "say"):
             device.say = self._say
 
     @staticmethod
-    def make_transport(settings: Ros2LinkSettings) -> Ros2Transport:
-        """The configured node, not yet created."""
+    def make_transport(settings: Ros2LinkSettings) -> Transport[Publication]:
+        """The configured node, not yet created.
+
+        ROS 2 is imported only here: settings are checked and documented without it.
+
+        Raises:
+            ConfigError: ROS 2 is not installed, or cannot be loaded.
+        """
+        try:
+            from hri_drivers.links.ros2.transport import Ros2Transport
+        except ImportError as error:
+            raise ConfigError(
+                f"link 'ros2' needs a package that is not installed: {error.name or error}; source "
+                f"your ROS 2 installation, or pip install 'hri-predict[ros2]'"
+            ) from error
         return Ros2Transport(
             settings, settings.topics, silence_s=settings.silence_timeout_s, take=settings.take
         )

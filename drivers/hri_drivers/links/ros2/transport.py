@@ -20,7 +20,8 @@ from visualization_msgs.msg import MarkerArray
 from hri_drivers.links.ros2.cdr import byte_array
 from hri_drivers.links.ros2.codec import FRAMES, Publication
 from hri_drivers.links.ros2.topics import Topics
-from hri_drivers.wires.ros2 import Ros2Settings, SpinningNode
+from hri_drivers.wires.ros2 import SpinningNode
+from hri_drivers.wires.ros2_settings import Ros2Settings
 from hri_predict.base.errors import LinkError
 
 TYPES: dict[str, Any] = {
