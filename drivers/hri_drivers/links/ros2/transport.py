@@ -157,13 +157,13 @@ class Ros2Transport:
             full = self._topics.full(topic)
             events = PublisherEventCallbacks(
                 incompatible_qos=lambda event: self._refused(
-                    full, qos_policy_name_from_kind(event.last_policy_kind)
+                    topic, qos_policy_name_from_kind(event.last_policy_kind)
                 ),
-                incompatible_type=lambda event: self._refused(full, "another message type"),
+                incompatible_type=lambda event: self._refused(topic, "message type"),
                 use_default_callbacks=False,
             )
             found = self._publishers[topic] = self._node.create_publisher(
-                TYPES[topic.rpartition("/")[2]] if topic not in TYPES else TYPES[topic],
+                _type(topic),
                 full,
                 quality(topic, self._silence_s),
                 event_callbacks=events,
@@ -179,10 +179,10 @@ class Ros2Transport:
             self._inbox.append(Publication(frame, topic))
             self._arrived.notify_all()
 
-    def _refused(self, full: str, policy: str) -> None:
+    def _refused(self, topic: str, policy: str) -> None:
         self._say(
-            f"{full}: a subscriber does not receive it, because it asks for {policy}; see the "
-            "table of topics in docs/guides/ros2.md for what is offered"
+            f"{self._topics.full(topic)}: a subscriber does not receive it, because it asks for "
+            f"another {policy}; offered is {offered(topic, self._silence_s)}"
         )
 
     def _look_for_others(self, node: Node) -> None:
@@ -217,6 +217,20 @@ def quality(topic: str, silence_s: float) -> QoSProfile:
     silence = Duration(seconds=silence_s)
     depth = EACH_PERSON if topic in FRAMES.values() else 1
     return QoSProfile(depth=depth, deadline=silence, lifespan=silence)
+
+
+def offered(topic: str, silence_s: float) -> str:
+    """Return the type and the QoS of a topic in words."""
+    qos = quality(topic, silence_s)
+    words = [_type(topic).__name__, qos.reliability.name.lower().replace("_", " "), "volatile"]
+    for name, duration in (("deadline", qos.deadline), ("lifespan", qos.lifespan)):
+        if 0 < duration.nanoseconds < 10**12:
+            words.append(f"{name} {duration.nanoseconds * 1e-9:g} s")
+    return ", ".join(words)
+
+
+def _type(topic: str) -> Any:
+    return TYPES[topic if topic in TYPES else topic.rpartition("/")[2]]
 
 
 def _short(error: BaseException) -> str:
