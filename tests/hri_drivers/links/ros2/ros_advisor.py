@@ -1,4 +1,4 @@
-"""A program: a link that sends *slow* at 67 Hz and *clear* of nothing; it ends at SIGTERM."""
+"""A program: a link that sends *slow* 67 times a second; it ends at SIGTERM."""
 
 import signal
 import sys
@@ -10,6 +10,9 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.library.conformance.messages import status
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
+
+CAPTURED_S = 0.03
+"""Age of the capture of each advice when it is posted."""
 
 
 def main(domain: str, seconds: str = "60") -> None:
@@ -31,7 +34,7 @@ def main(domain: str, seconds: str = "60") -> None:
                 level=Level.SLOW,
                 reason=Reason.PERSON_NEAR,
                 speed_limit_m_s=0.5,
-                capture_ns=clock.now_ns() - 30_000_000,
+                capture_ns=clock.now_ns() - round(CAPTURED_S * 1e9),
             )
         )
     link.stop()

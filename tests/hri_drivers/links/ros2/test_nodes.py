@@ -1,15 +1,9 @@
 """The link with real ROS 2 nodes in other processes; each test has a domain of its own."""
 
-import itertools
 import json
-import os
 import signal
-import subprocess
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,17 +22,14 @@ from hri_predict.protocol.messages import (
     Status,
 )
 from hri_predict.protocol.reasons import Reason
+from tests.hri_drivers.links.ros2.programs import ADVISOR, FOLLOWER, LISTENER, Program
 
 pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
 pytestmark = [pytest.mark.long, pytest.mark.realtime]
 
-HERE = Path(__file__).parent
-LISTENER, ADVISOR = HERE / "ros_listener.py", HERE / "ros_advisor.py"
-FOLLOWER = HERE.parents[3] / "drivers" / "ros2" / "speed_follower.py"
 FOLLOWERS_SILENCE_S = 0.2
 SCHEDULING_S = 0.3
 """Allowance for a busy machine, beyond the follower's timer of 10 ms."""
-DOMAINS = itertools.count(1 + os.getpid() % 90)
 ADVICE = Advice(
     robot=0,
     level=Level.SLOW,
@@ -56,43 +47,6 @@ ALL = (
 )  # fmt: skip
 
 
-class Program:
-    """A program in a process of its own, and the lines that it printed, with times."""
-
-    def __init__(self, domain: int, script: Path, *arguments: str) -> None:
-        environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        }  # fmt: skip
-        self.process = subprocess.Popen(
-            [sys.executable, str(script), *arguments],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        self.lines: list[tuple[float, str]] = []
-        self.errors: list[str] = []
-        assert self.process.stderr is not None
-        threading.Thread(target=self._read, daemon=True).start()
-        threading.Thread(
-            target=self.errors.extend, args=(self.process.stderr,), daemon=True
-        ).start()
-
-    def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.lines.append((time.monotonic(), line.strip()))
-
-    def heard(self, topic: str) -> list[Any]:
-        """Data of the messages of a topic."""
-        rows = [json.loads(line) for _, line in list(self.lines)]
-        return [row["data"] for row in rows if row["topic"] == topic]
-
-    def end(self, number: int = signal.SIGKILL) -> None:
-        self.process.send_signal(number)
-        self.process.wait(10)
-
-
 def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
     """Wait for something that another process does; the limit only ends a test that fails."""
     deadline = time.monotonic() + seconds
@@ -100,11 +54,6 @@ def eventually(condition: Callable[[], Any], seconds: float = 20.0) -> Any:
         assert time.monotonic() < deadline, "did not happen"
         time.sleep(0.01)
     return found
-
-
-@pytest.fixture
-def domain() -> int:
-    return next(DOMAINS)
 
 
 @pytest.fixture
