@@ -2,8 +2,8 @@
 
 Source: OMG "DDS Interoperability Wire Protocol" 2.3, 10.2 (CDR_LE), and the ``.msg`` files of
 ``std_msgs``, ``geometry_msgs``, ``diagnostic_msgs`` and ``visualization_msgs``, whose fields are
-the same from Humble to Kilted. rclpy publishes such bytes as they are. It would take 20 times
-longer to turn message objects into them, and would hold up the tick meanwhile.
+the same from Humble to Kilted. rclpy publishes such bytes as they are. Message objects would take
+14 times longer (a zone of 17 capsules 2.1 ms, not 0.15) and hold up the tick meanwhile.
 """
 
 import struct
