@@ -117,7 +117,7 @@ class Ros2Receiver:
             durability=DurabilityPolicy.VOLATILE,
         )
 
-    def _subscribe(self, node: Node, kind: Any, topic: str, index: int, qos: QoSProfile) -> None:
+    def _subscribe(self, node: Node, topic: str, index: int, *, kind: Any, qos: QoSProfile) -> None:
         queue = self._transforms if index in (TF, TF_STATIC) else self._people
 
         def hear(content: bytes, info: dict[str, Any]) -> None:
