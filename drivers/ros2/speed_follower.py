@@ -29,7 +29,7 @@ class SpeedFollower(Node):
         self.create_timer(0.01, self.apply)
 
     def hear(self, message: String) -> None:
-        """Take an advice; whatever is not one counts as not received."""
+        """Take an advice; anything else counts as not received."""
         try:
             advice = json.loads(message.data)
             counter, fraction = int(advice["counter"]), float(advice["speed_fraction"])
