@@ -34,6 +34,7 @@ class SpeedFollower(Node):
             advice = json.loads(message.data)
             counter, fraction = int(advice["counter"]), float(advice["speed_fraction"])
             age_s = OLDEST_S if advice["age_s"] is None else float(advice["age_s"])
+            age_s += max(0.0, time.time() - float(advice["stamp"]))  # on the way
         except Exception:
             return
         if counter != self.counter and 0.0 <= fraction <= 1.0 and age_s >= 0.0:

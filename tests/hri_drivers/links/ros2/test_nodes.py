@@ -4,6 +4,7 @@ import json
 import signal
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -103,7 +104,7 @@ def posted_until(link: Ros2Link, messages: list[Message], condition: Callable[[]
 def test_every_topic_arrives_at_a_subscriber_in_another_process(link, program, qos):
     listener = program(LISTENER, *(f"{topic}={qos}" for topic in ALL if topic != "/hri/forecast"),
                        "/hri/forecast=sensor")  # fmt: skip
-    sent = [status(7), ADVICE, zone(3), POSE]
+    sent: list[Message] = [status(7), ADVICE, zone(3), POSE]
     posted_until(link(), sent, lambda: all(listener.heard(topic) for topic in ALL))
     assert listener.heard("/hri/robot_0/speed_fraction")[-1] == 0.5
     assert listener.heard("/hri/robot_0/speed_ovr")[-1] == 50
@@ -170,7 +171,7 @@ def test_a_subscriber_that_is_restarted_hears_the_link_again(link, program):
     ours = link()
     for _ in range(2):
         listener = program(LISTENER, "/hri/robot_0/advice")
-        posted_until(ours, [ADVICE], lambda it=listener: it.heard("/hri/robot_0/advice"))
+        posted_until(ours, [ADVICE], partial(listener.heard, "/hri/robot_0/advice"))
         listener.end(signal.SIGKILL)
     assert ours.connected
     assert ours.counters.write_errors == ours.counters.disconnects == 0

@@ -96,22 +96,22 @@ def test_without_ros_the_settings_load_and_the_error_names_the_remedy():
 
 
 def test_the_last_word_is_0_once_and_counted():
-    wire, clock = Wire(), VirtualClock(1)
-    link = Ros2Link(settings(), clock, wire)
+    wire: Any = Wire()
+    link = Ros2Link(settings(), VirtualClock(1), wire)
     written: list[bytes] = []
     link.on_sent = lambda name, data, now_ns: written.append(data)
     link.post(advice(0, 0.5))
     link.service(1)
     link.stop()
     link.stop()
-    last: Any = wire.written[-1]
+    last = wire.written[-1]
     fractions = [s.data for s in last.plain if s.topic.endswith("speed_fraction")]
     assert fractions == [b"\x00\x01\x00\x00" + bytes(8)]
     assert len(wire.written) == len(written) == 2
 
 
 def test_nothing_is_published_by_a_link_that_advised_no_robot():
-    wire = Wire()
+    wire: Any = Wire()
     link = Ros2Link(settings(), VirtualClock(1), wire)
     link.service(1)
     link.stop()
@@ -133,7 +133,8 @@ def test_rviz_shows_topics_that_the_link_has_by_default():
 
 
 def test_rviz_shows_messages_of_the_type_that_its_displays_take():
-    wire, full = Wire(), settings().topics.full
+    wire: Any = Wire()
+    full = settings().topics.full
     link = Ros2Link(settings(), VirtualClock(1), wire)
     pose = Pose(person=1, step=1, horizon_s=0.1, joints=((0, 0.0, 0.0, 0.0),))
     for message in (zone(1), pose):
@@ -141,8 +142,7 @@ def test_rviz_shows_messages_of_the_type_that_its_displays_take():
     link.service(1)
     markers = {"/hri/zones", "/hri/forecast_markers"}
     of_kind = {"MarkerArray": markers, "PoseArray": {"/hri/forecast"}}
-    units: list[Any] = wire.written
-    sent = {full(sample.topic) for unit in units for sample in unit.plain}
+    sent = {full(sample.topic) for unit in wire.written for sample in unit.plain}
     assert sent == set().union(*of_kind.values())
     for display in displays():
         assert display["Topic"]["Value"] in of_kind[display["Class"].rpartition("/")[2]]
