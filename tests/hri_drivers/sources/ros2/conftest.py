@@ -15,6 +15,10 @@ import pytest
 
 PUBLISHER = Path(__file__).parents[4] / "drivers" / "ros2" / "people_publisher.py"
 DOMAINS = itertools.count(100 + os.getpid() % 100)
+OF_THIS_RELEASE = (
+    "PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
+)  # fmt: skip
+"""Variables by which an interpreter finds its own ROS; the last one is of the wheels."""
 Publish = Callable[..., "subprocess.Popen[bytes]"]
 
 
@@ -47,5 +51,6 @@ def publish(domain: int) -> Iterator[Publish]:
 def _environment(domain: int) -> dict[str, str]:
     kept = dict(os.environ)
     if "OTHER_ROS_PYTHON" in kept:
-        kept.pop("PYTHONPATH", None)
+        for name in OF_THIS_RELEASE:
+            kept.pop(name, None)
     return kept | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
