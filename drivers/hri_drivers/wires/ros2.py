@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from hri_drivers.wires.ros2_settings import MAX_DOMAIN, Discovery, Ros2Settings
@@ -26,7 +26,8 @@ from hri_predict.base.errors import LinkError
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE"
 LOOPBACK = Path(__file__).with_name("ros2_loopback.xml")
-JOIN_S = 1.0
+JOIN_S = 5.0
+TURN_S = 0.2  # maximum time in the executor, should a wake-up be lost
 PAUSE_S = 0.1  # after a callback that raised
 
 log = logging.getLogger(__name__)
@@ -50,6 +51,7 @@ class SpinningNode:
         self._executor: SingleThreadedExecutor | None = None
         self._thread: threading.Thread | None = None
         self._stopping = threading.Event()
+        self._closing = threading.Lock()
 
     def open(self) -> Node:
         """Create the node; create its publishers and subscriptions, then call ``spin``.
@@ -97,34 +99,42 @@ class SpinningNode:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread and destroy the node; never raises, safe to call twice.
+        """Stop the thread, then destroy the node; never raises, safe to call twice.
 
-        Do not call it from a callback.
+        Nothing is destroyed while the thread may use it: a thread that does not stop keeps its
+        node. Do not call it from a callback.
         """
-        self._stopping.set()
-        atexit.unregister(self.close)
+        with self._closing:
+            self._stopping.set()
+            if self._executor is not None:
+                self._executor.wake()
+            if self._thread is not None:
+                self._thread.join(JOIN_S)
+                if self._thread.is_alive():
+                    log.warning("ros2: a callback does not end; its node is not destroyed")
+                    self._executor = self._node = self._context = None
+                self._thread = None
+            self._destroy()
+            atexit.unregister(self.close)
+
+    def _destroy(self) -> None:
         executor, self._executor = self._executor, None
-        thread, self._thread = self._thread, None
         node, self._node = self._node, None
         context, self._context = self._context, None
-        if executor is not None:
-            with contextlib.suppress(Exception):
-                executor.shutdown(JOIN_S)
-        if thread is not None:
-            thread.join(JOIN_S)
-        if node is not None:
-            with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception):
+            if executor is not None:
+                executor.shutdown(0.0)
+        with contextlib.suppress(Exception):
+            if node is not None:
                 node.destroy_node()
-        if context is not None:
-            with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception):
+            if context is not None:
                 context.try_shutdown()
 
     def _run(self, executor: SingleThreadedExecutor) -> None:
         while not self._stopping.is_set():
             try:
-                executor.spin()
-            except (ExternalShutdownException, ShutdownException):
-                return
+                executor.spin_once(timeout_sec=TURN_S)
             except Exception:
                 if not self._stopping.wait(PAUSE_S):
                     log.exception("ros2: a callback failed; the node goes on")

@@ -114,3 +114,31 @@ except LinkError as error:
         ROS_DOMAIN_ID="many",
     )
     assert result.stdout.startswith("ROS_DOMAIN_ID: 'many' is not a number from 0 to 232;")
+
+
+def test_a_node_closes_again_and_again_under_a_flood():
+    """Nothing is destroyed while the other thread waits for it: that aborted the process."""
+    result = run("""
+import threading
+from std_msgs.msg import Int64
+publisher = made.create_publisher(Int64, "/flood", 10)
+stop = threading.Event()
+def flood():
+    while not stop.is_set():
+        publisher.publish(Int64())
+sender = threading.Thread(target=flood)
+sender.start()
+found = 0
+for _ in range(10):
+    other = node()
+    heard = threading.Event()
+    other.open().create_subscription(Int64, "/flood", lambda message: heard.set(), 10)
+    other.spin()
+    found += heard.wait(5)
+    other.close()
+stop.set()
+sender.join()
+one.close()
+print(found > 0)
+""")
+    assert (result.returncode, result.stdout) == (0, "True\n"), result.stderr
