@@ -34,8 +34,8 @@ def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
     }
     if cell.kind == "ros2" and _is_bag(recording):
         own = cell.model_dump(include={"joint_map", "axes", "frame"})
-        topic = {"topic": topics[0]} if len(topics := getattr(cell, "topics", ())) == 1 else {}
-        return source | own | topic
+        topics: list[str] = getattr(cell, "topics", [])
+        return source | own | ({"topic": topics[0]} if len(topics) == 1 else {})
     if recording.suffix != ".mcap" or _is_bag(recording):
         source["place"] = BESIDE_THE_ROBOT
     return source

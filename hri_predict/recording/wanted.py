@@ -1,4 +1,4 @@
-"""What a user asks of a file that does not state it itself."""
+"""The user's choices for files that do not state these things themselves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from hri_predict.contracts.joint_map import JointMap
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wanted:
-    """How to read a recording; see ``open_recording``.
+    """Options of reading a recording; see ``open_recording``.
 
     Attributes:
         person: id of the body, for formats with a single one.

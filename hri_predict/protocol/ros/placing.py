@@ -1,4 +1,4 @@
-"""People of a ROS message in one frame, whatever frame the publisher gives them in."""
+"""People of a ROS message in one frame, also where the publisher uses another."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Who publishes on a topic, and how many of their messages were lost."""
+"""The publishers on a topic, and the number of their messages that were lost."""
 
 from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, Heard
 
