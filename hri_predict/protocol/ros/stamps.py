@@ -20,7 +20,7 @@ def stamp_ns(stamp: Any) -> int:
 
 
 def clock_of(at_ns: int, utc_ns: int, boot_ns: int) -> StampClock:
-    """Return the clock that a stamp is of, by its distance from this machine's clocks at its arrival.
+    """Return the clock that a stamp is of, by its distance from this machine's clocks then.
 
     Simulated time, and the boot clock of another machine, are "other".
 
