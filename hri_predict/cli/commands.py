@@ -19,7 +19,7 @@ ORDER = (
     "demo", "run", "init", "check", "alerts", "register", "commission", "replay", "explain",
     "report", "view", "listen", "fleet", "evidence", "service", "discover", "predictors",
     "conformance", "train", "ablate", "evaluate", "card", "calibrate", "simulate", "convert",
-    "urdf", "bench", "config", "protocol",
+    "topics", "urdf", "bench", "config", "protocol",
 )  # fmt: skip
 """In this order ``--help`` lists the commands; those of other packages follow by name."""
 

@@ -44,6 +44,14 @@ JointMapOption = Annotated[
         "Default: found by the joints' names.",
     ),
 ]
+TopicOption = Annotated[
+    str | None,
+    typer.Option(
+        "--topic",
+        help="Topic of the people in a ROS bag ('hri-predict topics' lists them). Default: the "
+        "only one.",
+    ),
+]
 JobsOption = Annotated[
     int | None,
     typer.Option("--jobs", min=1, max=256, help="Number of processes of this machine."),

@@ -14,6 +14,7 @@ from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.cli.common import (
     JointMapOption,
+    TopicOption,
     one_of,
     own_map,
     progress,
@@ -23,7 +24,7 @@ from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.bounded import watching
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
-from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, ENDINGS, of_ending
+from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, of_ending
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.plausibility import check_possible
@@ -68,6 +69,7 @@ def convert(
         typer.Option("--left-handed", help="INPUT's own axes are left-handed; give --axes too."),
     ] = False,
     joint_map: JointMapOption = None,
+    topic: TopicOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
 ) -> None:
@@ -92,6 +94,7 @@ def convert(
             axes=None if axes is None or left_handed else axes.split(","),
             any_joints=True,
             joint_map=own_map(joint_map),
+            topic=topic,
         )
         if recording.kind in SELF_EXPLAINED:
             without_effect({"--units": units, "--axes": axes}, f"on {source}, which states its own")
@@ -100,7 +103,7 @@ def convert(
         doubt = _doubt(
             recording,
             lambda unit_m: open_recording(
-                source, unit_m=unit_m, any_joints=True, joint_map=own_map(joint_map)
+                source, unit_m=unit_m, any_joints=True, joint_map=own_map(joint_map), topic=topic
             ),
         )
         recording, others = _chosen(
@@ -137,11 +140,12 @@ def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
 def _format(output: Path, to: str | None) -> str:
     if to is not None:
         return str(one_of("--to", to, list(BY_NAME)))
-    possible = of_ending(output.suffix.lower())
+    same = of_ending(output.suffix.lower())
+    possible = [each for each in same if each.write is not None]
     if not possible:
-        raise ConfigError(
-            f"{output}: unknown ending '{output.suffix}'; use {', '.join(ENDINGS)}, or --to"
-        )
+        endings = dict.fromkeys(each.ending for each in BY_NAME.values())
+        why = "only read, never written: ending" if same else "unknown ending"
+        raise ConfigError(f"{output}: {why} '{output.suffix}'; use {', '.join(endings)}, or --to")
     return possible[0].name
 
 

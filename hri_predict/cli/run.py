@@ -20,7 +20,8 @@ from hri_predict.cli.check.commissioned import (
     is_as_commissioned,
 )
 from hri_predict.cli.check.delays import delay_notes
-from hri_predict.cli.common import JointMapOption, map_path
+from hri_predict.cli.common import JointMapOption, TopicOption, map_path
+from hri_predict.cli.played import played
 from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, Viewer, screens
 from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
@@ -63,7 +64,6 @@ Faults = Annotated[
     ),
 ]
 
-BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # default place where a recording starts
 DEMO_S = 24.0  # the person comes, reaches out and leaves
 MAX_SECONDS = 1e9  # 31 years: far beyond it a float cannot count nanoseconds
 
@@ -156,6 +156,7 @@ def replay(
         str | None, typer.Option(help="x,y,yaw: where the recording starts (m, m, rad).")
     ] = None,
     joint_map: JointMapOption = None,
+    topic: TopicOption = None,
     predictor: Predictor = None,
     record: Record = None,
     overwrite: Overwrite = False,
@@ -188,23 +189,13 @@ def replay(
     """
     live = configuration.load(config)
     loaded = live.aside().with_alerts_of(live) if alerts else live.aside()
-    source: dict[str, Any] = {
-        "kind": "recording",
-        "path": str(recording.absolute()),
-        "room_from_source": loaded.source.room_from_source.model_dump(),
-        "min_latency_s": loaded.source.min_latency_s,
-        "clock_wander_s": loaded.source.clock_wander_s,
-        "stale_s": loaded.source.stale_s,
-        "field_of_view": _dumped(loaded.source.field_of_view),
-    }
-    if loaded.source.kind == "recording":
-        source = loaded.source.model_dump() | {"path": str(recording.absolute())}
-    elif recording.suffix != ".mcap":  # .mcap holds positions in the room frame already
-        source["place"] = BESIDE_THE_ROBOT
+    source = played(loaded.source, recording)
     if place is not None:
         source["place"] = _place(place)
     if joint_map is not None:
         source["joint_map"] = map_path(joint_map)
+    if topic is not None:
+        source["topic"] = topic
     loaded = _with_faults(loaded.with_source(source), fault)
     if predictor is not None:
         loaded = loaded.with_predictor(predictor)
@@ -302,7 +293,3 @@ def _place(text: str) -> list[float]:
 
 def _with_faults(config: Config, faults: list[str] | None) -> Config:
     return config.with_faults(faults) if faults else config
-
-
-def _dumped(model: Any) -> Any:
-    return None if model is None else model.model_dump()

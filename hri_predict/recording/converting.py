@@ -25,8 +25,10 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
     try:
         if output.exists():
             _check_replaceable(recording, output, force)
+        write = BY_NAME[to].write
+        assert write is not None
         with atomic_file(output) as partial:
-            return BY_NAME[to].write(partial, recording)
+            return write(partial, recording)
     except OSError as error:
         raise RecordingError(
             f"{output}: cannot be written: {error.strerror or error}; name another file"

@@ -19,9 +19,17 @@ from hri_predict.recording.formats.trc import read_trc, write_trc
 from hri_predict.recording.frames import Written
 from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.recording import Recording
+from hri_predict.recording.ros.bag import is_ros_mcap
+from hri_predict.recording.ros.people import read_bag
+from hri_predict.recording.wanted import Wanted
 
-Reader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
-"""Arguments: file, person's id, metres per unit, axes; see ``open_recording``."""
+Reader = Callable[[Path, Wanted], Recording]
+MotionReader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
+"""Arguments: file, person's id, metres per unit, axes."""
+
+
+def _motion(read: MotionReader) -> Reader:
+    return lambda path, wanted: read(path, wanted.person, wanted.unit_m, wanted.axes)
 
 
 def _anything(path: Path) -> bool:
@@ -67,7 +75,7 @@ class Format:
         name: as ``convert --to`` takes it.
         ending: of its files. Of several formats with one ending, the first writes where only the
             ending is given, and the first whose ``is_mine`` holds reads.
-        read, write: its reader and its writer.
+        read, write: its reader and its writer; without a writer, it is only read.
         looks: whether a file looks like it, from its path and its first bytes; only for
             explanations, never to read it.
         content: what such content is called.
@@ -78,9 +86,9 @@ class Format:
     name: str
     ending: str
     read: Reader
-    write: Callable[[Path, Recording], Written]
     looks: Callable[[Path, bytes], bool]
     content: str
+    write: Callable[[Path, Recording], Written] | None = None
     only: str = ""
     is_mine: Callable[[Path], bool] = _anything
 
@@ -89,7 +97,7 @@ FORMATS = (
     Format(
         name="amass",
         ending=".npz",
-        read=read_amass,
+        read=_motion(read_amass),
         write=write_amass,
         looks=_is_npz,
         content="NumPy",
@@ -99,7 +107,7 @@ FORMATS = (
     Format(
         name="pack",
         ending=".npz",
-        read=lambda path, person, unit_m, axes: read_npz(path, person),
+        read=lambda path, wanted: read_npz(path, wanted.person),
         write=write_pack,
         looks=_is_npz,
         content="NumPy",
@@ -108,7 +116,7 @@ FORMATS = (
     Format(
         name="bvh",
         ending=".bvh",
-        read=read_bvh,
+        read=_motion(read_bvh),
         write=write_bvh,
         looks=_begins(b"HIERARCHY"),
         content="BVH",
@@ -116,7 +124,7 @@ FORMATS = (
     Format(
         name="c3d",
         ending=".c3d",
-        read=read_c3d,
+        read=_motion(read_c3d),
         write=write_c3d,
         looks=_is_c3d,
         content="C3D",
@@ -124,7 +132,7 @@ FORMATS = (
     Format(
         name="trc",
         ending=".trc",
-        read=read_trc,
+        read=_motion(read_trc),
         write=write_trc,
         looks=_begins(b"PathFileType"),
         content="markers as OpenSim's TRC",
@@ -132,22 +140,52 @@ FORMATS = (
     Format(
         name="csv",
         ending=".csv",
-        read=read_csv,
+        read=_motion(read_csv),
         write=write_csv,
         looks=_is_table,
         content="a table as text",
     ),
     Format(
+        name="rosbag1",
+        ending=".bag",
+        read=read_bag,
+        looks=_begins(b"#ROSBAG"),
+        content="a bag of ROS 1",
+        only="ROS 1",
+    ),
+    Format(
+        name="rosbag2",
+        ending=".db3",
+        read=read_bag,
+        looks=_begins(b"SQLite format 3\0"),
+        content="SQLite, such as a bag of ROS 2",
+        only="ROS 2",
+    ),
+    Format(
+        name="rosbag2-mcap",
+        ending=".mcap",
+        read=read_bag,
+        looks=lambda path, head: False,  # as the next one's
+        content="a bag of ROS 2",
+        only="ROS 2",
+        is_mine=is_ros_mcap,
+    ),
+    Format(
         name="mcap",
         ending=".mcap",
-        read=lambda path, person, unit_m, axes: read_mcap(path),
+        read=lambda path, wanted: read_mcap(path),
         write=write_mcap,
         looks=_begins(b"\x89MCAP0\r\n"),
         content="MCAP",
         only="recorded by this node",
     ),
 )
-BY_NAME = {each.name: each for each in sorted(FORMATS, key=lambda each: each.name)}
+BY_NAME = {
+    each.name: each
+    for each in sorted(FORMATS, key=lambda each: each.name)
+    if each.write is not None
+}
+"""The formats that can be written."""
 ENDINGS = tuple(dict.fromkeys(each.ending for each in FORMATS))
 ANY_ENDING = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
 

@@ -13,8 +13,11 @@ from hri_predict.recording.plausibility import PUBLISHED, check_possible
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.refusing.relative import check_relative
 from hri_predict.recording.refusing.unseen import without_unseen
+from hri_predict.recording.ros.bag import file_of
+from hri_predict.recording.ros.people import read_bag
 from hri_predict.recording.sniffing import seems
 from hri_predict.recording.unused import tell_unused
+from hri_predict.recording.wanted import Wanted
 
 log = logging.getLogger(__name__)
 _noted: set[Path] = set()
@@ -29,16 +32,20 @@ def open_recording(
     axes: Sequence[str] | None = None,
     any_joints: bool = False,
     joint_map: JointMap | None = None,
+    topic: str | None = None,
+    frame: str | None = None,
 ) -> Recording:
     """Read a recording; its kind follows from the file's ending.
 
     Args:
-        path: the file.
+        path: the file, or the folder of a ROS 2 bag.
         person: id of the body, for formats with a single one.
         unit_m: metres per unit of a motion file; default: as the file or its format states.
         axes: a motion file's axes that are forward, left and up; default: its format's.
         any_joints: read it even if the joints' names give no canonical joint.
         joint_map: the user's own map, instead of the one that the names give.
+        topic: topic of the people in a ROS bag; default: the only one that there is.
+        frame: frame in which they are wanted; default: the topmost one above theirs.
 
     Raises:
         RecordingError: the file is missing, truncated, empty, of unknown kind, or relative to the
@@ -48,6 +55,7 @@ def open_recording(
     path = Path(path)
     if not os.path.exists(path):  # takes names that are too long
         raise RecordingError(f"recording {path}: no such file; check the path")
+    path = file_of(path)
     if not path.is_file():
         what = "a folder; name a file in it" if path.is_dir() else "a device, not a file"
         raise RecordingError(f"recording {path}: is {what}; {_accepted()}")
@@ -58,8 +66,14 @@ def open_recording(
         if ending not in ENDINGS:
             raise RecordingError(f"recording {path}: {_unknown(path, ending)}")
         try:
-            read = next(each.read for each in of_ending(ending) if each.is_mine(path))
-            recording = read(path, person, unit_m, axes)
+            chosen = next(each for each in of_ending(ending) if each.is_mine(path))
+            if topic is not None and chosen.read is not read_bag:
+                raise RecordingError(f"recording {path}: has no topics; leave --topic out")
+            wanted = Wanted(
+                person=person, unit_m=unit_m, axes=axes, topic=topic, frame=frame,
+                joint_map=joint_map,
+            )  # fmt: skip
+            recording = chosen.read(path, wanted)
         except RecordingError as error:
             raise RecordingError(f"{error}{_but(path, ending)}") from error
         if joint_map is not None:

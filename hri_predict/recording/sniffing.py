@@ -14,8 +14,6 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"Kaydara FBX Binary", "FBX"),
     (b"; FBX", "FBX as text"),
     (b"glTF", "glTF, or VRM"),
-    (b"#ROSBAG", "a bag of ROS 1"),
-    (b"SQLite format 3\0", "SQLite, such as a bag of ROS 2"),
     (b"LOGG", "Vector's BLF: bus traffic, not motion"),
     (b";$FILEVERSION", "PEAK's trace of a CAN bus: bus traffic, not motion"),
     (b"date ", "Vector's ASC: bus traffic, not motion"),

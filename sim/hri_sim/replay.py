@@ -73,6 +73,14 @@ class RecordingSettings(SourceSettings):
     joint_map: str | None = Field(
         None, description="a joint map's name or file; default: found by the joints' names"
     )
+    topic: str | None = Field(
+        None, min_length=1, description="topic of the people in a ROS bag; default: the only one"
+    )
+    frame: str | None = Field(
+        None,
+        min_length=1,
+        description="frame of a ROS bag whose pose is room_from_source; default: the topmost one",
+    )
 
     @property
     def known_places(self) -> list[list[float]]:
@@ -103,6 +111,8 @@ class RecordingSource:
             person=settings.person,
             axes=settings.axes,
             joint_map=_own_map(settings.joint_map, base_dir),
+            topic=settings.topic,
+            frame=settings.frame,
         )
         recording = read(unit_m=settings.unit_m)
         _check_own(recording, settings)

@@ -8,6 +8,7 @@ import contextlib
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ from hri_drivers.links.rtde.packets import Splitter as RtdeSplitter
 from hri_drivers.links.rtde.packets import framed as framed_packet
 from hri_drivers.sources.mvn.codec import StreamSplitter
 from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
+from hri_drivers.sources.ros2.decoder import Ros2Decoder
+from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_drivers.sources.scene_json.codec import LineSplitter, SceneReader
 from hri_drivers.sources.scene_json.json_source import JsonDecoder
 from hri_drivers.sources.scene_stream import codec as scene_codec
@@ -38,6 +41,10 @@ from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.keyed import Keyed, key_of
 from hri_predict.protocol.profile4 import Profile4Receiver
 from hri_predict.protocol.registers import STATE, packed
+from hri_predict.protocol.ros.bodies import POSE_ARRAY, READERS
+from hri_predict.protocol.ros.frame_tree import FrameTree
+from hri_predict.protocol.ros.messages import TF_MESSAGE
+from hri_predict.protocol.ros.placing import PeopleReader
 from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
@@ -83,6 +90,7 @@ def targets() -> list[Target]:
         _json(),
         _mvn(in_stream=False),
         _mvn(in_stream=True),
+        *(_ros2(kind) for kind in READERS if find_spec("rosbags") is not None),
     ]
 
 
@@ -279,3 +287,25 @@ def _mvn(in_stream: bool) -> Target:
         return [scene for unit in units for scene in decoder.feed(unit, received_ns)]
 
     return Target("mvn_tcp" if in_stream else "mvn", _files("mvn"), _checked(feed))
+
+
+def _ros2(kind: str) -> Target:
+    """A message of people, or of transforms, with its origin."""
+    from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
+
+    made, body = Maker(), np.ones((2, 3))
+    message = made.poses(body) if kind == POSE_ARRAY else made.markers({1: body})
+    frames = made.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT))
+    tree = FrameTree()
+    decoder = Ros2Decoder(
+        kind=kind,
+        topics=["/people"],
+        reader=PeopleReader(2, "map", tree),
+        tree=tree,
+        counters=SourceCounters(),
+        sees_room=True,
+    )
+    contents = [(0, made.cdr(message, kind))]
+    contents += [(topic, made.cdr(frames, TF_MESSAGE)) for topic in (TF, TF_STATIC)]
+    seeds = [Heard(topic, NO_GID, NO_SEQUENCE, data).packed() for topic, data in contents]
+    return Target(f"ros2_{kind.rsplit('/', 1)[-1]}", seeds, _checked(decoder.feed))

@@ -216,6 +216,10 @@ def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
         from hri_sim.fault_table.zenoh_link import run_zenoh_faults
 
         yield from run_zenoh_faults(only)
+    if find_spec("rclpy") is not None:
+        from hri_sim.fault_table.ros2_link import run_ros2_faults
+
+        yield from run_ros2_faults(only)
 
 
 def _death(name: str, how: How, limit_ms: float | None) -> FaultOutcome:

@@ -12,10 +12,11 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli import main
 from hri_predict.recording import open_recording
-from hri_predict.recording.format_table import BY_NAME, ENDINGS, of_ending
+from hri_predict.recording.format_table import BY_NAME, of_ending
 from hri_sim.replay import RecordingSettings, RecordingSource
 
-OF_ANY_JOINTS = [ending for ending in ENDINGS if ending != ".bvh"]
+WRITTEN = dict.fromkeys(each.ending for each in BY_NAME.values())
+OF_ANY_JOINTS = [ending for ending in WRITTEN if ending != ".bvh"]
 """A BVH needs most joints of a body."""
 
 TABLE = "time_s,person,waist_x,waist_y,waist_z,l_wrist_x,l_wrist_y,l_wrist_z\n" + "".join(
@@ -125,7 +126,7 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
 @pytest.mark.parametrize("ending", OF_ANY_JOINTS)
 @pytest.mark.parametrize("problem", [KeyboardInterrupt, OSError(28, "No space left on device")])
 def test_what_breaks_off_leaves_nothing_half(cli, tmp_path, monkeypatch, ending, problem):
-    chosen = of_ending(ending)[0]
+    chosen = next(each for each in of_ending(ending) if each.write is not None)
     (tmp_path / f"a{ending}").write_bytes(b"old")
 
     def broken(path, recording):
@@ -142,6 +143,7 @@ def test_what_breaks_off_leaves_nothing_half(cli, tmp_path, monkeypatch, ending,
 
 def test_mistakes_are_one_line_with_the_remedy(mistake):
     assert "unknown ending '.fbx'; use .npz" in mistake("two.csv", "a.fbx")
+    assert "only read, never written: ending '.bag'; use" in mistake("two.csv", "a.bag")
     assert "--to bvg: unknown; did you mean 'bvh'?" in mistake("two.csv", "a.fbx", "--to", "bvg")
     assert "take --to amass" in mistake("two.csv", "a.npz", "--to", "pack")
     assert "no such file" in mistake("gone.csv", "a.csv")

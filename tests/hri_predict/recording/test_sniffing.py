@@ -19,7 +19,7 @@ HEADS = {
     b"time_s,a_x,a_y,a_z\n0,1,2,3": ".csv, a table as text",
     b"Kaydara FBX Binary  \x00\x1a\x00": "FBX",
     b"glTF\x02\0\0\0": "glTF, or VRM",
-    b"#ROSBAG V2.0\n": "a bag of ROS 1",
+    b"#ROSBAG V2.0\n": ".bag, a bag of ROS 1",
     b'<?xml version="1.0"?><mvnx version="4">': "Xsens MVNX",
     b'{"people": []}': "JSON",
     b"\x89HDF\r\n\x1a\n": "HDF5, or MATLAB 7.3",
@@ -56,7 +56,7 @@ def test_real_files_of_other_libraries(tmp_path):
         ("", "a single NumPy array (.npy)"),
         (".npz", "NumPy"),
         ("", "a zip archive: unpack it"),
-        ("", "SQLite, such as a bag of ROS 2"),
+        (".db3", "SQLite, such as a bag of ROS 2"),
     ]
 
 

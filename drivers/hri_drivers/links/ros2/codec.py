@@ -1,0 +1,157 @@
+"""Messages as ROS 2 publications: one protected frame, and plain messages that say the same."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from hri_drivers.links.codec import copy_counts
+from hri_drivers.links.ros2.markers import PARTS
+from hri_drivers.links.ros2.plain import PlainMessages, Sample
+from hri_predict.contracts.link import LinkCounters
+from hri_predict.protocol import e2e
+from hri_predict.protocol.definition import BY_TYPE, frame_table
+from hri_predict.protocol.messages import Advice, Message, Pose, Schema, Status, Zone
+from hri_predict.protocol.own_frames import OwnFrames
+from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
+from hri_predict.protocol.reception import ReceiveCounters
+from hri_predict.protocol.wire import wire_bits
+
+SAMPLE_BYTES = 320
+"""Largest overhead of a sample and its acknowledgement on Ethernet: 38 + 48 bytes of Ethernet, IPv6
+and UDP each, 88 of RTPS with time and heartbeat, 52 of its acknowledgement."""
+ADVICE_BYTES, STATUS_BYTES, MARKER_BYTES = 2600, 500, 420
+"""Largest plain content of an Advice (diagnostics included), of a Status, and of one marker. Tests
+compare them with what is encoded; a frame_id has at most 64 bytes."""
+FRAMES: dict[str, Literal["frames", "controller_frames"]] = {
+    "node": "frames",
+    "controller": "controller_frames",
+}
+"""Topic of the protected frames, by their sender."""
+_TOPICS = {
+    e2e.data_id_32(number).to_bytes(4, "big"): FRAMES[definition.sender]
+    for number, (definition, _, _) in frame_table(classic=False).items()
+}
+BONE_BYTES = 48 + 56  # of a joint in a forecast's markers and in its PoseArray
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """A unit of the wire.
+
+    Attributes:
+        data: a frame of E2E profile 4; empty for Zone and Pose.
+        topic: of the frame.
+        plain: the same for readers of plain ROS 2 messages; empty if it was received.
+    """
+
+    data: bytes
+    topic: Literal["frames", "controller_frames"] = "frames"
+    plain: tuple[Sample, ...] = ()
+
+
+class FramesReceiver:
+    """Decodes what came on ``frames`` or ``controller_frames``; it counts errors and continues."""
+
+    def __init__(self) -> None:
+        self._frames = Profile4Receiver()
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """Counts of messages received and of errors."""
+        return self._frames.counters
+
+    def watch(self, own: OwnFrames) -> None:
+        """Let ``own`` judge frames that only a node sends; they are not handed on."""
+        self._frames.own = own
+
+    def reset(self) -> None:
+        """Forget sequences, as after a reconnection; counters stay."""
+        self._frames.reset()
+
+    def feed(self, unit: Publication) -> list[Message]:
+        """Return the message of a frame, if it is whole, fresh, and came on its sender's topic."""
+        topic = _TOPICS.get(unit.data[4:8], unit.topic)
+        if not 0 < len(unit.data) <= MAX_FRAME or topic != unit.topic:
+            self.counters.malformed += 1  # before its counter is compared
+            return []
+        message = self._frames.take(unit.data)
+        return [] if message is None else [message]
+
+
+class Ros2Codec:
+    """See ``hri_drivers.links.codec.Codec``.
+
+    Args:
+        plain: makes the plain messages.
+        bitrate: bandwidth of the network that the link may use, bit/s.
+    """
+
+    def __init__(self, plain: PlainMessages, bitrate: float) -> None:
+        self.plain = plain
+        self._bitrate = bitrate
+        self._sender = Profile4Sender()
+        self._receiver = FramesReceiver()
+
+    def carries(self, message: Message) -> bool:
+        """True: all messages go, Zone and Pose as plain messages alone."""
+        return True
+
+    def watch(self, own: OwnFrames) -> None:
+        """See ``Codec``."""
+        self._sender.own = own
+        self._receiver.watch(own)
+
+    def encode(self, message: Message) -> list[Publication]:
+        """One publication."""
+        plain = tuple(self.plain.of(message))
+        if isinstance(message, Zone | Pose):
+            return [Publication(b"", plain=plain)]
+        (frame,) = self._sender.encode(message)
+        return [Publication(frame, FRAMES[BY_TYPE[type(message)].sender], plain)]
+
+    def decode(self, unit: Publication) -> list[Message]:
+        """Messages in a publication."""
+        return self._receiver.feed(unit)
+
+    def reset(self) -> None:
+        """Forget sequences."""
+        self._receiver.reset()
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's counts."""
+        copy_counts(self._receiver.counters, counters)
+
+    def worst_s(self, message: Message) -> float:
+        """Worst-case seconds on the network of the message."""
+        return worst_bits(message) / self._bitrate
+
+    def unit_s(self, unit: Publication) -> float:
+        """Seconds on the network of this publication."""
+        samples = len(unit.plain) + bool(unit.data)
+        return 8 * (samples * SAMPLE_BYTES + self.size(unit)) / self._bitrate
+
+    def raw(self, unit: Publication) -> bytes:
+        """The frame; of a Zone or Pose its first plain message."""
+        return unit.data or unit.plain[0].data
+
+    def size(self, unit: Publication) -> int:
+        """Number of payload bytes."""
+        return len(unit.data) + sum(len(sample.data) for sample in unit.plain)
+
+
+def worst_bits(message: Message | type[Message]) -> int:
+    """Worst-case bits on the network of one message: frame, plain messages, overhead."""
+    kind = message if isinstance(message, type) else type(message)
+    frame = 0 if kind in (Zone, Pose) else wire_bits(kind, "serial").nominal * 8 // 10
+    samples, content = 1 + bool(frame), 0
+    match message:
+        case Zone():
+            content = 2 * MARKER_BYTES * min(len(message.capsules), PARTS // 2)
+        case Pose():
+            samples, content = 2, 2 * MARKER_BYTES + BONE_BYTES * len(message.joints)
+    if kind is Advice:
+        samples, content = 5, ADVICE_BYTES
+    elif kind is Status:
+        samples, content = 2, STATUS_BYTES
+    elif kind is Schema:
+        samples = 1
+    return frame + 8 * (samples * SAMPLE_BYTES + content)

@@ -1,0 +1,206 @@
+"""A link to ROS 2: advice, zones and forecasts as topics; see ``docs/guides/ros2.md``.
+
+The topic ``frames`` carries the node's protected frames, as a serial line does before COBS. All
+other topics say the same in plain messages, which nothing protects end to end.
+"""
+
+import contextlib
+import logging
+from collections.abc import Sequence
+from itertools import combinations
+from typing import ClassVar, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
+from hri_drivers.links.load import SCHEMA_HZ, padded_shapes
+from hri_drivers.links.ros2.codec import FramesReceiver, Publication, Ros2Codec, worst_bits
+from hri_drivers.links.ros2.plain import PlainMessages
+from hri_drivers.links.ros2.topics import Topics, doubled, unknown
+from hri_drivers.wires.ros2_settings import NodeName, Ros2Settings, TopicName
+from hri_drivers.wires.transport import Transport
+from hri_predict.base.clock import Clock
+from hri_predict.base.errors import ConfigError, LinkError
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.contracts.link import MIN_STATUS_HZ, LinkLoad
+from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
+from hri_predict.protocol.wire import StateShape, wire_bits
+
+log = logging.getLogger(__name__)
+
+MBIT = 1_000_000
+UNPROTECTED = (
+    "its plain topics are not protected end to end and permit nothing by themselves: any node of "
+    "the domain can publish them; only 'frames' is protected (docs/guides/ros2.md)"
+)
+OPEN = "discovery 'subnet': every machine in the network can publish, and hear where people are"
+
+
+class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
+    """An entry of ``links:`` with ``kind: ros2``."""
+
+    kind: str = "ros2"
+    full_speed_m_s: float = Field(
+        ge=0.01,
+        le=20,
+        description="speed of the robot's fastest point at speed_fraction 1",
+    )
+    node_name: NodeName = Field("hri_predict_link", description="its name in the ROS graph")
+    namespace: TopicName = Field("/hri", description="namespace of its topics")
+    remap: dict[str, TopicName] = Field(
+        {}, description="other names of topics, such as robot_0/speed_ovr: /speed_ovr"
+    )
+    frame_id: str = Field(
+        "room", pattern=r"^[A-Za-z0-9_/.-]{1,64}$", description="frame of the room in ROS"
+    )
+    take: bool = Field(
+        False, description="whether to receive RobotState and Acknowledge as protected frames"
+    )
+    bitrate: int = Field(
+        100 * MBIT,
+        ge=MBIT,
+        le=10**6 * MBIT,
+        description="network bandwidth that this link may use, bit/s",
+    )
+
+    safety: ClassVar[Safety] = harmless("take", "bitrate") | {
+        "full_speed_m_s": LessSafe(
+            below="fractions are of {value:g} m/s: a robot that is faster at fraction 1 exceeds its"
+            " limit"
+        ),
+    }
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        if self.simulate is not None:
+            raise ValueError("a ros2 link has no simulated controller; leave 'simulate' out")
+        if wrong := unknown(self.remap):
+            raise ValueError(
+                f"remap: no topic '{wrong[0]}'; there are frames, zones, forecast, "
+                "forecast_markers, /diagnostics, robot_0/speed_fraction, robot_0/speed_ovr, "
+                "robot_0/advice and so on"
+            )
+        if twice := doubled(self.topics, self.remap):
+            raise ValueError(f"remap: {twice[0]} is the name of two topics; give one another name")
+        return self
+
+    @property
+    def topics(self) -> Topics:
+        """Names of its topics."""
+        return Topics(self.namespace, self.remap)
+
+    @property
+    def notes(self) -> list[str]:
+        """See ``LinkSettings``."""
+        return [UNPROTECTED, *([OPEN] if self.discovery == "subnet" else [])]
+
+
+class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
+    """``hri_predict.contracts.link.Link`` over ROS 2; arguments as for ``ConfiguredLink``."""
+
+    settings_model: ClassVar[type[Ros2LinkSettings]] = Ros2LinkSettings
+    _codec: Ros2Codec
+
+    def __init__(
+        self,
+        settings: Ros2LinkSettings,
+        clock: Clock,
+        transport: Transport[Publication] | None = None,
+        *,
+        rate_hz: float = 25.0,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> None:
+        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
+        device = getattr(self._transport, "device", self._transport)  # beneath injected faults
+        if hasattr(device, "say"):
+            device.say = self._say
+
+    @staticmethod
+    def make_transport(settings: Ros2LinkSettings) -> Transport[Publication]:
+        """The configured node, not yet created.
+
+        ROS 2 is imported only here: settings are checked and documented without it.
+
+        Raises:
+            ConfigError: ROS 2 is not installed, or cannot be loaded.
+        """
+        try:
+            from hri_drivers.links.ros2.transport import Ros2Transport
+        except ImportError as error:
+            raise ConfigError(
+                f"link 'ros2' needs a package that is not installed: {error.name or error}; source "
+                f"your ROS 2 installation, or pip install 'hri-predict[ros2]'"
+            ) from error
+        return Ros2Transport(
+            settings, settings.topics, silence_s=settings.silence_timeout_s, take=settings.take
+        )
+
+    @staticmethod
+    def _make_codec(settings: Ros2LinkSettings, wire: Transport[Publication]) -> Ros2Codec:
+        plain = PlainMessages(settings.full_speed_m_s, settings.frame_id)
+        return Ros2Codec(plain, settings.bitrate)
+
+    @staticmethod
+    def receiver(settings: Ros2LinkSettings) -> FramesReceiver:
+        """Return a decoder for this link's units, for listeners."""
+        return FramesReceiver()
+
+    @staticmethod
+    def load(
+        settings: Ros2LinkSettings,
+        rate_hz: float,
+        robots: Sequence[int] = (0,),
+        shapes: Sequence[StateShape] = (),
+    ) -> LinkLoad:
+        """Return the fraction of ``bitrate`` that the link uses; see ``LinkClass``."""
+        rates: dict[type[Message], float] = {
+            Status: max(rate_hz, MIN_STATUS_HZ),
+            Advice: rate_hz * len(robots),
+            Schema: SCHEMA_HZ,
+        }
+        details = {m.__name__: r * worst_bits(m) / settings.bitrate for m, r in rates.items()}
+        padded = padded_shapes(robots, shapes)
+        states = sum(wire_bits(RobotState, "serial", shape=shape).nominal for shape in padded)
+        states_hz = settings.robot_state_rate_hz if settings.take else 0.0
+        details[RobotState.__name__] = states_hz * states / settings.bitrate
+        load = sum(details.values())
+        return LinkLoad(
+            name=settings.name,
+            load=load,
+            spare=1.0 - load - settings.reserved_load,
+            details=details,
+            rate_hz=rate_hz,
+            bitrate=settings.bitrate,
+        )
+
+    @staticmethod
+    def check_together(links: Sequence[Ros2LinkSettings]) -> None:
+        """Refuse links of one node that publish the same topics, or differ in ``discovery``.
+
+        Raises:
+            ConfigError: names both, and what to change.
+        """
+        for a, b in combinations(links, 2):
+            if (a.domain_id, a.namespace) == (b.domain_id, b.namespace):
+                raise ConfigError(
+                    f"links '{a.name}' and '{b.name}' both have namespace {a.namespace}; put their "
+                    "robots on one link, or give one of them another"
+                )
+            if a.discovery != b.discovery:
+                raise ConfigError(
+                    f"links '{a.name}' and '{b.name}' differ in 'discovery', which is that of the "
+                    "whole process; give both the same"
+                )
+
+    def _say(self, line: str) -> None:
+        log.warning("link '%s': %s", self.name, line)
+        self._note(LinkError(line))
+
+    def _end(self) -> None:
+        """Publish a last 0 to every robot, then close."""
+        words = tuple(self._codec.plain.last_words()) if self.connected else ()
+        if words:
+            with contextlib.suppress(LinkError):
+                self._send(Publication(b"", plain=words), self._clock.now_ns())
+        super()._end()

@@ -1,0 +1,1 @@
+"""Source: people in messages of ROS 2."""

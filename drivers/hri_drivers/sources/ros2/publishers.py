@@ -1,0 +1,44 @@
+"""The publishers on a topic, and the number of their messages that were lost."""
+
+from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, Heard
+
+CONTRADICTED_NS = 1_000_000_000
+"""Two publishers on a topic within this time contradict each other: neither is believed."""
+MAX_KNOWN = 16
+MAX_LOST = 100_000
+"""A counter ahead by more than this is not a loss."""
+
+
+class Publishers:
+    """The publishers on one topic.
+
+    A publisher that is started again has another identity. So one that comes back within a second
+    is not believed for the rest of that second.
+    """
+
+    def __init__(self) -> None:
+        self._heard_ns: dict[bytes, int] = {}
+        self._sequences: dict[bytes, int] = {}
+
+    def lost(self, heard: Heard) -> int:
+        """Number of messages of the same publisher that were lost before this one."""
+        if heard.sequence == NO_SEQUENCE:
+            return 0
+        before = self._sequences.pop(heard.gid, None)
+        self._sequences[heard.gid] = heard.sequence
+        while len(self._sequences) > MAX_KNOWN:
+            del self._sequences[next(iter(self._sequences))]
+        ahead = 1 if before is None else heard.sequence - before
+        return ahead - 1 if 1 <= ahead <= MAX_LOST else 0
+
+    def contradicted(self, heard: Heard, received_ns: int) -> bool:
+        """Whether another publisher was heard on the topic within ``CONTRADICTED_NS``."""
+        if heard.gid == NO_GID:
+            return False
+        self._heard_ns.pop(heard.gid, None)
+        recent = received_ns - CONTRADICTED_NS
+        self._heard_ns = {g: ns for g, ns in self._heard_ns.items() if ns > recent}
+        others = bool(self._heard_ns)
+        if len(self._heard_ns) < MAX_KNOWN:
+            self._heard_ns[heard.gid] = received_ns
+        return others

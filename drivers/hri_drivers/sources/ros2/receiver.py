@@ -1,0 +1,186 @@
+"""Subscribes to the topics, and hands over messages as bytes."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseArray
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
+from visualization_msgs.msg import MarkerArray
+
+from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
+from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
+from hri_drivers.wires.ros2 import SpinningNode
+from hri_predict.base.errors import SourceError
+from hri_predict.contracts.source import SourceCounters
+from hri_predict.protocol.ros.bodies import READERS
+
+try:
+    from tf2_msgs.msg import TFMessage
+except ImportError:  # not among the packages of the extra
+    TFMessage = None
+
+WAITING = 64
+"""Messages of people, and of transforms, that may wait; the oldest are dropped."""
+SILENT_S = 3.0
+"""After this long without a message, the reason is looked for,"""
+LOOK_AGAIN_S = 10.0
+"""and again after this long."""
+TYPES = {"pose_array": PoseArray, "marker_array": MarkerArray}
+
+
+class Ros2Receiver:
+    """See ``hri_drivers.sources.live.Receiver``.
+
+    Args:
+        settings: the source's.
+        counters: keeps a line about publishers that cannot be heard.
+    """
+
+    def __init__(self, settings: Ros2SourceSettings, counters: SourceCounters) -> None:
+        self._settings = settings
+        self._counters = counters
+        self._spinning = SpinningNode(settings)
+        self._node: Node | None = None
+        self._arrived = threading.Condition()
+        self._people: deque[bytes] = deque(maxlen=WAITING)
+        self._transforms: deque[bytes] = deque(maxlen=WAITING)
+        self._look_s = 0.0
+
+    def open(self) -> None:
+        """Start the node and subscribe.
+
+        Raises:
+            LinkError: ROS 2 cannot start.
+        """
+        self.close()
+        node = self._spinning.open()
+        kind = TYPES[self._settings.message]
+        for index, topic in enumerate(self._settings.topics):
+            self._subscribe(node, topic, index, kind=kind, qos=self._qos())
+        if TFMessage is not None:
+            self._subscribe(node, "/tf", TF, kind=TFMessage, qos=self._qos())
+            latched = QoSProfile(
+                depth=WAITING,
+                reliability=ReliabilityPolicy.RELIABLE,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            self._subscribe(node, "/tf_static", TF_STATIC, kind=TFMessage, qos=latched)
+        self._node = node
+        self._look_s = time.monotonic() + SILENT_S
+        self._spinning.spin()
+
+    def read(self, timeout_s: float) -> list[bytes]:
+        """Return what has arrived, transforms first; wait at most ``timeout_s``.
+
+        Raises:
+            SourceError: the node is closed.
+        """
+        node = self._node
+        if node is None:
+            raise SourceError("the ROS 2 node is closed; open it first")
+        with self._arrived:
+            if not (self._people or self._transforms):
+                self._arrived.wait(timeout_s)
+            units = [*self._transforms, *self._people]
+            if self._people:
+                self._look_s = time.monotonic() + SILENT_S
+            self._transforms.clear()
+            self._people.clear()
+        if time.monotonic() > self._look_s:
+            self._look_s = time.monotonic() + LOOK_AGAIN_S
+            self._say_who_is_missing(node)
+        return units
+
+    def close(self) -> None:
+        """Stop the node; never raises, safe to call twice."""
+        self._node = None
+        self._spinning.close()
+        with self._arrived:
+            self._people.clear()
+            self._transforms.clear()
+
+    def _qos(self) -> QoSProfile:
+        """As rclpy's sensor data, unless ``reliability`` asks for more."""
+        return QoSProfile(
+            depth=WAITING,
+            reliability=ReliabilityPolicy[self._settings.reliability.upper()],
+            durability=DurabilityPolicy.VOLATILE,
+        )
+
+    def _subscribe(self, node: Node, topic: str, index: int, *, kind: Any, qos: QoSProfile) -> None:
+        queue = self._transforms if index in (TF, TF_STATIC) else self._people
+
+        def hear(content: bytes, info: dict[str, Any]) -> None:
+            unit = Heard(index, _gid(info), _sequence(info), bytes(content)).packed()
+            with self._arrived:
+                queue.append(unit)
+                self._arrived.notify_all()
+
+        node.create_subscription(
+            kind,
+            topic,
+            hear,
+            qos,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._refused_by_qos(topic),
+                use_default_callbacks=False,
+            ),
+        )
+
+    def _refused_by_qos(self, topic: str) -> Callable[[Any], None]:
+        def note(event: Any) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind).lower()
+            self._counters.refused += 1
+            self._counters.note(
+                f"{topic}: a publisher offers another {policy} than is asked for, and is not "
+                f"heard; correct its QoS, or 'reliability'"
+            )
+
+        return note
+
+    def _say_who_is_missing(self, node: Node) -> None:
+        """Note the first topic that no node publishes as configured, and what there is instead."""
+        wanted = KINDS[self._settings.message]
+        for topic in self._settings.topics:
+            kinds = {info.topic_type for info in node.get_publishers_info_by_topic(topic)}
+            if kinds and wanted not in kinds:
+                self._counters.note(
+                    f"{topic}: is {min(kinds)}, not {wanted}; correct 'message' or 'topics'"
+                )
+                return
+            if not kinds:
+                self._counters.note(
+                    f"{topic}: no publisher; start it, or correct 'topics', 'domain_id' or "
+                    f"'discovery'{self._instead(node)}"
+                )
+                return
+
+    def _instead(self, node: Node) -> str:
+        possible = sorted(
+            f"{topic} ({kinds[0].rsplit('/', 1)[-1]})"
+            for topic, kinds in node.get_topic_names_and_types()
+            if kinds[0] in READERS and topic not in self._settings.topics
+        )
+        return f"; there are: {', '.join(possible[:5])}" if possible else ""
+
+
+def _gid(info: dict[str, Any]) -> bytes:
+    stated = info.get("publisher_gid") or {}
+    data = bytes(stated.get("data", b"")) if isinstance(stated, dict) else bytes(stated)
+    return (data + NO_GID)[: len(NO_GID)]
+
+
+def _sequence(info: dict[str, Any]) -> int:
+    stated = info.get("publication_sequence_number")
+    return NO_SEQUENCE if stated is None else int(stated)

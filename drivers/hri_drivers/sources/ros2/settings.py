@@ -1,0 +1,66 @@
+"""``source:`` of ``kind: ros2``; without ROS 2."""
+
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from hri_drivers.sources.live import LiveSettings
+from hri_drivers.wires.ros2_settings import Ros2Settings, TopicName
+from hri_predict.base.quantities.safe_side import Safety
+from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
+
+KINDS = {"pose_array": POSE_ARRAY, "marker_array": MARKER_ARRAY}
+
+
+class Ros2SourceSettings(Ros2Settings, LiveSettings):
+    """``source:`` of ``kind: ros2``."""
+
+    kind: Literal["ros2"]
+    topics: Annotated[list[TopicName], Field(min_length=1, max_length=16)] = Field(
+        description="topic of all people, or one topic for each person"
+    )
+    message: Literal["pose_array", "marker_array"] = Field(
+        "pose_array",
+        description="geometry_msgs/PoseArray, or visualization_msgs/MarkerArray as Azure Kinect's "
+        "driver publishes it",
+    )
+    frame: str = Field(
+        min_length=1,
+        max_length=200,
+        description="frame_id whose pose is room_from_source; other frames are found by /tf",
+    )
+    units: Literal["m", "cm", "mm"] = Field("m", description="unit of the positions")
+    axes: Annotated[list[str], Field(min_length=3, max_length=3)] = Field(
+        ["x", "y", "z"],
+        description="axes of 'frame' that point forward, left and up; [z, -x, -y] of an optical "
+        "frame",
+    )
+    stamp: Literal["header", "arrival"] = Field(
+        "header",
+        description="time of a capture; arrival: state the delay until then as min_latency_s",
+    )
+    reliability: Literal["best_effort", "reliable"] = Field(
+        "best_effort", description="QoS asked for; best_effort hears every publisher"
+    )
+    sees_room: bool = Field(
+        description="true only if a message without people means that the sensor sees the room; "
+        "required"
+    )
+    allow_unauthenticated: bool = Field(
+        False, description="with discovery: subnet: believe any node in the network"
+    )
+
+    safety: ClassVar[Safety] = {}
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.discovery != "localhost" and not self.allow_unauthenticated:
+            raise ValueError(
+                "ROS 2 accepts network input, and any node could claim an empty room: set "
+                "'allow_unauthenticated: true' if the network keeps strangers out"
+            )
+        if len({topic.removeprefix("/") for topic in self.topics}) < len(self.topics):
+            raise ValueError("topics: one is named twice; name each once")
+        if len(self.topics) > 1 and self.message != "pose_array":
+            raise ValueError("several topics need 'message: pose_array', with one person each")
+        return self

@@ -1,0 +1,70 @@
+"""``topics``: lists the topics of a ROS bag that could be people."""
+
+import json
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from hri_predict.base.errors import RecordingError
+from hri_predict.recording.ros.bag import file_of
+from hri_predict.recording.ros.topics import BagTopic, topics_of
+
+
+def topics(
+    *,
+    bag: Annotated[
+        Path, typer.Argument(help="A ROS bag: .bag, .db3, .mcap, or the folder of a ROS 2 bag.")
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+) -> None:
+    """List the topics of a ROS bag that could be people, each with the options to replay it.
+
+    Example: hri-predict topics walk.bag
+    """
+    try:
+        found = topics_of(file_of(bag))
+    except OSError as error:
+        raise RecordingError(
+            f"recording {bag}: cannot be read: {error.strerror or error}"
+        ) from error
+    rows = [asdict(each) | {"options": _options(each)} for each in found]
+    if as_json:
+        print(json.dumps({"bag": str(bag), "topics": rows}))
+        return
+    if not rows:
+        print(f"{bag}: no topic can be people (PoseArray, MarkerArray)")
+        return
+    _show(bag, found)
+
+
+def _options(topic: BagTopic) -> list[str]:
+    """Options of ``replay`` and ``convert``; the joint map only where one alone fits."""
+    options = ["--topic", topic.name]
+    return [*options, "--joint-map", topic.joint_maps[0]] if len(topic.joint_maps) == 1 else options
+
+
+def _show(bag: Path, found: list[BagTopic]) -> None:
+    table = Table(title=f"Topics of {bag} that could be people", title_justify="left")
+    for heading in ("topic", "type", "messages", "joints", "frame", "joint maps that fit"):
+        table.add_column(heading, overflow="fold")
+    for each in found:
+        cells = (
+            each.name,
+            each.kind.rsplit("/", 1)[-1],
+            str(each.count),
+            str(each.joints or "-"),
+            each.frame or "-",
+            ", ".join(each.joint_maps) or "-",
+        )
+        table.add_row(*cells)
+    Console().print(table)
+    for each in found:
+        words = ["hri-predict", "replay", str(bag), *_options(each)]
+        if len(each.joint_maps) != 1:
+            words += ["--joint-map", each.joint_maps[0] if each.joint_maps else "FILE.yaml"]
+        print(f"to see it: {shlex.join([*words, '--viewer'])}")

@@ -1,0 +1,1 @@
+"""ROS messages that place people: read as plain values, without ROS."""

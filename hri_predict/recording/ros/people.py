@@ -1,0 +1,184 @@
+"""Reads the people of a bag as a recording.
+
+Scenes are by the stamps of the headers; where those are zero, by the times of their receipt.
+Positions are in the topmost frame above the one in which they were published (``map``, ``world``,
+or the base of the camera), as ``/tf`` and ``/tf_static`` of the bag say.
+"""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import RecordingError
+from hri_predict.base.settings import MAX_COORDINATE_M
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.scene import Person, Scene
+from hri_predict.protocol.ros.bodies import Bodies, MessageError
+from hri_predict.protocol.ros.frame_tree import FrameTree
+from hri_predict.protocol.ros.messages import TF_MESSAGE
+from hri_predict.protocol.ros.placing import PeopleReader
+from hri_predict.protocol.ros.stamps import CLOSE_NS
+from hri_predict.recording.bounded import READING, check_joints, watched
+from hri_predict.recording.recording import Recording, check_gaps, check_rate
+from hri_predict.recording.ros.bag import Bag, open_bag
+from hri_predict.recording.ros.topics import connections_of, looked_at
+from hri_predict.recording.wanted import Wanted
+
+KIND = "rosbag"
+WAIT_NS = 1_000_000_000
+"""A message is placed when the bag is this much further: transforms come after it, too."""
+Read = tuple[int, Bodies]
+"""Receipt, ns, and people."""
+
+
+def read_bag(path: Path, wanted: Wanted) -> Recording:
+    """Read the people of one topic.
+
+    Raises:
+        ConfigError: rosbags is not installed.
+        RecordingError: the bag is damaged, has no such topic, or its joints are not known.
+        OSError: it cannot be read.
+    """
+    with open_bag(path) as bag:
+        people = connections_of(path, bag, wanted.topic)
+        joint_map = _map(path, wanted, people[0].topic)
+        frame = wanted.frame or _topmost(bag, people)
+        read = list(_placed(bag, people, frame, len(joint_map.source_joints)))
+    refused = Counter(each for each in read if isinstance(each, str))
+    found = [each for each in read if not isinstance(each, str)]
+    if not found:
+        why = f": {next(iter(refused))}" if refused else ""
+        raise RecordingError(
+            f"recording {path}: topic {people[0].topic} has no message that can be used{why}"
+        )
+    return _recording(path, joint_map, found, notes=_notes(frame, refused))
+
+
+def _map(path: Path, wanted: Wanted, topic: str) -> JointMap:
+    if wanted.joint_map is None:
+        raise RecordingError(
+            f"recording {path}: topic {topic} does not name its joints; give --joint-map "
+            f"('hri-predict topics {path}' names those that fit)"
+        )
+    made = wanted.joint_map.with_units(wanted.unit_m or 1.0)
+    return made.with_axes(wanted.axes or ["x", "y", "z"])
+
+
+def _topmost(bag: Bag, people: list[Any]) -> str:
+    """The topmost frame above that of the first message with a frame."""
+    tree = FrameTree()
+    frames = [c for c in bag.connections if c.msgtype == TF_MESSAGE]
+    for connection, _, data in bag.messages(frames):
+        tree.add(bag.read(data, TF_MESSAGE), static=_is_static(connection))
+    for connection, _, data in bag.messages(people):
+        _, frame = looked_at(bag.read(data, connection.msgtype), connection.msgtype)
+        if frame:
+            return tree.root(frame)
+    return ""
+
+
+def _placed(bag: Bag, people: list[Any], frame: str, joints: int) -> Iterator[Read | str]:
+    """Receipt and people of each message, or why it cannot be used."""
+    tree = FrameTree()
+    frames = [c for c in bag.connections if c.msgtype == TF_MESSAGE]
+    for _, _, data in bag.messages([c for c in frames if _is_static(c)]):
+        tree.add(bag.read(data, TF_MESSAGE), static=True)
+    reader = PeopleReader(joints, frame, tree)
+    moving = [c for c in frames if not _is_static(c)]
+    waiting: deque[tuple[int, str, Any]] = deque()
+    total = sum(c.msgcount for c in (*people, *moving))
+    for connection, at_ns, data in watched(bag.messages([*people, *moving]), READING, total):
+        while waiting and waiting[0][0] < at_ns - WAIT_NS:
+            yield _read(reader, *waiting.popleft())
+        message = bag.read(data, connection.msgtype)
+        if connection.msgtype == TF_MESSAGE:
+            tree.add(message, static=False)
+        else:
+            waiting.append((at_ns, connection.msgtype, message))
+    for each in waiting:
+        yield _read(reader, *each)
+
+
+def _read(reader: PeopleReader, at_ns: int, kind: str, message: Any) -> Read | str:
+    try:
+        return at_ns, reader.read(kind, message)
+    except MessageError as error:
+        return str(error)
+
+
+def _is_static(connection: Any) -> bool:
+    return bool(connection.topic.endswith("tf_static"))
+
+
+def _recording(
+    path: Path, joint_map: JointMap, found: list[Read], *, notes: list[str]
+) -> Recording:
+    kept, stamps = _in_order(found, notes)
+    check_joints(path, len(kept), max(len(b.people) for b in kept), len(joint_map.source_joints))
+    check_gaps(path, stamps)
+    rate_hz = _rate_hz(stamps)
+    check_rate(path, "the stamps' interval", rate_hz)
+    scenes = [
+        Scene(
+            ns - stamps[0], k, True, tuple(_person(p.id, p.positions, joint_map) for p in b.people)
+        )
+        for k, (ns, b) in enumerate(zip(stamps, kept, strict=True))
+    ]
+    is_utc = abs(stamps[0] - found[0][0]) < CLOSE_NS
+    return Recording(
+        path=path,
+        kind=KIND,
+        joint_map=joint_map,
+        rate_hz=rate_hz,
+        scenes=scenes,
+        arrival_ns=[scene.stamp_ns for scene in scenes],
+        note="; ".join(notes),
+        utc_ns=stamps if is_utc else (),
+    )
+
+
+def _in_order(found: list[Read], notes: list[str]) -> tuple[list[Bodies], list[int]]:
+    """The messages whose times rise, and their times; adds to the notes."""
+    stamped = [bodies.stamp_ns for _, bodies in found if bodies.stamp_ns is not None]
+    by_receipt = not any(stamped)
+    if by_receipt:
+        notes.append("stamps are zero: the times of receipt are used")
+    offset_ns = 0 if by_receipt else _offset_ns(found)
+    kept: list[Bodies] = []
+    times: list[int] = []
+    for at_ns, bodies in found:
+        own = None if by_receipt else bodies.stamp_ns
+        time_ns = at_ns - offset_ns if own is None else own
+        if not times or time_ns > times[-1]:
+            kept.append(bodies)
+            times.append(time_ns)
+    if len(kept) < len(found):
+        notes.append(f"{len(found) - len(kept)} messages whose stamps do not rise are left out")
+    return kept, times
+
+
+def _offset_ns(found: list[Read]) -> int:
+    """Least time from a stamp to its receipt: for messages without header."""
+    return min(at_ns - b.stamp_ns for at_ns, b in found if b.stamp_ns is not None)
+
+
+def _rate_hz(stamps: list[int]) -> float:
+    """Scenes per second where none is missing: by the middle interval."""
+    if len(stamps) < 2:
+        return 1.0
+    return float(f"{1e9 / float(np.median(np.diff(stamps))):.6g}")
+
+
+def _person(number: int, raw: Floats, joint_map: JointMap) -> Person:
+    positions = joint_map.to_metres_z_up(raw)
+    seen = np.asarray((np.abs(positions) <= MAX_COORDINATE_M).all(axis=1))  # false for NaN
+    return Person(number, np.where(seen[:, None], positions, np.nan), seen)
+
+
+def _notes(frame: str, refused: Counter[str]) -> list[str]:
+    notes = [f"positions are in the frame '{frame}'"] if frame else []
+    return notes + [f"{n} messages left out: {why}" for why, n in refused.most_common(2)]

@@ -1,0 +1,114 @@
+"""Topics of a bag that could be people, and the joint maps that fit."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hri_predict.base.errors import RecordingError, nearest
+from hri_predict.contracts.joint_map import load_joint_map, map_names
+from hri_predict.protocol.ros.bodies import IDS_PER_BODY, MARKER_ARRAY, POSE_ARRAY, READERS
+from hri_predict.recording.ros.bag import Bag, open_bag
+
+LOOKED_AT = 100
+"""Messages in which a topic is looked for people."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BagTopic:
+    """A topic whose type can place people.
+
+    Attributes:
+        name: of the topic.
+        kind: type of its messages.
+        count: their number.
+        joints: number of poses, or of different joints among markers, in the first message with
+            people; 0 if there are none.
+        frame: their frame; "" if there are none.
+        joint_maps: shipped maps with that many joints.
+    """
+
+    name: str
+    kind: str
+    count: int
+    joints: int
+    frame: str
+    joint_maps: tuple[str, ...]
+
+
+def topics_of(path: Path) -> list[BagTopic]:
+    """Return the topics that could be people.
+
+    Raises:
+        ConfigError: rosbags is not installed.
+        RecordingError: the bag cannot be read.
+        OSError: likewise.
+    """
+    with open_bag(path) as bag:
+        names = sorted({c.topic for c in bag.connections if c.msgtype in READERS})
+        return [_topic(bag, name) for name in names]
+
+
+def connections_of(path: Path, bag: Bag, topic: str | None) -> list[Any]:
+    """The connections of the people's topic.
+
+    Raises:
+        RecordingError: it is not in the bag, or it is not said which of several is meant.
+    """
+    possible = [c for c in bag.connections if c.msgtype in READERS]
+    names = sorted({c.topic for c in possible})
+    types = ", ".join(READERS)
+    if not names:
+        raise RecordingError(f"recording {path}: no topic can be people ({types}); name another")
+    if topic is None and len(names) > 1:
+        raise RecordingError(
+            f"recording {path}: {len(names)} topics could be people: {', '.join(names[:5])}; give "
+            f"--topic to replay or convert ('hri-predict topics' lists them)"
+        )
+    wanted = topic or names[0]
+    found = [c for c in possible if c.topic in (wanted, f"/{wanted}")]
+    if not found:
+        raise RecordingError(
+            f"recording {path}: no topic {wanted} of a type that can be people"
+            f"{nearest(wanted, names)} (there are: {', '.join(names[:5])}); correct --topic"
+        )
+    return found
+
+
+def maps_with(joints: int) -> tuple[str, ...]:
+    """Names of the shipped maps with this number of joints."""
+    loaded = ((name, load_joint_map(name)) for name in map_names() if name != "bvh")
+    return tuple(name for name, each in loaded if len(each.source_joints) == joints)
+
+
+def _topic(bag: Bag, name: str) -> BagTopic:
+    own = [c for c in bag.connections if c.topic == name and c.msgtype in READERS]
+    kind, joints, frame = own[0].msgtype, 0, ""
+    for k, (_, _, data) in enumerate(bag.messages(own)):
+        joints, frame = looked_at(bag.read(data, kind), kind)
+        if joints or k >= LOOKED_AT:
+            break
+    return BagTopic(
+        name=name,
+        kind=kind,
+        count=sum(c.msgcount for c in own),
+        joints=joints,
+        frame=frame,
+        joint_maps=_suggested(kind, joints),
+    )
+
+
+def looked_at(message: Any, kind: str) -> tuple[int, str]:
+    """Number of joints in a message of people, and its frame; see ``BagTopic``."""
+    if kind == POSE_ARRAY:
+        return len(message.poses), message.header.frame_id
+    joints = {marker.id % IDS_PER_BODY for marker in message.markers if marker.action == 0}
+    return (max(joints) + 1, message.markers[0].header.frame_id) if joints else (0, "")
+
+
+def _suggested(kind: str, joints: int) -> tuple[str, ...]:
+    """Maps with all joints of the first message; or, of poses, with those of one of several."""
+    exact = maps_with(joints) if joints else ()
+    if exact or kind == MARKER_ARRAY:
+        return exact
+    return next((maps_with(joints // n) for n in range(2, 9) if not joints % n
+                 and maps_with(joints // n)), ())  # fmt: skip

@@ -1,0 +1,27 @@
+"""The user's choices for files that do not state these things themselves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hri_predict.contracts.joint_map import JointMap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Wanted:
+    """Options of reading a recording; see ``open_recording``.
+
+    Attributes:
+        person: id of the body, for formats with a single one.
+        unit_m: metres per unit; ``None``: as the file or its format states.
+        axes: axes that are forward, left and up; ``None``: as the file or its format states.
+        topic: topic of the people in a bag; ``None``: the only one that there is.
+        frame: frame in which the people of a bag are wanted; ``None``: the topmost above theirs.
+        joint_map: the user's own map; only bags need it to be read.
+    """
+
+    person: int = 1
+    unit_m: float | None = None
+    axes: Sequence[str] | None = None
+    topic: str | None = None
+    frame: str | None = None
+    joint_map: JointMap | None = None

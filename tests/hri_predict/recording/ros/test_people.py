@@ -1,0 +1,188 @@
+"""Bags that rosbags' writers wrote are recordings: people, times, frames, what is refused."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
+from hri_predict.protocol.ros.messages import TF_MESSAGE
+from hri_predict.recording import open_recording
+from hri_predict.recording.converting import write_recording
+from hri_predict.recording.ros.bag import file_of, is_ros_mcap
+
+pytest.importorskip("rosbags", reason="needs the extra bags")
+from tests.hri_drivers.sources.scene_streaming import hri_sender
+from tests.hri_predict.protocol.ros.sent import UPRIGHT
+from tests.hri_predict.recording.ros.bags import KINDS, maker, write
+from tests.hri_predict.recording.test_mutated import mutated
+
+MS, S = 10**6, 10**9
+UTC = 1_790_000_000 * S
+CANONICAL = load_joint_map("canonical")
+
+
+def standing(seconds, away=0.0):
+    """(21, 3) of a person who sways."""
+    return np.array(hri_sender().swaying(seconds, (2.0, away)))
+
+
+def walk(kind, count=20, topic="/people", frame="map", stamps=True, period_ns=40 * MS):
+    """A person at 25 Hz, each message received 5 ms after its stamp."""
+    made = maker(kind)
+    for k in range(count):
+        at_ns = UTC + k * period_ns
+        message = made.poses(standing(k * 0.04), frame, at_ns if stamps else 0)
+        yield topic, POSE_ARRAY, message, at_ns + 5 * MS
+
+
+def read(path, **options):
+    return open_recording(path, joint_map=CANONICAL, **options)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_people_places_and_times_are_those_of_the_bag(tmp_path, kind):
+    recording = read(write(tmp_path, kind, walk(kind)))
+    assert (recording.kind, recording.rate_hz, len(recording.scenes)) == ("rosbag", 25.0, 20)
+    assert [scene.stamp_ns for scene in recording.scenes] == [k * 40 * MS for k in range(20)]
+    assert recording.utc_ns[3] == UTC + 120 * MS
+    (person,) = recording.scenes[7].people
+    np.testing.assert_array_equal(person.positions, standing(7 * 0.04))
+    assert recording.joint_map.mapped.all()
+    assert recording.note == "positions are in the frame 'map'"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_is_converted_and_read_back(tmp_path, kind):
+    recording = read(write(tmp_path, kind, walk(kind)))
+    write_recording(recording, tmp_path / "out.csv", "csv")
+    again = open_recording(tmp_path / "out.csv")
+    np.testing.assert_allclose(
+        again.scenes[7].people[0].positions, standing(7 * 0.04), atol=5.1e-7
+    )  # six digits
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_several_people_by_markers_of_a_camera_in_the_room(tmp_path, kind):
+    made = maker(kind)
+    edge = ("camera_base", "depth_camera_link", (0.0, 0.0, 1.0), UPRIGHT)
+    messages = [("/tf_static", TF_MESSAGE, made.transforms(edge), UTC + S)]  # after the first
+    for k in range(5):
+        at_ns = UTC + k * 33 * MS
+        bodies = {3: standing(0.0), 8: standing(0.0, 1.5)} if k else {}
+        message = made.markers(bodies, "depth_camera_link", at_ns)
+        messages.append(("/body_tracking_data", MARKER_ARRAY, message, at_ns + MS))
+    recording = read(write(tmp_path, kind, sorted(messages, key=lambda m: m[3])))
+    assert [[p.id for p in s.people] for s in recording.scenes] == [[]] + 4 * [[3, 8]]
+    assert [s.stamp_ns for s in recording.scenes] == [k * 33 * MS for k in range(5)]
+    raised = recording.scenes[1].people[1].positions
+    np.testing.assert_allclose(raised, standing(0.0, 1.5) + np.array([0, 0, 1]), atol=1e-12)
+    assert "frame 'camera_base'" in recording.note
+
+
+def test_a_camera_that_moves_is_placed_by_its_transforms_before_and_after(tmp_path):
+    made = maker("mcap")
+    messages = list(walk("mcap", frame="camera"))
+    for k in range(-1, 11):
+        at_ns = UTC + k * 100 * MS
+        edge = ("odom", "camera", (k * 0.1, 0.0, 0.0), UPRIGHT)
+        messages.append(("/tf", TF_MESSAGE, made.transforms(edge, at_ns=at_ns), at_ns + 50 * MS))
+    recording = read(write(tmp_path, "mcap", sorted(messages, key=lambda m: m[3])))
+    assert len(recording.scenes) == 20
+    moved = recording.scenes[7].people[0].positions
+    np.testing.assert_allclose(moved, standing(0.28) + np.array([0.28, 0, 0]), atol=1e-12)
+
+
+def test_people_whose_frame_has_no_transform_are_left_out_and_counted(tmp_path):
+    messages = [*walk("mcap", 10), *walk("mcap", 3, frame="lidar")]
+    messages.sort(key=lambda m: m[3])
+    recording = read(write(tmp_path, "mcap", messages))
+    assert len(recording.scenes) == 10
+    assert "3 messages left out: frame_id 'lidar' is not 'map'" in recording.note
+
+
+def test_stamps_of_zero_are_replaced_by_the_receipt(tmp_path):
+    recording = read(write(tmp_path, "db3", walk("db3", stamps=False)))
+    assert [s.stamp_ns for s in recording.scenes] == [k * 40 * MS for k in range(20)]
+    assert "stamps are zero" in recording.note
+
+
+def test_repeated_messages_are_left_out_and_counted(tmp_path):
+    messages = list(walk("db3", 10))
+    messages.insert(5, messages[4])
+    recording = read(write(tmp_path, "db3", messages))
+    assert len(recording.scenes) == 10
+    assert "1 messages whose stamps do not rise are left out" in recording.note
+
+
+def test_of_two_topics_one_must_be_named(tmp_path):
+    both = sorted([*walk("db3", topic="/a"), *walk("db3", topic="/b")], key=lambda m: m[3])
+    path = write(tmp_path, "db3", both)
+    with pytest.raises(RecordingError, match="2 topics could be people: /a, /b; give --topic"):
+        read(path)
+    assert len(read(path, topic="/b").scenes) == 20
+    with pytest.raises(RecordingError, match=r"no topic /c .*there are: /a, /b"):
+        read(path, topic="/c")
+
+
+def test_joints_are_never_guessed(tmp_path):
+    path = write(tmp_path, "db3", walk("db3"))
+    with pytest.raises(RecordingError, match="does not name its joints; give --joint-map"):
+        open_recording(path)
+
+
+def test_another_number_of_joints_is_said(tmp_path):
+    path = write(tmp_path, "db3", walk("db3"))
+    with pytest.raises(RecordingError, match="no message that can be used: 21 poses are not"):
+        open_recording(path, joint_map=load_joint_map("coco17"))
+
+
+def test_a_topic_of_a_file_without_topics_is_refused(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,a_x,a_y,a_z\n0,1,2,3\n")
+    with pytest.raises(RecordingError, match="has no topics; leave --topic out"):
+        open_recording(path, topic="/people")
+
+
+def test_a_bag_without_people_names_the_types(tmp_path):
+    made = maker("db3")
+    edge = ("map", "camera", (0.0, 0.0, 0.0), UPRIGHT)
+    path = write(tmp_path, "db3", [("/tf", TF_MESSAGE, made.transforms(edge), UTC)])
+    with pytest.raises(RecordingError, match=r"no topic can be people \(geometry_msgs/msg/Pose"):
+        read(path)
+
+
+def test_a_folder_of_two_files_is_refused(tmp_path):
+    path = write(tmp_path, "db3", walk("db3"))
+    (path / "other_1.db3").write_bytes(b"x")
+    with pytest.raises(RecordingError, match="was split into 2 files; name one of them"):
+        read(path)
+
+
+def test_a_recording_of_this_node_is_not_a_bag(tmp_path):
+    recording = read(write(tmp_path, "mcap", walk("mcap")))
+    write_recording(recording, tmp_path / "own.mcap", "mcap")
+    assert not is_ros_mcap(tmp_path / "own.mcap")
+    assert is_ros_mcap(file_of(tmp_path / "walk"))
+    again = open_recording(tmp_path / "own.mcap")
+    assert again.kind == "mcap"
+    np.testing.assert_array_equal(again.scenes[3].people[0].positions, standing(0.12))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_bags_are_read_or_refused_in_one_line(tmp_path: Path, kind):
+    whole = file_of(write(tmp_path, kind, walk(kind, 5))).read_bytes()
+    rng = random.Random(kind)
+    path = tmp_path / f"bad.{kind}"
+    said = []
+    for _ in range(40):
+        path.write_bytes(mutated(whole, rng))
+        try:
+            read(path)
+        except RecordingError as error:
+            said.append(str(error))
+    assert len(said) > 10
+    assert all("\n" not in line and str(path) in line for line in said)
