@@ -132,7 +132,8 @@ def test_every_topic_arrives_at_a_subscriber_in_another_process(link, program, q
 
 def test_the_last_word_of_a_link_that_stops_is_0(link, program):
     topics = ("/hri/robot_0/speed_fraction", "/hri/robot_0/speed_ovr", "/hri/robot_0/advice")
-    listener, ours = program(LISTENER, *topics), link()
+    listener = program(LISTENER, *topics)
+    ours = link(silence_timeout_s=2.0)  # and lifespan: a busy machine may need 0.2 s to take it
     posted_until(ours, [ADVICE], lambda: all(listener.heard(topic) for topic in topics))
     ours.stop()
 
