@@ -129,8 +129,11 @@ def test_what_breaks_off_leaves_nothing_half(cli, tmp_path, monkeypatch, ending,
     chosen = next(each for each in of_ending(ending) if each.write is not None)
     (tmp_path / f"a{ending}").write_bytes(b"old")
 
+    write = chosen.write
+    assert write is not None
+
     def broken(path, recording):
-        chosen.write(path, recording)
+        write(path, recording)
         raise problem
 
     monkeypatch.setitem(BY_NAME, chosen.name, replace(chosen, write=broken))
