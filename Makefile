@@ -2,6 +2,7 @@
 # holds, all but lint at once.
 # make test-long: the tests marked `long`, every property with 100 random examples (EXAMPLES), and
 # the wheel installed alone.
+# make test-ros2: the source and the link against real ROS 2 nodes in other processes.
 # make bundle: a folder that installs the node without internet, build/bundle (EXTRAS=accel,fleet).
 # make docs: the site of all pages, into build/site.
 # make pictures: the pictures of pages in docs/, by a real browser (Debian's chromium).
@@ -16,11 +17,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) -c constraints.txt
 WHEEL_VENV := build/wheel-venv
+ROS2_VENV := build/ros2-venv
 
 # Tests start many processes: these need not compile the same modules again and again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
+.PHONY: demo test test-long test-ros2 lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
@@ -67,6 +69,10 @@ wheel-alone: $(VENV)/.dev
 	cd build/empty && ../wheel-venv/bin/hri-predict check demo.yaml
 	cd build/empty && ../wheel-venv/bin/hri-predict demo --speed max
 
+test-ros2: $(ROS2_VENV)/.done
+	$(ROS2_VENV)/bin/python -m pytest tests/hri_drivers/links/ros2 tests/hri_drivers/sources/ros2 \
+		tests/hri_drivers/wires/test_ros2.py tests/hri_sim/fault_table/test_ros2_link.py
+
 bundle: $(VENV)/.dev
 	rm -rf build/dist build/bundle
 	$(BIN)/python -m build --wheel --outdir build/dist .
@@ -110,6 +116,17 @@ $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt
 $(VENV)/.dev: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[dev]'
 	touch $@ $(VENV)/.run $(VENV)/.docs
+
+# ROS 2 brings another package named lark than the tests': an environment beside .venv, which adds
+# .venv's packages.
+$(ROS2_VENV)/.done: $(VENV)/.dev
+	rm -rf $(ROS2_VENV)
+	$(PYTHON) -m venv $(ROS2_VENV)
+	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" \
+		> $$($(ROS2_VENV)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/dev.pth
+	$(ROS2_VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) \
+		-c constraints.txt -e '.[ros2]'
+	touch $@
 
 clean:
 	rm -rf $(VENV) build .mypy_cache .ruff_cache .pytest_cache .hypothesis
