@@ -109,16 +109,15 @@ def test_both_counters_must_advance(cell, kept):
     assert cell.run(60, kept) == 0
 
 
-def test_a_server_that_answers_the_same_for_ever_stops_it(cell):
-    """The node's machine is gone, and something between repeats its last reply."""
+@pytest.mark.parametrize("frozen", ["Robot", "Node"])
+def test_old_replies_that_something_repeats_stop_it(cell, frozen):
+    """One group of registers is answered from a memory, as fresh; the other advances."""
     cell.run(100, STATUS, CLEAR)
-    for _ in range(5):
-        cell.now_ms += 10
-        cell.poll(asked_ms=cell.now_ms, Robot=list(cell.block.variables["Robot"]), NewNode=False)
-    assert cell.permitted == 800
-    cell.now_ms += 10
-    cell.poll(Robot=list(cell.block.variables["Robot"]), NewNode=False)
-    assert cell.permitted == 0
+    kept = {frozen: list(cell.block.variables[frozen])}
+    assert cell.run(50, STATUS, CLEAR, **kept) == 800
+    assert cell.run(10, STATUS, CLEAR, **kept) == 0
+    assert cell.block.variables["Silent"]
+    assert not cell.block.variables["TooOld"]
 
 
 def test_a_failed_request_stops_it_until_the_counters_advance(cell):

@@ -4,6 +4,7 @@
 protected end to end.
 """
 
+import ipaddress
 import logging
 from collections.abc import Sequence
 from typing import ClassVar, Self
@@ -74,7 +75,12 @@ class ModbusLinkSettings(ConfiguredLinkSettings):
     def _exposure(self) -> Self:
         if self.simulate is not None:
             raise ValueError("a modbus link has no simulated controller; leave 'simulate' out")
-        local = self.host == "localhost" or self.host == "::1" or self.host.startswith("127.")
+        try:
+            local = ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            raise ValueError(
+                "host must be an IP address of this machine, such as 127.0.0.1"
+            ) from None
         if not local and not self.allow_unauthenticated:
             raise ValueError(
                 f"host {self.host} is reached from the network, and Modbus knows no sender: set "

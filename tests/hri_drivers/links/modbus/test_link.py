@@ -247,6 +247,7 @@ def test_a_port_that_is_taken_is_one_line(link):
     ("wrong", "said"),
     [
         ({"host": "0.0.0.0"}, "allow_unauthenticated: true"),
+        ({"host": "127.example.org"}, "must be an IP address of this machine"),
         ({"simulate": {}}, "no simulated controller"),
         ({"port": 70_000}, "less than or equal to 65535"),
     ],

@@ -87,7 +87,7 @@ def test_states_come_in_and_the_slider_follows_the_advice(robot, link):
     found = states(arm, 20)
     driven(arm, lambda: any(abs(v) > 0.1 for s in states(arm, 1) for v in s.velocities))
     counters = [state.counter for state in found]
-    assert counters == list(range(counters[0], counters[0] + 20))
+    assert counters == list(range(counters[0], counters[0] + len(counters)))
     assert {state.mode for state in found} == {RobotMode.AUTOMATIC}
     assert arm.counters.malformed == 0
 
