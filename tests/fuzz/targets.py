@@ -294,7 +294,10 @@ def _ros2(kind: str) -> Target:
     from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
 
     made, body = Maker(), np.ones((2, 3))
-    message = made.poses(body) if kind == POSE_ARRAY else made.markers({1: body})
+    if kind == POSE_ARRAY:
+        messages = [made.poses(body), made.poses(body[:0])]
+    else:
+        messages = [made.markers({1: body}), made.marker_array([])]
     frames = made.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT))
     tree = FrameTree()
     decoder = Ros2Decoder(
@@ -305,7 +308,7 @@ def _ros2(kind: str) -> Target:
         counters=SourceCounters(),
         sees_room=True,
     )
-    contents = [(0, made.cdr(message, kind))]
+    contents = [(0, made.cdr(message, kind)) for message in messages]
     contents += [(topic, made.cdr(frames, TF_MESSAGE)) for topic in (TF, TF_STATIC)]
     seeds = [Heard(topic, NO_GID, NO_SEQUENCE, data).packed() for topic, data in contents]
     return Target(f"ros2_{kind.rsplit('/', 1)[-1]}", seeds, _checked(decoder.feed))
