@@ -66,7 +66,7 @@ def test_whoever_stands_there_is_told_the_deciding_part_while_a_person_decides()
 
 
 def test_the_band_is_the_configured_one():
-    robot = pictures([5.7])[0].facts["robots"][0]
+    robot = pictures([5.8])[0].facts["robots"][0]
     assert (robot["level"], robot["reason"]) == ("SLOW", Reason.PERSON_APPROACHING.text)
     assert "by 0.1 m (risk.band_m)" in robot["clears"]
     assert re.fullmatch(r"person 1's [\w ]+, \d\.\d\d m from the [\w ]+", robot["near"])

@@ -133,8 +133,8 @@ def test_motion_is_z_up_on_its_floor_with_its_own_map_and_its_set_as_action(name
     assert (recording.kind, recording.action) == ("motion", name.split("/")[0])
     joints, seen = _canonical(recording, 0)  # standing
     if "beside_robot" in name:  # no joint centre but these; its floor is unknown
-        marked = {"head_top", "l_elbow", "l_wrist", "r_elbow", "r_wrist"}
-        assert {JOINTS[i] for i in np.flatnonzero(seen)} <= marked
+        arms = {f"{side}_{part}" for side in "lr" for part in ("shoulder", "elbow", "wrist")}
+        assert {JOINTS[i] for i in np.flatnonzero(seen)} <= {"head_top", *arms}
         return
     feet = joints[[JOINTS.index("l_foot"), JOINTS.index("r_foot")], 2]
     assert -0.05 < feet.min() < 0.15
