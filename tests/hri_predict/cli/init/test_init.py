@@ -69,7 +69,7 @@ def test_every_mode_passes_check(call, tmp_path, mode):
 
 NEEDED = {
     "mvn": ["source.sees_room=true"],
-    "ros2": ["source.topics=[/people]", "source.frame=map"],
+    "ros2": ["source.topics=[/people]", "source.frame=map", "source.sees_room=true"],
     "serial_skeleton": ["source.port=/dev/ttyUSB9"],
     "zenoh": ["source.cell=hall"],
 }
