@@ -4,6 +4,8 @@
 protected end to end.
 """
 
+import contextlib
+import ipaddress
 import logging
 from collections.abc import Sequence
 from typing import ClassVar, Self
@@ -34,6 +36,13 @@ UNPROTECTED = (
     "Modbus has neither CRC nor counter of this node's, and knows no sender: not protected end to "
     "end; the PLC must stop when HEARTBEAT or ADVICE_COUNTER stands still (drivers/MODBUS.md)"
 )
+
+
+def _is_local(host: str) -> bool:
+    """Whether only this machine reaches an address; a name such as 127.example.com is another."""
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
 
 
 class ModbusLinkSettings(ConfiguredLinkSettings):
@@ -74,7 +83,7 @@ class ModbusLinkSettings(ConfiguredLinkSettings):
     def _exposure(self) -> Self:
         if self.simulate is not None:
             raise ValueError("a modbus link has no simulated controller; leave 'simulate' out")
-        local = self.host == "localhost" or self.host == "::1" or self.host.startswith("127.")
+        local = _is_local(self.host)
         if not local and not self.allow_unauthenticated:
             raise ValueError(
                 f"host {self.host} is reached from the network, and Modbus knows no sender: set "
@@ -197,6 +206,7 @@ class ModbusLink(ConfiguredLink[ModbusLinkSettings, Block]):
     def _receive(self, units: list[Block], now_ns: int) -> None:
         self._registers.now_ns = now_ns
         super()._receive(units, now_ns)
+        self.counters.overrun += getattr(self._transport, "overrun", 0)  # writes lost before that
 
     def _watch_plc(self) -> None:
         """Say once when the PLC's heartbeat ends, and when it is back."""

@@ -83,7 +83,7 @@ def test_nothing_follows_a_packet_that_was_cut():
     assert len(full.heard) == 9
 
 
-@pytest.mark.parametrize("host", ["a" * 70 + ".b", "a..b"])
+@pytest.mark.parametrize("host", ["a" * 70 + ".b", "a..b", "a\0b"])
 def test_a_host_that_none_can_be_is_one_line(host):
-    with pytest.raises(LinkError, match=r"cannot connect: not a host's name; .* correct 'host'"):
+    with pytest.raises(LinkError, match=r"cannot connect: .*; .* correct 'host'"):
         RtdeTransport((host, 1), OUTPUTS, OUTPUTS, 125.0).open()
