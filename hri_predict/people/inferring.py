@@ -85,7 +85,7 @@ def _continued(
     A joint that is hidden from one step to the next would jump to its inferred place, and a
     predictor would take that for motion. By how much a place would be off is known where the joint
     was measured last, and where it is measured next: in a gap, both count by their nearness in
-    time, and at an end of the history the only one fades. What it was off by last is as uncertain
+    time, and at an end of the history the only one fades. The last such distance is as uncertain
     as the joint's place changed, on the body, in the steps before; or wholly, if it was seen once.
     """
     measured = snapshot.observed
