@@ -20,8 +20,8 @@ _KEPT_S = 0.5
 """Time constant with which a joint's measured distance from its inferred place is given up: where
 it was seen a moment ago says more than the posture does."""
 _STEPS_BEFORE, _LEAST_BEFORE = 4, 2
-"""Where a joint was seen a moment ago is believed if it was measured in this many steps before, of
-the last few. One capture that shows a hidden arm is as often the other arm, or a part of a bench:
+"""The place of a moment ago is believed if the joint was measured in two of the four steps before.
+One capture that shows a hidden arm is as often the other arm, or a part of a bench:
 then the posture may be right as well, and the joint is in either place."""
 
 
