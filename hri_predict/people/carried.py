@@ -9,6 +9,7 @@ body of which little else is seen stays without.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
@@ -54,8 +55,11 @@ def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
     for number, pair in enumerate(_PAIRS):
         carries = due & (newest == number) & (last[..., number] >= 0)
         carries &= age_s[..., number] <= LONGEST_S + 1e-9
+        turned = _turned(positions, whole[..., number], pair)
         for person, at in np.argwhere(carries):
             since = last[person, at, number]
+            if turned[person, since]:
+                continue
             shift = _shift(positions[person], measured[person], since, at)
             if shift is None:
                 continue
@@ -63,6 +67,17 @@ def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
             found.positions[person, at, missing] = positions[person, since, missing] + shift
             found.observed[person, at, missing] = True
             found.within_m[person, at, missing] = PER_S * age_s[person, at, number]
+    return found
+
+
+def _turned(positions: Floats, whole: Bools, pair: NDArray[np.intp]) -> Bools:
+    """(P, T) where a pair points the other way than one or two steps before: left and right were
+    mistaken in one of them, and the body would be completed back to front."""
+    across = positions[:, :, pair[0]] - positions[:, :, pair[1]]
+    found = np.zeros_like(whole)
+    for lag in (1, 2):
+        against = np.einsum("pti,pti->pt", across[:, lag:], across[:, :-lag]) < 0
+        found[:, lag:] |= whole[:, lag:] & whole[:, :-lag] & against
     return found
 
 

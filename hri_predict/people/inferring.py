@@ -19,6 +19,10 @@ weighs the head 1.6 times, less 0.6 times the neck."""
 _KEPT_S = 0.5
 """Time constant with which a joint's measured distance from its inferred place is given up: where
 it was seen a moment ago says more than the posture does."""
+_STEPS_BEFORE, _LEAST_BEFORE = 4, 2
+"""The place of a moment ago is believed if the joint was measured in two of the four steps before.
+One capture that shows a hidden arm is as often the other arm, or a part of a bench:
+then the posture may be right as well, and the joint is in either place."""
 
 
 def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float) -> PeopleSnapshot:
@@ -81,7 +85,8 @@ def _continued(
     A joint that is hidden from one step to the next would jump to its inferred place, and a
     predictor would take that for motion. By how much a place would be off is known where the joint
     was measured last, and where it is measured next: in a gap, both count by their nearness in
-    time, and at an end of the history the only one fades.
+    time, and at an end of the history the only one fades. The last such distance is as uncertain
+    as the joint's place changed, on the body, in the steps before; or wholly, if it was seen once.
     """
     measured = snapshot.observed
     steps = measured.shape[1]
@@ -101,13 +106,37 @@ def _continued(
     before, after = last >= 0, next_ < steps
     share = np.where(before & after, until / np.maximum(since + until, 1e-9), 0.0)
     first = np.where(before & ~after, np.exp(-since / _KEPT_S), share)
+    steady, changed_m = _steady(snapshot)
+    seen_last = np.maximum(last, 0)
+    unsure_m = np.where(steady, changed_m, np.linalg.norm(off, axis=-1))
+    unsure_m = first * np.take_along_axis(unsure_m, seen_last, axis=1)
     second = np.where(after & ~before, np.exp(-until / _KEPT_S), before * after - share)
-    add = first[..., None] * np.take_along_axis(off, np.maximum(last, 0)[..., None], axis=1)
+    add = first[..., None] * np.take_along_axis(off, seen_last[..., None], axis=1)
     add += second[..., None] * np.take_along_axis(
         off, np.minimum(next_, steps - 1)[..., None], axis=1
     )
-    inferred = (filled.observed & ~carried.observed)[..., None]
-    return filled._replace(positions=np.where(inferred, filled.positions + add, filled.positions))
+    inferred = filled.observed & ~carried.observed
+    return filled._replace(
+        positions=np.where(inferred[..., None], filled.positions + add, filled.positions),
+        within_m=np.where(inferred, filled.within_m + unsure_m, filled.within_m),
+    )
+
+
+def _steady(snapshot: PeopleSnapshot) -> tuple[Bools, Floats]:
+    """Which joints (P, T, J) were measured before as well, and by how many metres their place
+    changed since then at most, less the mean of all joints that are seen."""
+    measured, history = snapshot.observed, snapshot.history
+    before, changed_m = np.zeros(measured.shape), np.zeros(measured.shape)
+    for lag in range(1, min(_STEPS_BEFORE, measured.shape[1] - 1) + 1):
+        both = np.zeros_like(measured)
+        both[:, lag:] = measured[:, lag:] & measured[:, :-lag]
+        moved = np.zeros_like(history)
+        moved[:, lag:] = history[:, lag:] - history[:, :-lag]
+        moved = np.where(both[..., None], moved, 0.0)
+        moved -= (moved.sum(-2) / np.maximum(both.sum(-1), 1)[..., None])[..., None, :]
+        before += both
+        changed_m = np.maximum(changed_m, np.where(both, np.linalg.norm(moved, axis=-1), 0.0))
+    return before >= _LEAST_BEFORE, changed_m
 
 
 def _held(filled: Filled, measured: Bools) -> Filled:

@@ -24,6 +24,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import read_text
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.lab.datasets.splits import split
@@ -93,19 +94,24 @@ def recordings(data: Path) -> dict[str, list[Path]]:
     """The recordings to fit on, by set.
 
     Raises:
-        ConfigError: ``data`` lacks the manifest of ``motion``.
+        ConfigError: ``data`` lacks the manifest of ``motion``, or it is another file.
     """
     names = [name for part in ("fit", "calibration") for name in split(part)]
     found = {"cmu_mocap": [data / f"{name}.npz" for name in names if name.startswith("cmu_mocap/")]}
     manifest = data / "motion" / "manifest.csv"
     if not manifest.exists():
         raise ConfigError(f"{manifest}: not there; give the folder of the recordings")
-    with manifest.open(encoding="utf-8") as lines:
-        for row in csv.DictReader(lines):
-            if row["set"] in _SETS and not row["person_in_test"]:
-                name = f"{row['set']} {row['joints']}"  # joints are placed by the skeleton
-                path = data / "motion" / row["set"] / f"{row['name']}.npz"
-                found.setdefault(name, []).append(path)
+    try:
+        rows = list(csv.DictReader(read_text(manifest, "manifest").splitlines(), strict=True))
+        taken = [r for r in rows if r["set"] in _SETS and not r["person_in_test"]]
+        for row in taken:
+            name = f"{row['set']} {row['joints']}"  # joints are placed by the skeleton
+            path = data / "motion" / row["set"] / f"{row['name']}.npz"
+            found.setdefault(name, []).append(path)
+    except (KeyError, csv.Error) as error:
+        raise ConfigError(
+            f"{manifest}: not the manifest of recordings ({error}); copy it again"
+        ) from None
     return found
 
 

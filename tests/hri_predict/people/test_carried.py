@@ -37,6 +37,15 @@ def test_a_pair_goes_on_with_the_head_and_grows_uncertain():
                                [0, 0.04, 0.08, 0.12, 0.16, 0], atol=1e-9)  # fmt: skip
 
 
+@pytest.mark.parametrize("wrong", [range(11, 12), range(10, 12)])
+def test_a_pair_whose_sides_were_mistaken_is_not_carried(wrong):
+    positions, measured, true = walk(gap=range(12, 16))
+    for step in wrong:
+        positions[0, step, SHOULDERS] = true[0, step, SHOULDERS[::-1]]
+    found = carry(positions, measured, RATE_HZ)
+    assert not found.observed[0, 12:16, SHOULDERS].any()
+
+
 def test_it_ends_when_it_is_too_long_ago():
     longest = round(LONGEST_S * RATE_HZ)
     positions, measured, _ = walk(steps=30, gap=range(10, 30))

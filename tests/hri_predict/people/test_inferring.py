@@ -180,3 +180,17 @@ def test_identity_and_size_rest_on_delivered_joints(make_room):
     (track,) = room.people._tracks.values()
     seen = np.isfinite(track.positions).all(-1)
     np.testing.assert_array_equal(seen, np.isin(JOINTS, ("l_elbow", "l_wrist")))
+
+
+@pytest.mark.parametrize("seen_before", [True, False])
+def test_one_wrong_capture_of_a_hidden_arm_does_not_take_the_zone_away(make_room, seen_before):
+    """The arm of a person who stands upright, seen once where it is not."""
+    upright = BODY.copy()
+    room = make_room()
+    for _ in range(11):
+        room.see(person(upright, *(() if seen_before else LIMB)))
+    room.see(person(raised(0)))
+    for _ in range(8):
+        after = room.see(person(upright, *LIMB))
+        off = np.linalg.norm(after.last_positions[0, HAND] - upright[HAND])
+        assert off <= after.inferred.within_m[0, HAND]

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from hri_drivers.links.modbus.image import Block
-from hri_drivers.links.modbus.nearest import Nearest
+from hri_drivers.links.modbus.nearest import Nearest, Seen
 from hri_predict.base.settings import Pose
 from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.definition import SCHEMA_HASH
@@ -71,7 +71,7 @@ class ModbusCodec:
         self._plc_timeout_ns = round(plc_timeout_s * 1e9)
         self._refused = refused
         self._nearest: dict[int, Nearest] = {}
-        self._people = 0
+        self._people: int | None = None  # before the first Status
         self._permits: dict[int, float] = {}  # robot -> age of an advice that permits motion, s
         self._heartbeat = self._ack_taken = 0
         self._advices: dict[int, int] = {}
@@ -102,7 +102,9 @@ class ModbusCodec:
     def encode(self, message: Message) -> list[Block]:
         """Blocks of one message."""
         if isinstance(message, Status):
-            return [self._status(message)]
+            changed = message.people != self._people
+            status = self._status(message)
+            return [status, *map(self._near, self._nearest if changed else ())]
         if isinstance(message, Advice):
             return [self._advice(message), self._near(message.robot)]
         assert isinstance(message, Zone)
@@ -162,7 +164,7 @@ class ModbusCodec:
         if self._people == 0:
             if age_s is not None:  # the node sees an empty room, or the robot could not move
                 values = {"NEAREST": NO_PERSON, "NEAREST_AGE": _age(age_s)}
-        elif nearest is not None and (seen := nearest.at(self._people, self.now_ns)) is not None:
+        elif nearest is not None and (seen := self._seen(nearest)) is not None:
             angle = round(math.degrees(seen.angle_rad) * 10)
             values = {
                 "NEAREST": math.floor(min(seen.distance_m * 1e3, NO_PERSON - 1)),
@@ -173,6 +175,9 @@ class ModbusCodec:
         if "NEAREST_ANGLE" not in values:
             values["NEAREST_ANGLE"] = NO_ANGLE
         return Block.of(nearest_address(robot), packed(NEAREST, values))
+
+    def _seen(self, nearest: Nearest) -> Seen | None:
+        return None if self._people is None else nearest.at(self._people, self.now_ns)
 
     def decode(self, unit: Block) -> list[Message]:
         """Return what a PLC has written; anything that is not in the map is counted."""

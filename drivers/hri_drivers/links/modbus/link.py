@@ -203,6 +203,7 @@ class ModbusLink(ConfiguredLink[ModbusLinkSettings, Block]):
     def _receive(self, units: list[Block], now_ns: int) -> None:
         self._registers.now_ns = now_ns
         super()._receive(units, now_ns)
+        self.counters.overrun += getattr(self._transport, "overrun", 0)  # writes lost before that
 
     def _watch_plc(self) -> None:
         """Say once when the PLC's heartbeat ends, and when it is back."""

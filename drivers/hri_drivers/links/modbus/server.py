@@ -10,9 +10,9 @@ from collections import deque
 from typing import Any
 
 from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
+from hri_drivers.links.modbus.connections import LimitedServer
 from hri_drivers.links.modbus.image import Block, Image
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.fields import MAX_ROBOTS
@@ -134,6 +134,10 @@ class ModbusTransport:
         family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
         try:
             socket.create_server(self._address, family=family).close()
+        except (TypeError, ValueError) as error:  # not even a name
+            raise LinkError(
+                f"Modbus server at {self._named}: not an address; correct 'host'"
+            ) from error
         except OSError as error:
             remedies = {
                 errno.EADDRINUSE: "in use by another program; end it, or choose another 'port'",
@@ -150,7 +154,7 @@ class ModbusTransport:
 
     async def _serve(self) -> None:
         self._ended = asyncio.Event()
-        server = ModbusTcpServer(_device(self._asked), address=self._address)
+        server = LimitedServer(_device(self._asked), address=self._address)
         if not await server.listen():
             return
         try:

@@ -159,7 +159,8 @@ class RtdeCodec:
         return self.decode(unit)
 
     def reset(self) -> None:
-        """Nothing: counters of states go on."""
+        """Take the time stamps of a new connection; counters of states go on."""
+        self._reader.restart()
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the counts of what was refused."""
@@ -332,13 +333,20 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
         self._slider.restart()
         self._due_ns = now_ns
 
+    def _lost(self, error: Exception, now_ns: int) -> None:
+        """See ``SupervisedLink``; a controller that is not understood may still listen."""
+        self._say_stop(now_ns)
+        super()._lost(error, now_ns)
+
     def _end(self) -> None:
-        """Write 0 and *unknown* as the last word, then close."""
+        self._say_stop(self._clock.now_ns())
+        super()._end()
+
+    def _say_stop(self, now_ns: int) -> None:
+        """Write 0 and *unknown* as the last word: the controller keeps what it received last."""
         if self.connected:
             self._slider.restart()
             try:
-                now_ns = self._clock.now_ns()
                 self._send(self._package(now_ns), now_ns)
             except LinkError as error:
                 self._note(error)
-        super()._end()

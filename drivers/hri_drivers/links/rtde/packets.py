@@ -121,7 +121,8 @@ def recipe_number(recipe: Recipe, data: bytes, direction: str) -> int:
         direction: "output" or "input", for the error.
 
     Raises:
-        LinkError: a name is not known or in use, or a type is not ours: one line with the remedy.
+        LinkError: a name is not known or in use, a type is not ours, or the number is 0, which no
+            valid recipe has: one line with the remedy.
     """
     types = data[1:].decode("ascii", "replace").split(",")
     if not data or len(types) != len(recipe.names):
@@ -145,6 +146,11 @@ def recipe_number(recipe: Recipe, data: bytes, direction: str) -> int:
                 f"{direction} '{name}' is of type {found[:20]!r}, not {wanted}; this controller's "
                 "software is not supported"
             )
+    if not data[0]:
+        raise LinkError(
+            f"the controller gives the {direction} recipe the number 0, so it takes none of it; "
+            "restart its RTDE interface"
+        )
     return data[0]
 
 

@@ -47,12 +47,17 @@ def mode_of(robot_mode: int, safety_mode: int, runtime_state: int) -> RobotMode:
 class StateReader:
     """Makes RobotStates of data packages; the counter advances with the controller's time stamp.
 
-    A stamp that stands still repeats the counter, so that the node finds a frozen controller.
+    A stamp that stands still or goes back repeats the counter, so that the node finds a controller
+    that hangs or sends old states again.
     """
 
     def __init__(self) -> None:
         self._counter = 0
-        self._stamp: float | None = None
+        self._stamp = -math.inf
+
+    def restart(self) -> None:
+        """Begin a new connection: a controller that was restarted counts its time from 0."""
+        self._stamp = -math.inf
 
     def read(self, robot: int, data: bytes) -> RobotState | None:
         """Return the state of a data package; ``None`` if it is not one of ``OUTPUTS``.
@@ -65,7 +70,7 @@ class StateReader:
         stamp, *values = _LAYOUT.unpack(data)
         if not math.isfinite(stamp):
             return None
-        if stamp != self._stamp:
+        if stamp > self._stamp:
             self._stamp = stamp
             self._counter = (self._counter + 1) % COUNTERS
         robot_mode, safety_mode, runtime_state = values[2 * JOINTS :]

@@ -84,9 +84,9 @@ class RtdeTransport:
         except LinkError as error:
             self.close()
             raise LinkError(f"{self._named}: {error}") from error
-        except OSError as error:
+        except (OSError, UnicodeError) as error:  # the latter: no host can have this name
             self.close()
-            why = error.strerror or "no answer"
+            why = getattr(error, "strerror", "not a host's name") or "no answer"
             raise LinkError(
                 f"{self._named}: cannot connect: {why}; switch the controller on, or correct "
                 "'host' and 'port'"
@@ -105,6 +105,7 @@ class RtdeTransport:
         try:
             self._opened().sendall(framed(unit.kind, data))
         except OSError as error:
+            self.close()  # the packet may be cut: more bytes would be taken for the rest of it
             raise LinkError(f"{self._named}: connection lost ({_why(error)})") from error
 
     def read(self, timeout_s: float) -> list[Packet]:

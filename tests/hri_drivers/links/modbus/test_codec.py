@@ -107,6 +107,14 @@ def test_an_empty_room_is_said_only_while_the_node_sees_it(codec):
         assert near(codec, blind)["NEAREST"] == 65535
 
 
+def test_a_room_is_not_empty_before_a_status_and_no_longer_after_a_person_came(codec):
+    assert near(codec)["NEAREST"] == 65535
+    codec.encode(STATUS)
+    assert near(codec)["NEAREST"] == 65534
+    _, block = codec.encode(replace(STATUS, people=1))
+    assert unpacked(NEAREST, block.words)["NEAREST"] == 65535
+
+
 def test_the_nearest_person_needs_the_zone_of_every_person(codec):
     codec.encode(replace(STATUS, people=1))
     assert near(codec)["NEAREST"] == 65535

@@ -1,5 +1,6 @@
 """The server and a PLC in another process, by pymodbus's client over TCP."""
 
+import asyncio
 import json
 import socket
 import subprocess
@@ -13,6 +14,7 @@ import pytest
 from pydantic import ValidationError
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
+from hri_drivers.links.modbus.connections import MOST, MOST_UNREAD, Connection
 from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
@@ -226,6 +228,67 @@ def test_other_bytes_do_not_end_the_server(link, plc):
     assert server.take() == []
 
 
+def ended(connection: socket.socket) -> bool:
+    """Whether the server has ended a connection."""
+    connection.settimeout(0.0)
+    try:
+        return not connection.recv(1)
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_connections_that_pile_up_end_and_a_plc_is_answered(link, plc):
+    server = link()
+    there = plc(server)
+    address, many = ("127.0.0.1", port_of(server)), 3 * MOST
+    opened = [socket.create_connection(address, 5.0)]
+    try:
+        for _ in range(many - 1):
+            assert posted(server, lambda: there.robot()["LEVEL"] == 1)
+            opened.append(socket.create_connection(address, 5.0))
+        eventually(lambda: sum(not ended(each) for each in opened) < MOST)
+        assert ended(opened[0])
+        assert not ended(opened[-1])
+    finally:
+        for each in opened:
+            each.close()
+
+
+def test_a_client_that_does_not_read_its_replies_is_ended():
+    class Unread(asyncio.WriteTransport):
+        aborted = False
+
+        def is_closing(self) -> bool:
+            return self.aborted
+
+        def get_write_buffer_size(self) -> int:
+            return MOST_UNREAD + 1
+
+        def abort(self) -> None:
+            self.aborted = True
+
+    connection = Connection.__new__(Connection)
+    connection.transport = unread = Unread()
+    assert connection.callback_data(b"\0\1\0\0\0\6\1\4\0\0\0\x7d") == 12
+    assert unread.aborted
+    assert connection.writes is None
+
+
+def test_writes_that_the_link_did_not_read_in_time_are_counted(link, plc, monkeypatch):
+    monkeypatch.setattr("hri_drivers.links.modbus.server.CAPACITY", 1)
+    server = link()
+    there = plc(server)
+    wire = server._transport
+    monkeypatch.setattr(wire, "read", lambda timeout_s: time.sleep(0.01) or [])
+    for beat in range(3):  # the first may still be read
+        there.ask(one=[1000, beat])
+    monkeypatch.undo()
+    there.ask(one=[1000, 9])
+    eventually(lambda: server.counters.overrun >= 1)
+
+
 def test_after_the_stop_no_reply_comes(link, plc):
     server = link()
     there = plc(server)
@@ -255,6 +318,12 @@ def test_a_port_that_is_taken_is_one_line(link):
 def test_settings_that_cannot_be(wrong, said):
     with pytest.raises(ValidationError, match=said):
         ModbusLinkSettings(name="plant", **wrong)
+
+
+@pytest.mark.parametrize("host", ["a" * 70 + ".b", "a\0b"])
+def test_a_host_that_none_can_be_is_one_line(link, host):
+    with pytest.raises(LinkError, match=r"Modbus server at a.*b:0: .*; correct 'host'"):
+        link(host=host, allow_unauthenticated=True)
 
 
 def test_the_network_may_be_allowed():

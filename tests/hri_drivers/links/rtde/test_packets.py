@@ -104,6 +104,25 @@ def test_a_state_has_joints_mode_and_a_counter_that_follows_the_time_stamp():
     assert (again.counter - first.counter, later.counter - first.counter) == (0, 1)
 
 
+def test_a_time_that_goes_back_repeats_the_counter_until_a_new_connection():
+    codec = RtdeCodec()
+
+    def counter(stamp: float) -> int:
+        (state,) = codec.decode(Packet(Kind.DATA, state_data(stamp)))
+        assert isinstance(state, RobotState)
+        return state.counter
+
+    first = counter(200.0)
+    assert [counter(stamp) for stamp in (199.0, 200.0, 199.0)] == [first] * 3
+    codec.reset()
+    assert counter(1.0) == first + 1
+
+
+def test_a_recipe_with_the_number_0_is_refused():
+    with pytest.raises(LinkError, match="number 0, so it takes none"):
+        recipe_number(TWO, b"\0UINT32,DOUBLE", "input")
+
+
 def test_a_data_package_of_another_length_is_counted():
     codec = RtdeCodec()
     assert codec.decode(Packet(Kind.DATA, state_data()[:-1])) == []

@@ -62,6 +62,14 @@ def test_the_folder_of_the_recordings_must_be_there(tmp_path):
         recordings(tmp_path)
 
 
+@pytest.mark.parametrize("wrong", [b"\xff\x9e\0", b"set,name\ncmu_tools,a\n", b'set\n"cmu'])
+def test_a_manifest_that_is_another_file_is_one_line(tmp_path, wrong):
+    (tmp_path / "motion").mkdir()
+    (tmp_path / "motion" / "manifest.csv").write_bytes(wrong)
+    with pytest.raises(ConfigError, match=r"manifest\.csv: .*; (copy it again|check the path)"):
+        recordings(tmp_path)
+
+
 def test_a_recording_that_is_missing_is_named(tmp_path):
     (tmp_path / "motion").mkdir()
     (tmp_path / "motion" / "manifest.csv").write_text("set,joints,name,person_in_test\n")
