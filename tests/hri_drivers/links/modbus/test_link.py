@@ -280,8 +280,12 @@ def test_writes_that_the_link_did_not_read_in_time_are_counted(link, plc, monkey
     monkeypatch.setattr("hri_drivers.links.modbus.server.CAPACITY", 1)
     server = link()
     there = plc(server)
-    wire = server._transport
-    monkeypatch.setattr(wire, "read", lambda timeout_s: time.sleep(0.01) or [])
+
+    def reads_nothing(timeout_s):
+        time.sleep(0.01)
+        return []
+
+    monkeypatch.setattr(server._transport, "read", reads_nothing)
     for beat in range(3):  # the first may still be read
         there.ask(one=[1000, beat])
     monkeypatch.undo()
