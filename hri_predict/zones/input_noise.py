@@ -51,7 +51,7 @@ def input_noise_m(history: Floats, measured: Bools, skeleton: Skeleton) -> Float
     names = list(skeleton.joints)
     bones = [(names.index(a), names.index(b)) for a, b in BONES if a in names and b in names]
     people, steps = measured.shape[:2]
-    if steps < SMOOTHED or not bones:
+    if not people or steps < SMOOTHED or not bones:
         return np.zeros(people)
     inner, outer = np.array(bones).T
     length = norm(history[:, :, outer] - history[:, :, inner])

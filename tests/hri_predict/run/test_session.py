@@ -71,6 +71,13 @@ def play(loaded, **options):
     return run(loaded, Options(factor=None, view=watch, **options)), watch
 
 
+def test_no_tick_of_the_shipped_demo_fails_with_its_network():
+    """In an empty room, when the person comes, and beside the robot."""
+    summary, _ = play(configuration.load(configuration.shipped("demo.yaml")), duration_s=8.0)
+    assert summary.counted["scenes"] > 200
+    assert not summary.counted.get("assess_failures")
+
+
 def no_harm(summary):
     assert summary.contacts == 0
     assert summary.contacts_standing == 0

@@ -224,3 +224,7 @@ def test_a_growth_that_cannot_be_is_refused(tmp_path, make_calibration, change, 
     path.write_text(json.dumps(data))
     with pytest.raises(ConfigError, match=said):
         load_calibration(path)
+
+
+def test_in_an_empty_room_there_is_no_noise():
+    assert measured(walking()[:0]).shape == (0,)
