@@ -251,7 +251,7 @@ def test_map_equals_a_plain_loop(name, seed, lead):
     mapped, seen = joint_map.map(positions, observed)
     assert mapped.shape == (*lead, 21, 3)
     for index in np.ndindex(*lead):
-        for j in range(21):
+        for j in (j for j in range(21) if JOINTS[j] not in joint_map.rigid):
             sources = np.flatnonzero(joint_map.weights[j])
             ok = len(sources) > 0 and all(
                 observed[(*index, s)] and np.isfinite(positions[(*index, s)]).all() for s in sources

@@ -223,8 +223,12 @@ def test_a_real_person_near_the_robot_is_never_touched(name):
     summary, watch = play(config().with_source(source), until_exhausted=True)
     no_harm(summary)
     assert summary.frames_in > 300
-    assert watch.gave_way
     assert summary.min_separation_m is not None
+    if name == "soccer_1":  # stays 2 m away, where a warning is enough
+        assert summary.min_separation_m > 1.9
+        assert Level.WARN in watch.levels
+    else:
+        assert watch.gave_way
 
 
 @needs_data
