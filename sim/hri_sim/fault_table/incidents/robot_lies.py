@@ -2,9 +2,11 @@
 
 from hri_predict.protocol.reasons import Reason
 from hri_sim.fault_table.incident import ALL_MODES, Incident
-from hri_sim.fault_table.people import DEMO_ROBOT, FAR, comes
+from hri_sim.fault_table.people import DEMO_ROBOT, FAR, comes, person, wait, walk
 
 _COMES = comes(hold_s=4.0)
+_STAYS = person([3.2, 0.2], walk([1.8, 0.2]), wait(4.0))
+"""Stays where the robot is slowed, and need not stop."""
 
 
 _BY_FILE = {"robots": [{**DEMO_ROBOT, "motion": {"kind": "trajectory", "file": "pick_and_place"}}]}
@@ -94,7 +96,7 @@ ROBOT_LIES = (
     ),
     Incident(
         name="robot: ignores the advised speed",
-        people=(_COMES,),
+        people=(_STAYS,),
         duration_s=9.0,
         lies=({"kind": "runs"},),
         says=(Reason.ROBOT_TOO_FAST,),

@@ -34,7 +34,7 @@ def test_poses_are_joints_of_one_person_after_the_other(points, at_ns):
         assert np.isnan(person.positions[~seen]).all()
 
 
-@given(st.integers(2, 40), st.integers(1, 200))
+@given(st.integers(2, 40), st.integers(1, 2 * MAX_PEOPLE))
 def test_poses_of_another_number_of_joints_are_refused(joints, count):
     message = MAKER.poses(np.zeros((count, 3)))
     if count % joints:
