@@ -16,8 +16,7 @@ from hri_predict.protocol.codec import robot_of
 from hri_predict.protocol.definition import BY_TYPE, frame_table
 from hri_predict.protocol.messages import Acknowledge, Message, RobotState
 from hri_predict.protocol.own_frames import OwnFrames
-from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
-from hri_predict.protocol.reception import ReceiveCounters
+from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Payloads, Profile4Sender
 
 ROOT = "hri"
 SCENE = "scene"  # the key of a source's scenes, which this protocol does not define
@@ -97,24 +96,8 @@ class KeyedSender:
         return Keyed(key_of(message), b"".join(self._frames.encode(message)))
 
 
-class KeyedReceiver:
+class KeyedReceiver(Profile4Payloads):
     """Decodes the messages of one cell; it counts errors and continues."""
-
-    def __init__(self) -> None:
-        self._frames = Profile4Receiver()
-
-    @property
-    def counters(self) -> ReceiveCounters:
-        """Counts of messages received and of errors."""
-        return self._frames.counters
-
-    def watch(self, own: OwnFrames) -> None:
-        """Let ``own`` judge frames that only a node sends; they are not handed on."""
-        self._frames.own = own
-
-    def reset(self) -> None:
-        """Forget sequences, as after a reconnection; counters stay."""
-        self._frames.reset()
 
     def feed(self, unit: Keyed) -> list[Message]:
         """Return the fresh messages of one payload; a Zone or Pose may come in several pieces."""

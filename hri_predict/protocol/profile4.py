@@ -113,3 +113,23 @@ class Profile4Receiver:
             return None
         self.counters.received += 1
         return message
+
+
+class Profile4Payloads:
+    """Base of the receivers of payloads that hold frames of profile 4."""
+
+    def __init__(self) -> None:
+        self._frames = Profile4Receiver()
+
+    @property
+    def counters(self) -> ReceiveCounters:
+        """Counts of messages received and of errors."""
+        return self._frames.counters
+
+    def watch(self, own: OwnFrames) -> None:
+        """Let ``own`` judge frames that only a node sends; they are not handed on."""
+        self._frames.own = own
+
+    def reset(self) -> None:
+        """Forget sequences, as after a reconnection; counters stay."""
+        self._frames.reset()

@@ -26,7 +26,7 @@ NORM_TOLERANCE = 0.01
 
 
 class UnknownFrame(ValueError):
-    """There is no transform between two frames at that time; one line with the cause."""
+    """Two frames have no transform at that time; one line with the cause."""
 
 
 class _Edge:

@@ -134,10 +134,6 @@ class ModbusTransport:
         family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
         try:
             socket.create_server(self._address, family=family).close()
-        except (TypeError, ValueError) as error:  # not even a name
-            raise LinkError(
-                f"Modbus server at {self._named}: not an address; correct 'host'"
-            ) from error
         except OSError as error:
             remedies = {
                 errno.EADDRINUSE: "in use by another program; end it, or choose another 'port'",

@@ -11,8 +11,7 @@ from hri_predict.protocol import e2e
 from hri_predict.protocol.definition import BY_TYPE, frame_table
 from hri_predict.protocol.messages import Advice, Message, Pose, Schema, Status, Zone
 from hri_predict.protocol.own_frames import OwnFrames
-from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Receiver, Profile4Sender
-from hri_predict.protocol.reception import ReceiveCounters
+from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Payloads, Profile4Sender
 from hri_predict.protocol.wire import wire_bits
 
 SAMPLE_BYTES = 320
@@ -48,24 +47,8 @@ class Publication:
     plain: tuple[Sample, ...] = ()
 
 
-class FramesReceiver:
+class FramesReceiver(Profile4Payloads):
     """Decodes what came on ``frames`` or ``controller_frames``; it counts errors and continues."""
-
-    def __init__(self) -> None:
-        self._frames = Profile4Receiver()
-
-    @property
-    def counters(self) -> ReceiveCounters:
-        """Counts of messages received and of errors."""
-        return self._frames.counters
-
-    def watch(self, own: OwnFrames) -> None:
-        """Let ``own`` judge frames that only a node sends; they are not handed on."""
-        self._frames.own = own
-
-    def reset(self) -> None:
-        """Forget sequences, as after a reconnection; counters stay."""
-        self._frames.reset()
 
     def feed(self, unit: Publication) -> list[Message]:
         """Return the message of a frame, if it is whole, fresh, and came on its sender's topic."""
