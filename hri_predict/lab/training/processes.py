@@ -1,6 +1,7 @@
 """The processes that share one training run: a single one, or those that torchrun started."""
 
 import contextlib
+import importlib
 import os
 from dataclasses import dataclass
 from types import TracebackType
@@ -28,6 +29,9 @@ class Processes:
         """
         if int(os.environ.get("WORLD_SIZE", "1")) == 1:
             return cls()
+        # Modules that optimisers import keep the group that exists by then, as a default argument.
+        # Its threads would outlive destroy_process_group, and at times abort the ending process.
+        importlib.import_module("torch._dynamo")
         try:
             if not distributed.is_initialized():
                 distributed.init_process_group("gloo")
