@@ -52,6 +52,7 @@ HIDDEN: Mapping[str, Sequence[str]] = {
     "all that COCO-17 lacks": ("foot", "hand", "torso", "head_top", "waist", "neck"),
     "left leg": ("l_knee", "l_ankle", "l_foot"),
     "left arm": ("l_elbow", "l_wrist", "l_hand"),
+    "right arm": ("r_elbow", "r_wrist", "r_hand"),
 }
 """Joints that a tracker does not see: whole names, or without their side for both."""
 _ARMS = ("shoulder", "elbow", "wrist")

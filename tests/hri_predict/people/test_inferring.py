@@ -6,6 +6,8 @@ import pytest
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person
+from hri_predict.people.body.body_model import body_model
+from hri_predict.people.body.inferred import Inference
 from hri_sim.people.body import Body
 
 COCO = load_joint_map("coco17")
@@ -130,6 +132,25 @@ def test_a_hand_that_is_hidden_from_now_on_leaves_its_place_slowly(make_room):
     usual = fresh.last_positions[0, HAND] - fresh.last_positions[0, JOINTS.index("neck")]
     assert np.linalg.norm(usual - there) > 0.5
     assert np.linalg.norm(hidden[-1] - usual) < 0.4 * np.linalg.norm(hidden[0] - usual)
+
+
+def test_an_arm_that_stays_hidden_may_be_farther_from_its_place(make_room):
+    """It may be hidden because it reaches into something."""
+    room = make_room()
+    for step in range(12):
+        room.see(person(raised(step)))
+    joints = [JOINTS.index(name) for name in LIMB]
+    for step in range(12, 10 + room.steps):
+        moment = room.see(person(raised(step), *LIMB))
+    stays = room.see(person(raised(step), *LIMB), times=40)
+    never = make_room().see(person(raised(step), *LIMB), times=12)
+    for snapshot in (moment, stays, never):
+        assert snapshot.inferred.joints[0, joints].all()
+    plain = Inference(body_model()).fill(stays.history[0, -1], stays.measured[0, -1]).within_m
+    np.testing.assert_allclose(stays.inferred.within_m[0, joints], 1.5 * plain[joints], rtol=0.02)
+    np.testing.assert_allclose(never.inferred.within_m[0, joints], 1.5 * plain[joints], rtol=0.02)
+    knee = make_room().see(person(raised(step), "l_knee"), times=12).inferred.within_m
+    assert knee[0, JOINTS.index("l_knee")] < plain[joints].min()
 
 
 @pytest.mark.parametrize("every", [2, 3, 5])

@@ -1,6 +1,7 @@
 """Share of true joints held where a tracker does not see them: ``docs/measured/unseen-joints.md``.
 
     python -m tests.hri_predict.zones.unseen_table ../shared/data [--predictor sinn] [--level 0.99]
+        [--only arm]
 
 Joints are hidden for the whole recording, inferred, forecast, and compared with the truth: within
 the zone, and within its extent in nearly horizontal directions and along the forecast motion.
@@ -21,6 +22,7 @@ from hri_predict.lab.calibration.toward import truth_at
 from hri_predict.lab.datasets.splits import in_pack, split
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference
+from hri_predict.people.inferring import HIDDEN_ARM, hidden_arms
 from hri_predict.zones.learned_scale import Evidence
 from hri_predict.zones.loops.spheres import UNSEEN
 from hri_predict.zones.radii import Radii
@@ -28,7 +30,10 @@ from hri_predict.zones.settings import CoverageSettings
 from hri_predict.zones.toward import direction_class, ways
 
 SETS = ("test", "test_motion", "left_out")
-SHOWN = ("feet", "legs below the hips", "all below the waist", "hands", "all that COCO-17 lacks")
+SHOWN = (
+    "feet", "legs below the hips", "all below the waist", "hands", "all that COCO-17 lacks",
+    "left arm", "right arm", "forearms",
+)  # fmt: skip
 AT_S = (0.2, 0.4, 0.6, 1.0)
 EACH = 6
 """Every sixth window of a recording is judged."""
@@ -63,7 +68,8 @@ def judged(scored: Scores, predictor: Any, radii: Radii, hidden: Any) -> Any:
     flat /= np.linalg.norm(flat, axis=-1, keepdims=True)
     moving = (np.abs(way).sum(-1) > 0) & (np.abs(way[..., 2]) < 0.6)
     ahead = np.where(moving[..., None], way, flat)
-    within = filled.within_m[:, -1][:, None]
+    arms = np.where(hidden_arms(seen), HIDDEN_ARM, 1.0)
+    within = (arms * filled.within_m[:, -1])[:, None]
 
     def held(direction: Any) -> Any:
         share = np.take_along_axis(shares, direction_class(direction, way), axis=2)
@@ -82,6 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("data", type=Path)
     parser.add_argument("--predictor", default="sinn")
+    parser.add_argument("--only", default="", help="joints whose title contains this")
     parser.add_argument("--level", type=float, default=0.99)
     options = parser.parse_args()
     predictor = hri.load_predictor(options.predictor, horizon_s=1.2)
@@ -93,7 +100,7 @@ def main() -> None:
     for name in SETS:
         paths = [p for p in (in_pack(options.data, n) for n in split(name)) if p.exists()]
         scored = score_recordings(predictor, paths)
-        for title in SHOWN:
+        for title in (each for each in SHOWN if options.only in each):
             total: dict[str, Any] = defaultdict(float)
             for each in scored:
                 hits, count = judged(each, predictor, radii, hidden_joints(HIDDEN[title]))

@@ -92,6 +92,7 @@ SIGHTS = {
         Sight(name="azure_kinect32", tracker="azure_kinect32"),
         Sight(name="zed34", tracker="zed34"),
         Sight(name="hands-hidden", hidden=_both("wrist", "hand")),
+        Sight(name="arm-hidden", hidden=("r_elbow", "r_wrist", "r_hand")),
         Sight(name="feet-hidden", hidden=_both("ankle", "foot")),
         Sight(name="legs-hidden", hidden=_LEGS),
         Sight(name="waist-hidden", hidden=_BELOW),
