@@ -11,7 +11,12 @@ from hri_predict.cli.common import one_of
 from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.lab.datasets.splits import is_pack
 from hri_predict.recording.format_table import ENDINGS
-from hri_sim.simulation.motion import PROCEDURAL
+from hri_predict.run.working_distance.measure import WARM_S
+from hri_sim.simulation.motion import PROCEDURAL, load_motion
+
+SHORTEST_S = WARM_S + 0.5
+"""Length of a recording, at least."""
+_RATE_HZ = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +146,8 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
         data: the data pack; ``None``: there is none, and recorded activities are left out.
 
     Raises:
-        ConfigError: an activity is unknown, or none is left.
+        ConfigError: an activity is unknown, or none is left; a recording is too short.
+        RecordingError: one cannot be read.
     """
     found, missing = [], []
     for name in names:
@@ -149,6 +155,12 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
             if not Path(name).is_file():
                 raise ConfigError(f"--activity {name}: no such recording; check the path")
             path = Path(name).resolve()
+            lasts_s = load_motion(str(path), _RATE_HZ).duration_s
+            if lasts_s < SHORTEST_S:
+                raise ConfigError(
+                    f"--activity {name}: lasts {lasts_s:.1f} s, of which the first {WARM_S:g} s do "
+                    f"not count; give a recording of {SHORTEST_S:g} s or more"
+                )
             found.append(Activity(name=path.stem, text=f"recording {path.stem}", motion=str(path)))
             continue
         activity: Activity = ACTIVITIES[one_of("--activity", name, list(ACTIVITIES))]

@@ -35,10 +35,18 @@ def test_a_folder_that_is_not_the_data_pack_is_refused(tmp_path):
 
 
 def test_a_recording_of_the_users_own_is_an_activity(recording):
-    (found,), lines = activities([str(recording)], None)
-    assert (found.name, found.motion, lines) == ("arms", str(recording), [])
+    own = np.load(recording)
+    longer = recording.with_name("longer.npz")
+    np.savez(longer, positions=np.concatenate([own["positions"]] * 2), fps=own["fps"])
+    (found,), lines = activities([str(longer)], None)
+    assert (found.name, found.motion, lines) == ("longer", str(longer), [])
     with pytest.raises(ConfigError, match="no such recording"):
         activities([str(recording.with_name("none.npz"))], None)
+
+
+def test_a_recording_that_ends_before_much_of_it_counts_is_refused(recording):
+    with pytest.raises(ConfigError, match=r"lasts 2\.0 s, .* 2\.5 s do not count; .* 3 s or more"):
+        activities([str(recording)], None)
 
 
 def test_trackers_are_named_sights_or_any_joint_map(tmp_path):
