@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.cli.common import JsonOption
 from hri_predict.operation.alerting.alert import Trial
 from hri_predict.operation.alerting.hook import failure_text, without
 from hri_predict.operation.alerting.kinds import sender_of
@@ -27,7 +28,7 @@ def alerts(
     test: Annotated[
         bool, typer.Option("--test", help="Send a test alert through each hook.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Show the hooks that alerts go through; with --test, try each and say what came back.
 

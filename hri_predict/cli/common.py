@@ -1,12 +1,14 @@
 """Shared by several commands: recordings by option, files of a report, tables on the screen."""
 
+import contextlib
 import hashlib
 import importlib
 import importlib.util
+import json
 import shlex
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -52,6 +54,7 @@ TopicOption = Annotated[
         "only one.",
     ),
 ]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 JobsOption = Annotated[
     int | None,
     typer.Option("--jobs", min=1, max=256, help="Number of processes of this machine."),
@@ -125,13 +128,22 @@ def map_path(joint_map: str) -> str:
 
 def check_writable(out: Path) -> None:
     """Fail now, not after minutes of evaluation."""
-    try:
+    with writing(f"--out {out}", "name another folder"):
         out.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out).close()
+
+
+@contextlib.contextmanager
+def writing(what: str, remedy: str) -> Iterator[None]:
+    """Say in one line that what the user named cannot be written.
+
+    Raises:
+        ConfigError: the body raised ``OSError``.
+    """
+    try:
+        yield
     except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another folder"
-        ) from error
+        raise ConfigError(f"{what}: cannot be written: {error.strerror}; {remedy}") from error
 
 
 def need_plots() -> None:
@@ -261,6 +273,24 @@ def stage(bar: Progress, task: TaskID, what: str) -> None:
     bar.update(task, description=what)
     if bar.disable:
         print(what, file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def counting(what: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar; yield what takes the number done, and that of all."""
+    with progress() as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def result(
+    as_json: bool, data: Mapping[str, Any], tables: "Sequence[Table]", notes: Sequence[str] = ()
+) -> None:
+    """Print a result: JSON alone, or tables and notes."""
+    if as_json:
+        print(json.dumps(data))
+    else:
+        show(tables, notes)
 
 
 def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:

@@ -14,6 +14,7 @@ from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.base.settings import MAX_RATE_HZ, MIN_RATE_HZ
 from hri_predict.cli.common import (
     JointMapOption,
+    JsonOption,
     TopicOption,
     one_of,
     own_map,
@@ -71,7 +72,7 @@ def convert(
     joint_map: JointMapOption = None,
     topic: TopicOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Convert a recording to another format, and report what that format cannot hold.
 

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
+from hri_predict.cli.common import JsonOption
 from hri_predict.protocol.discovery.services import LOOPBACK, DiscoverySettings, Service
 
 MAX_SECONDS = 3600.0
@@ -24,7 +25,7 @@ def discover(
         list[str] | None,
         typer.Option(help="Address of an interface to search on; default 127.0.0.1. Repeatable."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List the nodes, sources and controllers that announce themselves on the network.
 

@@ -3,7 +3,6 @@
 ``card``: ships trained weights with a card of what ``evaluate`` found.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +15,7 @@ from hri_predict.cli.common import (
     ClusterOption,
     JobsOption,
     JointMapOption,
+    JsonOption,
     check_writable,
     command,
     files,
@@ -25,7 +25,7 @@ from hri_predict.cli.common import (
     predictor_settings,
     processes,
     progress,
-    show,
+    result,
     tell,
     warn,
     without_effect,
@@ -96,7 +96,7 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for tables (Markdown, CSV, JSON) and plots.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Evaluate predictors on recordings, or (--benchmark) as the papers do.
 
@@ -201,13 +201,11 @@ def _benchmark(
         task = bar.add_task("judging", total=None)
         scores = judge(protocol, data[0], forecasters, lambda a: bar.update(task, description=a))
     cards = {name: found.card for name, found in loaded.items() if found is not None}
-    result = BenchmarkResult(protocol, scores, tuple(asked), cards)
+    found = BenchmarkResult(protocol, scores, tuple(asked), cards)
     if out is not None:
-        tell(benchmark_report.write_report(result, out, command()))
-    if as_json:
-        print(json.dumps(benchmark_report.as_json(result)))
-        return
-    show(benchmark_report.tables(result), benchmark_report.notes(result))
+        tell(benchmark_report.write_report(found, out, command()))
+    tables, notes = benchmark_report.tables(found), benchmark_report.notes(found)
+    result(as_json, benchmark_report.as_json(found), tables, notes)
 
 
 def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
@@ -318,13 +316,10 @@ def _real(
         from hri_predict.lab.evaluation.filmstrip import write_filmstrips
 
         tell([*written, *write_filmstrips(predictors, motions, out, results[0].averaged)])
-    if as_json:
-        print(json.dumps(report.as_json(results, bases)))
-        return
     tables = [report.judge_table(results), *report.action_tables(results)]
     if disturb:
         tables.append(report.corruption_table(results))
-    show(tables, [basis.line for basis in bases])
+    result(as_json, report.as_json(results, bases), tables, [basis.line for basis in bases])
 
 
 def _bases(

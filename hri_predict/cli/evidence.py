@@ -11,6 +11,7 @@ from rich.table import Table
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import in_words
+from hri_predict.cli.common import JsonOption
 from hri_predict.operation.evidence import chain
 
 _SHOWN = 50
@@ -23,7 +24,7 @@ def evidence(
         str | None,
         typer.Option(help="The newest hash as noted elsewhere, or its beginning: must be in it."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> int:
     """List what was kept, count near misses, and verify the chain of hashes and all files.
 

@@ -4,6 +4,7 @@ import faulthandler
 import json
 import math
 import sys
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from enum import StrEnum
@@ -19,20 +20,21 @@ from hri_predict.cli.check.commissioned import (
     commissioning_lines,
     is_as_commissioned,
 )
-from hri_predict.cli.check.delays import delay_notes
+from hri_predict.cli.check.notes import delay_notes
 from hri_predict.cli.common import JointMapOption, TopicOption, map_path
-from hri_predict.cli.played import played
 from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, Viewer, screens
-from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
+from hri_predict.contracts.source import SourceSettings
+from hri_predict.node.listeners import Tick
 from hri_predict.operation.monitoring.summary import Summary
 from hri_predict.operation.service import logs
 from hri_predict.operation.service.notify import Notifier, has_terminal
 from hri_predict.recording.format_table import ANY_ENDING
+from hri_predict.recording.ros.bag import BAG_ENDING, file_of, is_ros_mcap
 from hri_predict.run import config as configuration
-from hri_predict.run.assemble import unused_coverage
+from hri_predict.run.assemble import Assembly, unused_coverage
 from hri_predict.run.config import Config
-from hri_predict.run.session import Options
+from hri_predict.run.session import Options, View
 from hri_predict.run.session import run as run_session
 from hri_predict.viewing.feed import Feed
 from hri_predict.viewing.screen import LOOPBACK
@@ -293,3 +295,67 @@ def _place(text: str) -> list[float]:
 
 def _with_faults(config: Config, faults: list[str] | None) -> Config:
     return config.with_faults(faults) if faults else config
+
+
+# -- the source that replays a recording in a cell -------------------------------------------------
+
+BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # default place where a recording starts
+
+
+def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
+    """Return ``source:`` of a recording in place of a cell's own.
+
+    A motion file starts beside the robot. This node's own recording is in the room already. A bag
+    of the cell's own topic is read as the cell reads the topic.
+
+    Args:
+        cell: the configuration's source.
+        recording: the file.
+    """
+    path = str(recording.absolute())
+    if cell.kind == "recording":
+        return cell.model_dump() | {"path": path}
+    view = cell.field_of_view
+    source: dict[str, Any] = {
+        "kind": "recording",
+        "path": path,
+        "room_from_source": cell.room_from_source.model_dump(),
+        "min_latency_s": cell.min_latency_s,
+        "clock_wander_s": cell.clock_wander_s,
+        "stale_s": cell.stale_s,
+        "field_of_view": None if view is None else view.model_dump(),
+    }
+    if cell.kind == "ros2" and _is_bag(recording):
+        own = cell.model_dump(include={"joint_map", "axes", "frame"})
+        topics: list[str] = getattr(cell, "topics", [])
+        return source | own | ({"topic": topics[0]} if len(topics) == 1 else {})
+    if recording.suffix != ".mcap" or _is_bag(recording):
+        source["place"] = BESIDE_THE_ROBOT
+    return source
+
+
+def _is_bag(recording: Path) -> bool:
+    file = file_of(recording)
+    if file.suffix in (BAG_ENDING, ".db3"):
+        return True
+    return file.suffix == ".mcap" and file.is_file() and is_ros_mcap(file)
+
+
+# -- several views of one run ----------------------------------------------------------------------
+
+
+class Together(View):
+    """Hands everything on to each of these views; there may be none."""
+
+    def __init__(self, views: Sequence[View]) -> None:
+        self._views = tuple(views)
+
+    def bind(self, assembly: Assembly) -> None:
+        """Take the assembly for all of them."""
+        for view in self._views:
+            view.bind(assembly)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Hand a tick on to all of them."""
+        for view in self._views:
+            view.on_tick(tick)

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hri_predict.base.errors import RecordingError
+from hri_predict.cli.common import JsonOption
 from hri_predict.recording.ros.bag import file_of
 from hri_predict.recording.ros.topics import BagTopic, topics_of
 
@@ -20,7 +21,7 @@ def topics(
     bag: Annotated[
         Path, typer.Argument(help="A ROS bag: .bag, .db3, .mcap, or the folder of a ROS 2 bag.")
     ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List the topics of a ROS bag that could be people, each with the options to replay it.
 

@@ -7,8 +7,8 @@ skipped, never guessed.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -66,7 +66,33 @@ class _Touch:
     counted_moving: bool = False
 
 
-class Referee:
+@dataclass(kw_only=True)
+class Tally:
+    """The sums of a referee.
+
+    Attributes:
+        contacts: touches of a robot any point of which moved faster than 10 mm/s meanwhile.
+        contacts_standing: touches during which the robot stood all the time.
+        min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
+            ``None`` until a person was seen.
+        moving_separation_m: the same while the robot moved (faster than 10 mm/s).
+        violation_s, violation_m: time that a robot moved (faster than 10 mm/s) while a person was
+            nearer than C + Z_d + Z_r, and the greatest shortfall.
+    """
+
+    contacts: int = 0
+    contacts_standing: int = 0
+    min_separation_m: float | None = None
+    moving_separation_m: float | None = None
+    violation_s: float = 0.0
+    violation_m: float = 0.0
+
+    def tally(self) -> dict[str, Any]:
+        """Return these sums alone."""
+        return {each.name: getattr(self, each.name) for each in fields(Tally)}
+
+
+class Referee(Tally):
     """Counts touches of every person with every robot.
 
     Bodies and joints are interpolated between two observations, so that the referee sees a touch
@@ -75,12 +101,6 @@ class Referee:
     otherwise as a contact with a standing robot.
 
     Attributes:
-        min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
-            ``None`` until a person was seen.
-        contacts, contacts_standing: see above.
-        moving_separation_m: the same while the robot moved (faster than 10 mm/s).
-        violation_s, violation_m: time that a robot moved (faster than 10 mm/s) while a person was
-            nearer than ``clearance_m``, and the greatest shortfall.
         observations: number of instants judged.
     """
 
@@ -100,23 +120,14 @@ class Referee:
                 of them. Without the function: all of them.
             on_contact: called with the touches of a moving robot.
         """
+        super().__init__()
         self._tool_of = tool_of or (lambda _: None)
         self._on_contact = on_contact
         self._robots = {robot.name: robot for robot in robots}
         self._touches: dict[tuple[int, str], _Touch] = {}
         self._last: tuple[int, Bodies, Joints] | None = None
-        self._standing_touches = 0
         self._clearance_m = clearance_m
-        self.min_separation_m: float | None = None
-        self.moving_separation_m: float | None = None
-        self.violation_s = self.violation_m = 0.0
-        self.contacts = 0
         self.observations = 0
-
-    @property
-    def contacts_standing(self) -> int:
-        """Number of touches during which the robot stood all the time."""
-        return self._standing_touches
 
     def observe(self, now_ns: int, people: Bodies, robots: Joints) -> None:
         """Judge the time since the last observation, given the true state at ``now_ns``."""
@@ -238,10 +249,10 @@ class Referee:
             moving = gap <= 0 and fastest > MOVING_M_S
             if not touch.touching:
                 touch.touching = True
-                self._standing_touches += 1
+                self.contacts_standing += 1
             if moving and not touch.counted_moving:  # it was, or became, a contact
                 touch.counted_moving = True
-                self._standing_touches -= 1
+                self.contacts_standing -= 1
                 self.contacts += 1
 
 

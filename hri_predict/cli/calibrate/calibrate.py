@@ -6,12 +6,13 @@ from typing import Annotated
 import typer
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.calibrate import checking, leaving_out, making, noise, site
+from hri_predict.cli.calibrate import checking, making, site
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings
 from hri_predict.cli.common import (
     ClusterOption,
     JobsOption,
     JointMapOption,
+    JsonOption,
     one_of,
     own_map,
     processes,
@@ -101,7 +102,7 @@ def calibrate(
     ] = False,
     jobs: JobsOption = None,
     cluster: ClusterOption = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Calibrate a predictor's zones on recordings; --check measures how often zones hold people.
 
@@ -145,7 +146,7 @@ def calibrate(
             },
             "with --leave-out",
         )
-        leaving_out.leave_out(settings=settings, data=chosen, out=out, as_json=as_json)
+        making.leave_out(settings=settings, data=chosen, out=out, as_json=as_json)
         return
     if with_noise:
         without_effect(
@@ -160,7 +161,7 @@ def calibrate(
             },
             "with --noise",
         )
-        noise.add_noise(
+        making.add_noise(
             settings=settings,
             data=chosen,
             path=calibration,

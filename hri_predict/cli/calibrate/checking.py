@@ -4,11 +4,19 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import HORIZON_S, Data, calibrated_settings, scores_of
-from hri_predict.cli.common import check_writable, command, need_plots, progress, show, tell
+from hri_predict.cli.common import (
+    check_writable,
+    command,
+    need_plots,
+    progress,
+    result,
+    tell,
+    writing,
+)
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 
@@ -73,25 +81,21 @@ def check(
         tables += zone_disturbed.tables(found)
         report["disturbed"] = zone_disturbed.as_json(found)
     if out is not None:
-        text = judgement.markdown(judged, tables, command())
-        tell(
-            _written(
-                out=out,
-                text=text,
-                report=report,
-                built=built,
-                scores=scores,
-                judged=judged,
-                beside=beside,
+        from hri_predict.base.files import atomic_write
+        from hri_predict.lab.calibration.plots import write_pictures
+
+        page, numbers = out / "zones.md", out / "zones.json"
+        with writing(f"--out {out}", "name another folder"):
+            atomic_write(page, judgement.markdown(judged, tables, command()).encode())
+            atomic_write(numbers, (json.dumps(report, indent=1) + "\n").encode())
+            pictures = write_pictures(
+                out=out, predictor=built, scores=scores, judged=judged, beside=beside
             )
-        )
+        tell([page, numbers, *pictures])
     if card is not None:
         write_section(card, judged)
         tell([card])
-    if as_json:
-        print(json.dumps(report))
-        return
-    show(tables, judgement.notes(judged))
+    result(as_json, report, tables, judgement.notes(judged))
 
 
 def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> set[str]:
@@ -149,29 +153,3 @@ def _beside(
             built,
         )
     }
-
-
-def _written(
-    *,
-    out: Path,
-    text: str,
-    report: dict[str, Any],
-    built: "Predictor",
-    scores: "Sequence[Scores]",
-    judged: Any,
-    beside: Any,
-) -> list[Path]:
-    from hri_predict.base.files import atomic_write
-    from hri_predict.lab.calibration.plots import write_pictures
-
-    try:
-        atomic_write(out / "zones.md", text.encode())
-        atomic_write(out / "zones.json", (json.dumps(report, indent=1) + "\n").encode())
-        pictures = write_pictures(
-            out=out, predictor=built, scores=scores, judged=judged, beside=beside
-        )
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another folder"
-        ) from error
-    return [out / "zones.md", out / "zones.json", *pictures]

@@ -1,4 +1,4 @@
-"""``calibrate``: make a calibration."""
+"""``calibrate``: make a calibration; leave sets out of it in turn; add the growth with noise."""
 
 import json
 from dataclasses import replace
@@ -10,11 +10,13 @@ from rich.console import Console
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import Data, scores_of, warn_of_simulated
-from hri_predict.cli.common import check_writable, progress, stage, tell
+from hri_predict.cli.common import check_writable, files, progress, result, stage, tell, writing
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 
 if TYPE_CHECKING:
+    from hri_predict.lab.calibration.noise import See
+    from hri_predict.lab.calibration.scores import Scores
     from hri_predict.zones.calibration import Calibration
 
 
@@ -89,12 +91,8 @@ def write_calibration(out: Path, made: "Calibration") -> None:
     from hri_predict.base.files import atomic_write
     from hri_predict.zones.calibration import save_text
 
-    try:
+    with writing(f"--out {out}", "name another file"):
         atomic_write(out, save_text(made).encode())
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another file"
-        ) from error
 
 
 def _made(made: "Calibration") -> dict[str, Any]:
@@ -105,3 +103,111 @@ def _made(made: "Calibration") -> dict[str, Any]:
         "recordings": [{"name": r.name, "windows": list(r.windows)} for r in made.recordings],
         "levels": levels_text(made),
     }
+
+
+# -- calibrate --leave-out: what zones hold of a set that the calibration never saw ----------------
+
+_CALIBRATION, _JUDGED = "calibration", "test_motion"
+
+
+def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_json: bool) -> None:
+    """Leave each set of the data pack out of the calibration in turn, and measure on it.
+
+    ``out`` gets the figures and each calibration, so that a closed loop can be run with it.
+    """
+    from hri_predict.base.files import atomic_write
+    from hri_predict.lab.calibration import leaving_out as judgement
+
+    if data.split is not None:
+        raise ConfigError(
+            f"--split {data.split}: has no effect with --leave-out, which calibrates on the split "
+            f"{_CALIBRATION} and measures on it and {_JUDGED}; leave it out"
+        )
+    if out is not None:
+        check_writable(out)
+    built = registry.load("predictors", settings.name)(settings)
+    to_calibrate = data._replace(split=_CALIBRATION)
+    known = scores_of(settings=settings, data=to_calibrate, default="", tracked=True)
+    judged = [
+        entry
+        for split in (_CALIBRATION, _JUDGED)
+        for entry in scores_of(settings=settings, data=data._replace(split=split), default="")
+    ]
+    with data.workers(settings, _CALIBRATION) as workers, progress() as bar:
+        task = bar.add_task("calibrating without", total=None)
+        found = judgement.leave_out(
+            predictor=built,
+            settings=settings,
+            scores=known,
+            judged=judged,
+            workers=workers,
+            on_part=lambda p: stage(bar, task, f"calibrating without {p}"),
+        )
+    report = {"predictor": settings.name, "sets": judgement.as_json(found)}
+    if out is not None:
+        written = [out / "leave_out.json"]
+        atomic_write(written[0], (json.dumps(report, indent=1) + "\n").encode())
+        for left in found:
+            written.append(out / f"without_{left.name}.calibration.json")
+            write_calibration(written[-1], left.calibration)
+        tell(written)
+    result(as_json, report, judgement.tables(found, built.rate_hz))
+
+
+# -- calibrate --noise: how much zones grow with a tracker's noise ---------------------------------
+
+
+def add_noise(
+    *, settings: PredictorSettings, data: Data, path: Path | None, out: Path, as_json: bool
+) -> None:
+    """Measure the growth on noisy recordings, and write the calibration with it.
+
+    ``path`` is the calibration, ``None``: the shipped one. All but the growth stays.
+
+    Raises:
+        ConfigError: there is no calibration, or no recording can be used.
+    """
+    from hri_predict.lab.calibration import noise
+    from hri_predict.zones.calibration import calibration_for
+    from hri_predict.zones.settings import LEVELS, CoverageSettings
+
+    check_out(out)
+    asked = CoverageSettings(calibration=None if path is None else str(path))
+    calibration = calibration_for(settings, asked, Path())
+    if calibration is None:
+        raise ConfigError(
+            f"--predictor {settings.name}: ships without a calibration; name one with --calibration"
+        )
+    built = registry.load("predictors", settings.name)(settings)
+    recordings = files(data.entries, data.split, "calibration")
+    trackers: list[See] = [noise.as_recorded, *(tracker.seen for tracker in noise.FITTED_TO)]
+    scored: list[list[Scores]] = []
+    with progress() as bar:
+        task = bar.add_task("forecasting", total=len(trackers) * len(recordings))
+        for seed, see in enumerate(trackers):
+            scored.append(
+                noise.scores_seen(
+                    built,
+                    recordings,
+                    see,
+                    seed=seed,
+                    joint_map=data.joint_map,
+                    on_recording=lambda _: bar.advance(task),
+                )
+            )
+        if not scored[0]:
+            raise ConfigError("--data: no person is seen for long enough; give other recordings")
+        noisy = [entry for scores in scored[1:] for entry in scores]
+        made = noise.with_noise(calibration, clean=scored[0], noisy=noisy, skeleton=built.skeleton)
+    write_calibration(out, made)
+    assert made.noise is not None
+    growth = {
+        of: {
+            f"{level:g}": rows.round(3).tolist() for level, rows in zip(LEVELS, table, strict=True)
+        }
+        for of, table in made.noise.table.items()
+    }
+    if as_json:
+        print(json.dumps({"file": str(out), "growth": growth}))
+        return
+    tell([out])

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.calibrate.inputs import Data, warn_of_simulated
 from hri_predict.cli.calibrate.making import check_out, write_calibration
-from hri_predict.cli.common import check_writable, command, files, progress, show, tell, warn
+from hri_predict.cli.common import (
+    check_writable,
+    command,
+    files,
+    progress,
+    result,
+    tell,
+    warn,
+    writing,
+)
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 
@@ -58,10 +67,7 @@ def commission(
     if report is not None:
         written += _written(report, _page(settings.name, notes, tables), found)
     tell(written)
-    if as_json:
-        print(json.dumps(found))
-        return
-    show(tables, notes)
+    result(as_json, found, tables, notes)
 
 
 def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
@@ -164,11 +170,7 @@ def _written(folder: Path, text: str, report: dict[str, Any]) -> list[Path]:
     from hri_predict.base.files import atomic_write
 
     page, numbers = folder / "site.md", folder / "site.json"
-    try:
+    with writing(f"--report {folder}", "name another folder"):
         atomic_write(page, text.encode())
         atomic_write(numbers, (json.dumps(report, indent=1) + "\n").encode())
-    except OSError as error:
-        raise ConfigError(
-            f"--report {folder}: cannot be written: {error.strerror}; name another folder"
-        ) from error
     return [page, numbers]

@@ -13,41 +13,12 @@ from rich.table import Table
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.quantities.safe_side import LessSafeSetting
 from hri_predict.cli.alerts import hook_facts
-from hri_predict.cli.check.calibration import (
-    calibration_facts,
-    calibration_lines,
-    calibration_notes,
-)
-from hri_predict.cli.check.commissioned import (
-    commissioning_facts,
-    commissioning_lines,
-    is_as_commissioned,
-)
-from hri_predict.cli.check.contact import (
-    contact_facts,
-    contact_notes,
-    contact_table,
-    unseen_ends_note,
-)
-from hri_predict.cli.check.delays import delay_notes
-from hri_predict.cli.check.distance import distance_facts, distance_lines
-from hri_predict.cli.check.engine import engine_facts, engine_lines, loops_line
-from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
-from hri_predict.cli.check.joint_map import joint_map_cost, joint_map_lines
-from hri_predict.cli.check.listen import listen as hear
-from hri_predict.cli.check.listen import show as show_heard
-from hri_predict.cli.check.lost import first_start_note, lost_notes, state_path
-from hri_predict.cli.check.machine.realtime import look
-from hri_predict.cli.check.machine.realtime import show as show_machine
-from hri_predict.cli.check.modes import mode_notes, still_note
-from hri_predict.cli.check.tools import base_notes, tool_facts, tool_tables
-from hri_predict.cli.check.touch import measure_touch, show_touch
-from hri_predict.cli.common import without_effect
+from hri_predict.cli.check import commissioned, joint_map, notes, robots, sensor, zones
+from hri_predict.cli.check import realtime as machine
+from hri_predict.cli.common import JsonOption, without_effect
 from hri_predict.contracts import registry
-from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.link import Transport
 from hri_predict.operation.monitoring.alerts import alert_file
-from hri_predict.people.body.posture import shows_down
 from hri_predict.people.clock.offset_line import MAX_DRIFT
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
@@ -85,7 +56,7 @@ def check(
         bool,
         typer.Option("--realtime", help="Check this machine: what its loop in time would lack."),
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Validate a configuration; print the delay budget and each link's load.
 
@@ -109,25 +80,25 @@ def check(
     if realtime:
         flags = {"--touched": touched, "--joint": joint, "--listen": listen}
         without_effect(flags, "with --realtime")
-        if not show_machine(look(loaded), as_json):
+        if not machine.show(machine.look(loaded), as_json):
             raise typer.Exit(1)
         return
     if touched is not None:
-        if not show_touch(measure_touch(loaded, touched, joint), as_json):
+        if not sensor.show_touch(sensor.measure_touch(loaded, touched, joint), as_json):
             raise typer.Exit(1)
         return
     if listen is not None:
-        if not show_heard(hear(loaded, listen), loaded, as_json):
+        if not sensor.show(sensor.listen(loaded, listen), loaded, as_json):
             raise typer.Exit(1)
         return
     with loaded.naming_lines():
         found = examine(loaded)
-        found["working_distance"] = distance_facts(loaded)
+        found["working_distance"] = zones.distance_facts(loaded)
     if as_json:
         print(json.dumps(found))
     else:
         _print(found)
-    if not is_as_commissioned(found["commissioning"]):
+    if not commissioned.is_as_commissioned(found["commissioning"]):
         raise typer.Exit(1)
 
 
@@ -138,15 +109,18 @@ def _print(found: dict[str, Any]) -> None:
     if found["risk"]["robots"]:
         console.print(_risk_table(found["risk"]))
     for name, facts in found["contact"].items():
-        console.print(contact_table(name, facts))
-    for table in tool_tables(found["tools"]):
+        console.print(robots.contact_table(name, facts))
+    for table in robots.tool_tables(found["tools"]):
         console.print(table)
     if found["links"]:
         console.print(_load_table(found["links"]))
     console.print(f"zones: {found['zones']}", highlight=False)
-    computed = (*engine_lines(found["engine"]), found["loops"])
-    zones = *calibration_lines(found["calibration"]), *distance_lines(found["working_distance"])
-    for line in (*computed, *zones):
+    computed = (*zones.engine_lines(found["engine"]), found["loops"])
+    shown = (
+        *zones.calibration_lines(found["calibration"]),
+        *zones.distance_lines(found["working_distance"]),
+    )
+    for line in (*computed, *shown):
         console.print(line, highlight=False, soft_wrap=True)
     console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
@@ -158,17 +132,17 @@ def _print(found: dict[str, Any]) -> None:
         highlight=False,
     )
     for line in (
-        *joint_map_lines(found["joint_map"]),
-        evidence_line(found["evidence"]),
+        *joint_map.joint_map_lines(found["joint_map"]),
+        commissioned.evidence_line(found["evidence"]),
         f"alert hooks: {', '.join(hook['name'] for hook in found['alerts']) or 'none'}",
-        *commissioning_lines(found["commissioning"]),
+        *commissioned.commissioning_lines(found["commissioning"]),
     ):
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     for each in found["less_safe"]:
         console.print(f"less safe than the default: {LessSafeSetting(**each)}")
     for note in found["notes"]:
         console.print(f"note: {note}")
-    as_commissioned = is_as_commissioned(found["commissioning"])
+    as_commissioned = commissioned.is_as_commissioned(found["commissioning"])
     console.print(
         f"{found['path']}: {'ok' if as_commissioned else 'valid, but not as commissioned'}"
     )
@@ -202,10 +176,10 @@ def examine(config: Config) -> dict[str, Any]:
     reaction_time_s = sum(terms.values())
     terms["controller_reaction"] = terms.pop("reaction")  # one part of T_r, not all of it
     risk = _risk_needs(config, assembly, budget)
-    calibration = calibration_facts(config, date.today())
-    robots = list(zip(config.node.robots, assembly.robots, strict=True))
-    contact = config.node.risk, robots, config.base_dir
-    evidence = evidence_facts(config)
+    calibration = zones.calibration_facts(config, date.today())
+    pairs = list(zip(config.node.robots, assembly.robots, strict=True))
+    contact = config.node.risk, pairs, config.base_dir
+    evidence = commissioned.evidence_facts(config)
     needed = {
         model.name: (model, risk["robots"][model.name]["protective_distance_m"])
         for model in assembly.robots
@@ -220,111 +194,57 @@ def examine(config: Config) -> dict[str, Any]:
         "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
         "horizon_s": assembly.prediction.predictor.horizon_steps
         / assembly.prediction.predictor.rate_hz,
-        "engine": engine_facts(assembly.prediction.predictor),
-        "loops": loops_line(),
+        "engine": zones.engine_facts(assembly.prediction.predictor),
+        "loops": zones.loops_line(),
         "risk": risk,
-        "contact": contact_facts(*contact),
-        "tools": tool_facts(assembly.robots, config.node.robots),
+        "contact": robots.contact_facts(*contact),
+        "tools": robots.tool_facts(assembly.robots, config.node.robots),
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
         "calibration": calibration,
-        "joint_map": joint_map_cost(
+        "joint_map": joint_map.joint_map_cost(
             config, assembly.prediction.predictor, assembly.source.joint_map
         ),
         "latch": list(config.node.risk.latch),
-        "state": state_path(config),
+        "state": notes.state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,
         "alerts": alerts,
-        "commissioning": commissioning_facts(config),
+        "commissioning": commissioned.commissioning_facts(config),
         "less_safe": [asdict(each) for each in less_safe_settings(config)],
         "notes": [
-            *(note for robot in config.node.robots for note in mode_notes(robot)),
-            *still_note(config.node.robots, config.node.risk.mode),
-            *_notes(config),
-            *delay_notes(config),
+            *(note for robot in config.node.robots for note in notes.mode_notes(robot)),
+            *notes.still_note(config.node.robots, config.node.risk.mode),
+            *notes.general_notes(config),
+            *notes.delay_notes(config),
             *race_notes(config.node, source.rate_hz),
-            *evidence_notes(evidence),
+            *commissioned.evidence_notes(evidence),
             *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
-            *_gravity_note(config, assembly.source.joint_map),
-            *lost_notes(config, needed, source.rate_hz),
-            *first_start_note(config),
-            *_radius_note(risk),
-            *base_notes(config.node.robots),
+            *notes.gravity_note(config, assembly.source.joint_map),
+            *notes.lost_notes(config, needed, source.rate_hz),
+            *notes.first_start_note(config),
+            *notes.radius_note(risk),
+            *robots.base_notes(config.node.robots),
             *place_notes(config, assembly.robots),
-            *calibration_notes(calibration),
-            *contact_notes(*contact),
-            *unseen_ends_note(config.node.risk, assembly.source.joint_map.mapped),
+            *zones.calibration_notes(calibration),
+            *robots.contact_notes(*contact),
+            *robots.unseen_ends_note(config.node.risk, assembly.source.joint_map.mapped),
         ],
     }
 
 
 def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:
     """Return the mode and the distance each robot needs at full speed and the longest delay."""
-    risk, robots = config.node.risk, {}
+    risk, needs = config.node.risk, {}
     for settings, model in zip(config.node.robots, assembly.robots, strict=True):
         worst = worst_distance(risk, settings, model, budget)
-        robots[settings.name] = {
+        needs[settings.name] = {
             **asdict(worst),
             "protective_distance_m": worst.total,
             "reach_m": model.reach_m,
             "fixed_radius_m": risk.fixed_radius_m or model.reach_m + worst.total,
         }
-    return {"mode": risk.mode, "robots": robots}
-
-
-def _notes(config: Config) -> list[str]:
-    notes = []
-    if not config.links:
-        notes.append("no links: no controller receives the advice; add 'links:'")
-    if any(link.simulate for link in config.links):
-        notes.append("simulated links: mock controllers, no hardware")
-    notes += [f"link {link.name}: {note}" for link in config.links for note in link.notes]
-    notes += [f"source {config.source.kind}: {note}" for note in config.source.notes]
-    if config.source.field_of_view is None:
-        notes.append("no source.field_of_view: the whole room counts as seen")
-    if (reason := config.node.people.posture_unchecked) is not None:
-        notes.append(f"people.posture_unchecked: no check against gravity and the floor: {reason}")
-    if config.node.risk.intrusion_m == 0:
-        notes.append("risk.intrusion_m (C) is 0: valid only if the sensor sees even fingers")
-    if margins := config.node.risk.region_margins_m:
-        named = ", ".join(f"{region} {margin:g} m" for region, margin in margins.items())
-        notes.append(f"risk.region_margins_m, beyond C + Z_d + Z_r: {named}")
-    if config.node.risk.latch and config.node.state is None:
-        notes.append("risk.latch without 'state': a restart of the node forgets what is latched")
-    if "restart" in config.node.risk.latch and config.node.state is None:
-        notes.append("risk.latch restart needs 'state': without it no earlier run is known")
-    if unused := assemble.unused_coverage(config):
-        notes.append(unused)
-    if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
-        notes.append("a robot with motion 'standing' is assumed never to move")
-    return notes
-
-
-def _gravity_note(config: Config, joint_map: JointMap) -> list[str]:
-    """Return a note where no body shows where down is, so that wrong axes stay unseen."""
-    if config.node.people.posture_unchecked is not None or shows_down(joint_map.mapped):
-        return []
-    return [
-        f"joint map {joint_map.name}: no check against gravity; it needs shoulders and hips, or the"
-        " head and the neck or shoulders. Only heights are checked: people.floor_m, platform_m"
-    ]
-
-
-def _radius_note(risk: dict[str, Any]) -> list[str]:
-    """Return a note for each circle that is too small even for a robot within its reach."""
-    if risk["mode"] != "fixed":
-        return []
-    notes = []
-    for name, needs in risk["robots"].items():
-        least = needs["reach_m"] + sum(needs[term] for term in ("s_h", "c", "z_d", "z_r"))
-        if needs["fixed_radius_m"] < least:
-            notes.append(
-                f"risk.fixed_radius_m {needs['fixed_radius_m']:g} is below the reach of robot"
-                f" {name} + S_h + C + Z_d + Z_r, {least:.2f} m: the robot may touch a person who"
-                " walks in before it has stopped"
-            )
-    return notes
+    return {"mode": risk.mode, "robots": needs}
 
 
 _TERMS = {

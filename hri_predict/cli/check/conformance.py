@@ -17,6 +17,7 @@ from rich.table import Table
 
 from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.settings import set_key, validated
+from hri_predict.cli.common import JsonOption
 from hri_predict.contracts import registry
 from hri_predict.library.conformance.checks import NOTHING_CAME, CheckResult
 from hri_predict.run import config as configuration
@@ -47,7 +48,7 @@ def conformance(
     limit: Annotated[
         float, typer.Option(min=1, max=3600, help="Give up after this many seconds.")
     ] = 300.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Check a predictor, source or link, your own perhaps, against its contract.
 

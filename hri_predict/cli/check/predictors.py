@@ -1,18 +1,18 @@
 """``predictors``: those that are installed, and what their shipped weights are for."""
 
 import json
-from typing import Annotated, Any
+from typing import Any
 
-import typer
 from rich.console import Console
 from rich.table import Table
 
 from hri_predict.base.errors import HriPredictError
+from hri_predict.cli.common import JsonOption
 from hri_predict.contracts import registry
 
 
 def predictors(
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List the predictors that are installed.
 

@@ -1,23 +1,35 @@
 """``commission``: walk an integrator through the validation of one cell, and write the report."""
 
 import json
+import shlex
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.cli.commission.answers import Answers, asked, read_answers
-from hri_predict.cli.commission.repeat import repeat as repeat_walk
 from hri_predict.cli.commission.steps import Task, do_step
-from hri_predict.cli.common import check_writable, one_of, without_effect
+from hri_predict.cli.common import JsonOption, check_writable, one_of, without_effect
 from hri_predict.cli.register.points import ask, say
+from hri_predict.commissioning.compare import Comparison, compare
 from hri_predict.commissioning.folder import State, load_state, save
-from hri_predict.commissioning.identity import identity_of
-from hri_predict.commissioning.report import PAGE, REPORT, STEPS, Report, Step
+from hri_predict.commissioning.identity import Difference, differences, identity_of
+from hri_predict.commissioning.playback import grid_of, play, read_rows
+from hri_predict.commissioning.report import (
+    PAGE,
+    REPORT,
+    STEPS,
+    Report,
+    Step,
+    find_report,
+    read_report,
+)
+from hri_predict.operation.evidence.chain import file_hash
 from hri_predict.run import config as configuration
+from hri_predict.run.config import Config
 
 
 def commission(
@@ -47,7 +59,7 @@ def commission(
         Path | None,
         typer.Option(help="Play the walk test of this report again; show what changed since."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Validate a cell step by step, and write report.json and report.html.
 
@@ -171,3 +183,94 @@ def _show(report: Report, digest: str, out: Path, as_json: bool) -> None:
     print(f"{out / REPORT}: {report.outcome}; hash {digest}")
     print(f"{out / PAGE}: to read and to print")
     print(f"add to the configuration, so that check compares: commissioning: {out / REPORT}")
+
+
+# -- commission --repeat: the recorded walk, through the present version and configuration ---------
+
+OF_THE_RECORDING = ("source.kind", "source.room_from_source", "source.joint_map", "source.rate_hz")
+"""Keys that were in force when the walk was recorded; a replay cannot show what they change."""
+
+
+def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
+    """Play the walk of a report again and print what changed; 1 if it is less safe or not walked.
+
+    Raises:
+        HriPredictError: the report, its recording or the configuration cannot be used.
+    """
+    where = find_report(path)
+    report, _ = read_report(where)
+    walk = report.steps.walk.result if report.steps.walk is not None else None
+    if walk is None:
+        raise ConfigError(f"report {where}: has no walk test; do it first (--step walk)")
+    loaded = configuration.load(config or _own(where, report))
+    recording = _whole(where.parent, walk.recording, walk.recording_sha256)
+    old = read_rows(_whole(where.parent, walk.advices, walk.advices_sha256))
+    changed = differences(report.identity, identity_of(loaded))
+    played = play(loaded, recording, grid_of(loaded, walk.grid.cell_m, walk.exclude))
+    found = compare(walk, old, played)
+    found.worse += [_stale(each) for each in changed if _is_of_recording(each.key)]
+    _show_again(loaded, changed, found, as_json)
+    return 1 if found.worse or found.unwalked else 0
+
+
+def _own(where: Path, report: Report) -> Path:
+    """The configuration that the report was made of, beside it."""
+    path = where.parent / report.config_path
+    if not path.is_file():
+        raise ConfigError(
+            f"report {where}: its configuration {report.config_path} is not there; name it: "
+            f"hri-predict commission CONFIG --repeat {shlex.quote(str(where))}"
+        )
+    return path
+
+
+def _whole(folder: Path, name: str, digest: str) -> Path:
+    """A file of the report, if it is as it was.
+
+    Raises:
+        RecordingError: it is missing or was changed.
+    """
+    path = folder / name
+    try:
+        found = file_hash(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}; restore it") from error
+    if found != digest:
+        raise RecordingError(
+            f"{path}: was changed after the report was written; restore it, or walk again"
+        )
+    return path
+
+
+_CANNOT_TELL = "the recording cannot show this"
+
+
+def _is_of_recording(key: str) -> bool:
+    plain = key.removeprefix("file of ").partition(" ")[0]
+    return any(plain == own or plain.startswith(f"{own}.") for own in OF_THE_RECORDING)
+
+
+def _stale(change: Difference) -> str:
+    return f"{change}: {_CANNOT_TELL}, it was made with the old value; walk again"
+
+
+def _show_again(
+    config: Config, changed: list[Difference], found: Comparison, as_json: bool
+) -> None:
+    if as_json:
+        data = {"config": str(config.path), "changed": [asdict(each) for each in changed]}
+        lines = {"less_safe": found.worse, "not_walked": found.unwalked, "other": found.other}
+        print(json.dumps({**data, **lines}))
+        return
+    for each in changed:
+        print(f"changed: {each}")
+    for line in found.other:
+        print(f"differs: {line}")
+    for line in found.worse:
+        print(f"{'NOT KNOWN' if _CANNOT_TELL in line else 'LESS SAFE'}: {line}")
+    for line in found.unwalked:
+        print(f"NOT WALKED: {line}")
+    if not (found.worse or found.unwalked or found.other):
+        print("the recorded walk gives the same advice, tick by tick")
+    elif not found.worse:
+        print("nothing got less safe")

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
+from hri_predict.cli.common import writing
 
 app = typer.Typer(no_args_is_help=True, help=__doc__)
 
@@ -27,12 +27,8 @@ def write(path: Path, text: str) -> None:
     Raises:
         ConfigError: it cannot be written.
     """
-    try:
+    with writing(str(path), "name another place"):
         atomic_write(path, text.encode())
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be written: {error.strerror}; name another place"
-        ) from error
 
 
 @app.command("schema")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.common import tell
+from hri_predict.cli.common import tell, writing
 from hri_predict.protocol.can import DEFAULT_BASE_ID
 from hri_predict.protocol.generate import blocks, document
 from hri_predict.protocol.generate import dbc as dbc_files
@@ -97,10 +97,6 @@ def _check_cantools(command: str) -> None:
 def _write_all(texts: Mapping[Path, str]) -> None:
     """Write all files, and print their names."""
     for path, text in texts.items():
-        try:
+        with writing(str(path), "name a folder that exists"):
             path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(
-                f"{path}: cannot be written: {error.strerror}; name a folder that exists"
-            ) from error
     tell(list(texts))

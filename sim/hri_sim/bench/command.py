@@ -8,19 +8,32 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.base.errors import ConfigError, HriPredictError
-from hri_predict.cli.common import one_of, progress, tell, warn, without_effect
-from hri_sim.bench import host, saved, table
+from hri_predict.cli.common import JsonOption, one_of, progress, tell, warn, without_effect
+from hri_sim.bench import forecasts, parts, running, saved, scaling, speed, table
 from hri_sim.bench import plot as plots
-from hri_sim.bench.faults import faults, soak
+from hri_sim.bench.faults import faults, memory, soak
 from hri_sim.bench.fleet import fleet
 from hri_sim.bench.forecasts import predictors
 from hri_sim.bench.joint_maps import joint_maps
-from hri_sim.bench.links import links
-from hri_sim.bench.memory import memory
+from hri_sim.bench.links import age, links
 from hri_sim.bench.plants import plants
-from hri_sim.bench.rows import QUICK, Row, Scope
-from hri_sim.bench.sections import SECTIONS
+from hri_sim.bench.rows import QUICK, Row, Scope, Section
 from hri_sim.bench.trackers import trackers
+
+SECTIONS = {
+    "parts": Section("Parts of the node, one call", parts.rows),
+    "predictors": Section("A forecast, by predictor and engine", forecasts.rows),
+    "age": Section("From a capture to the last byte, two people", age),
+    "jitter": Section(
+        "Interval between messages less the period, as another process sees it", running.jitter
+    ),
+    "load": Section("Processor time of a running node, 25 ticks a second", running.load),
+    "scaling": Section("A tick, as the cell grows", scaling.rows),
+    "start": Section("Start of a node, and its memory", running.start),
+    "speed": Section("Faster than real time", speed.rows),
+}
+"""The sections, in their order. Each takes a ``Scope`` and yields rows as they are measured. What
+it compares must take turns, and each name of a part must stay, so that runs can be compared."""
 
 app = typer.Typer(invoke_without_command=True)
 for command in (predictors, links, fleet, plants, joint_maps, trackers, faults, memory, soak):
@@ -53,7 +66,7 @@ def bench(
             help="With --baseline: ratio from which a figure got worse.", show_default="1.5"
         ),
     ] = None,
-    as_json: table.JsonOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Measure the node: its parts, forecasts, age, jitter, load, scaling, start and speed.
 
@@ -80,13 +93,13 @@ def bench(
         if path is not None:
             saved.check(flag, path)
     before = None if baseline is None else saved.read(baseline)
-    machine = host.machine()
-    if busy := host.busy(machine["load_average"]):
+    machine = saved.machine()
+    if busy := saved.busy(machine["load_average"]):
         warn(busy)
     chosen = [name for name in SECTIONS if not only or name in only]
     told = _measured(chosen, QUICK if quick else Scope(), machine, save)
     if plot is not None:
-        plots.plot(plot, told, host.described(machine))
+        plots.plot(plot, told, saved.described(machine))
     changes = [] if before is None else saved.compare(before[1], told, factor)
     if as_json:
         print(json.dumps(saved.as_json(machine, told) | saved.changes_json(changes)))
@@ -98,7 +111,7 @@ def bench(
             table.show_changes(console, changes, factor)
             for line in saved.other_machine(before[0], machine):
                 console.print(f"- {line}", markup=False, highlight=False)
-        console.print(host.described(machine), markup=False, highlight=False)
+        console.print(saved.described(machine), markup=False, highlight=False)
     if written := [path for path in (save, plot) if path is not None]:
         tell(written)
     if any(change.verdict == "worse" for change in changes):

@@ -5,9 +5,8 @@ from typing import Annotated
 
 import typer
 
-from hri_predict.base.errors import ConfigError
-from hri_predict.cli.common import need_extra, progress, without_effect
-from hri_sim.bench.table import JsonOption, figures, measure
+from hri_predict.cli.common import JsonOption, need_extra, progress, without_effect
+from hri_sim.bench.table import SecondsOption, figures, measure
 
 _COLUMNS = {
     "by": "{by}",
@@ -23,7 +22,7 @@ _COLUMNS = {
 
 
 def fleet(
-    seconds: Annotated[float, typer.Option(help="Seconds to measure each row.")] = 20.0,
+    seconds: SecondsOption = 20.0,
     recovery: Annotated[
         int | None,
         typer.Option(
@@ -51,8 +50,6 @@ def fleet(
 
     Example: hri-predict bench fleet --seconds 5
     """
-    if not 1.0 <= seconds <= 3600.0:
-        raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
     need_extra("zenoh", "fleet")
     if cells is not None:
         without_effect({"--recovery": recovery}, "with --cells")

@@ -20,10 +20,10 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.keyed import Keyed, KeyedReceiver
 from hri_predict.protocol.messages import Status
-from hri_sim.bench.processes import free_port
 from hri_sim.bench.rows import spread
-from hri_sim.bench.samples import CYCLES, STATUS, of_a_cycle
 from hri_sim.wires.child import child
+from hri_sim.wires.ports import free_tcp_port
+from hri_sim.wires.samples import CYCLES, STATUS, of_a_cycle
 
 TOPOLOGIES, RATES_HZ = ("router", "peer"), (25.0, 100.0)
 CELL = "bench"
@@ -48,7 +48,7 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
         that a newer one replaced before they were written; ``cpu_percent``: share of one core that
         posting, encoding and zenoh's threads took in the sending process; ``bytes_per_s``: payload.
     """
-    end = f"tcp/127.0.0.1:{free_port()}"
+    end = f"tcp/127.0.0.1:{free_tcp_port()}"
     settings = ZenohLinkSettings(name="bench", cell=CELL, connect=[end])
     link = ZenohLink(settings, MonotonicClock(), rate_hz=rate_hz)
     with contextlib.ExitStack() as stack:
@@ -74,7 +74,7 @@ def routed() -> Iterator[str]:
 
     Yields the router's endpoint once the router answers.
     """
-    port = free_port()
+    port = free_tcp_port()
     end = f"tcp/127.0.0.1:{port}"
     with child(hear, False, end), child(route, end):
         give_up_s = time.monotonic() + START_S
@@ -92,7 +92,7 @@ def recovery(times: int) -> dict[str, list[float]]:
         ``joins``: from a link's start, while router and listener run; ``heals``: from the return
         of a router that was gone for a second.
     """
-    end = f"tcp/127.0.0.1:{free_port()}"
+    end = f"tcp/127.0.0.1:{free_tcp_port()}"
     routing, hearing = ZenohSettings(mode="router", listen=[end]), ZenohSettings(connect=[end])
     found: dict[str, list[float]] = {"joins": [], "heals": []}
     for _ in range(times):

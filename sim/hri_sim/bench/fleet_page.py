@@ -25,10 +25,11 @@ from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
-from hri_sim.bench.processes import free_port, processor_time, resident_mib
+from hri_sim.bench.processes import processor_time, resident_mib
 from hri_sim.bench.rows import spread
-from hri_sim.bench.samples import ADVICE, CYCLES, SCHEMA, STATUS
 from hri_sim.wires.child import child
+from hri_sim.wires.ports import free_tcp_port
+from hri_sim.wires.samples import ADVICE, CYCLES, SCHEMA, STATUS
 
 RATE_HZ = 25
 CHANGES_S = 5  # each cell's level changes so often
@@ -123,7 +124,7 @@ def _number(cell: dict[str, Any]) -> int:
 @contextlib.contextmanager
 def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
     """Run ``hri-predict fleet``; gives its process, its endpoint, and its page's port."""
-    end = f"tcp/127.0.0.1:{free_port()}"
+    end = f"tcp/127.0.0.1:{free_tcp_port()}"
     command = [sys.executable, "-m", "hri_predict", "fleet", "--listen", end, "--operator", "0"]
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True

@@ -16,12 +16,12 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError, LinkError, PredictorError
 from hri_predict.base.settings import validated
 from hri_predict.base.skeleton import CANONICAL
-from hri_predict.cli.common import one_of, predictor_settings, progress
+from hri_predict.cli.common import JsonOption, one_of, predictor_settings, progress
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor
 from hri_sim.bench.rows import Row, Scope, measured, spread
-from hri_sim.bench.table import JsonOption, figures
-from hri_sim.fault_table.resident import resident_mib
+from hri_sim.bench.table import figures
+from hri_sim.fault_table.soak import resident_mib
 from hri_sim.wires.child import child
 
 _RATE_HZ = 25.0

@@ -9,7 +9,7 @@ import typer
 
 from hri_predict.base.files import atomic_write
 from hri_predict.cli.check.joint_map import StandingBody
-from hri_predict.cli.common import without_effect
+from hri_predict.cli.common import JsonOption, without_effect
 from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.lab.calibration.body_model import (
     FITTED,
@@ -21,7 +21,7 @@ from hri_predict.lab.calibration.body_model import (
 from hri_predict.lab.calibration.inferred import fitted
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
-from hri_sim.bench.table import JsonOption, figures
+from hri_sim.bench.table import report
 
 _AT_S = (0.0, 0.4, 1.0)
 
@@ -67,14 +67,11 @@ def joint_maps(
                 volumes = body.cubic_metres(body.snapshot(delivered, infers)).sum(1)
                 row[key] = [round(float(volumes[step]), 3) for step in steps]
             rows.append(row)
-    if as_json:
-        print(json.dumps(rows))
-        return
     columns = {"joint map": "{joint_map}", "missing": "{missing}"}
     for k, step in enumerate(steps):
         head = f"{1e3 * float(body.times_s[step]):.0f} ms"
         columns[head] = f"{{reach[{k}]:.2f}}, {{inferred[{k}]:.2f}}"
-    figures("Zones around a standing body, m3: by reach, inferred", columns, rows)
+    report(rows, as_json, "Zones around a standing body, m3: by reach, inferred", columns)
 
 
 def _write_postures(data: Path, out: Path) -> None:

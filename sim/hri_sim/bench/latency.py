@@ -33,9 +33,9 @@ from hri_predict.run.config import Config
 from hri_predict.run.runtime import run_real_time
 from hri_sim.bench import cell
 from hri_sim.bench.rows import spread
-from hri_sim.bench.samples import CYCLES
 from hri_sim.wires.child import child
 from hri_sim.wires.far_end import can_adapter, serial_line
+from hri_sim.wires.samples import CYCLES
 
 U = TypeVar("U")
 

@@ -1,16 +1,29 @@
 """``bench links``: measure the delay from a scene to the wire, and how much of it a link uses."""
 
+import contextlib
+import itertools
 import json
 import os
-from typing import Annotated, Any
+import sys
+from collections.abc import Iterator
+from typing import Annotated, Any, get_args
 
 import typer
 
+from hri_drivers.links.serial.link import SerialLink, SerialLinkSettings
+from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import ConfigError, LinkError
-from hri_sim.bench.capacity import saturate
+from hri_predict.cli.common import JsonOption
+from hri_predict.run.config import NodeSettings
+from hri_predict.run.runtime import SWITCH_INTERVAL_S
 from hri_sim.bench.cell import MAX_PEOPLE
 from hri_sim.bench.latency import KINDS, latency
-from hri_sim.bench.table import JsonOption, figures, measure
+from hri_sim.bench.rows import Row, Scope, spread
+from hri_sim.bench.running import WIRES, short_name
+from hri_sim.bench.table import SecondsOption, figures, measure
+from hri_sim.wires.child import child
+from hri_sim.wires.far_end import serial_line
+from hri_sim.wires.samples import of_a_cycle
 
 BAUDRATES, RESERVED = (115_200, 921_600), (0.0, 0.3)  # the whole wire, and the default
 _RATES_HZ = (25.0, 100.0)
@@ -42,9 +55,7 @@ def links(
     only: Annotated[
         str | None, typer.Option(help="Measure only the kinds of link whose name contains this.")
     ] = None,
-    seconds: Annotated[
-        float, typer.Option(help="Seconds to measure each kind of link at each rate.")
-    ] = 20.0,
+    seconds: SecondsOption = 20.0,
     rate: Annotated[
         list[float] | None,
         typer.Option(help="Ticks, or captures, per second; may be repeated. Default: 25 and 100."),
@@ -65,8 +76,6 @@ def links(
 
     Example: hri-predict bench links --only "serial pty 921600" --ticks capture --rate 25
     """
-    if not 1.0 <= seconds <= 3600.0:
-        raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
     if ticks not in ("fixed", "capture"):
         raise ConfigError(f"--ticks {ticks}: give fixed or capture")
     if not 1 <= people <= MAX_PEOPLE:
@@ -123,3 +132,107 @@ def _shown(row: dict[str, Any]) -> dict[str, Any]:
         key: f"{span['p50']:.2f} / {span['p99']:.2f}" if span else "-"
         for key, span in spans.items()
     }
+
+
+# -- share of a serial wire that an overloaded link uses, and bytes that wait in the port ----------
+
+RATE_HZ = 25.0
+PEOPLE = 6
+"""Zones and poses of six people at 25 Hz are 1.9 times the capacity of 921600 bit/s."""
+
+
+@contextlib.contextmanager
+def prompt_threads() -> Iterator[None]:
+    """Let threads switch as promptly as in the running node."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(interval)
+
+
+def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[str, Any]:
+    """Post more Zones and Poses than the wire can carry, and measure what it carried.
+
+    Returns:
+        ``used``: bytes carried, divided by the wire's capacity in that time; ``backlog_ms``: time
+        that the bytes waiting in the port take to leave (p50, p99, max); the link's counters.
+    """
+    with child(serial_line, baudrate / 10) as line, prompt_threads():
+        settings = SerialLinkSettings(
+            name="bench",
+            port=line.receive(),
+            baudrate=baudrate,
+            reserved_load=reserved_load,
+            robot_state_rate_hz=0.0,
+        )
+        clock = MonotonicClock()
+        link = SerialLink(settings, clock, rate_hz=RATE_HZ)
+        link.start()
+        posted = 0
+        start_ns = clock.now_ns()
+        for cycle in range(int(seconds * RATE_HZ)):
+            clock.wait_until(start_ns + round(cycle * 1e9 / RATE_HZ))
+            for message in of_a_cycle(cycle, clock.now_ns(), PEOPLE):
+                link.post(message)
+                posted += 1
+        link.stop()
+        report = line.report()
+    counters = link.counters
+    backlog_ms = [bytes_ * 1e4 / baudrate for bytes_ in report.backlog_bytes or [0]]
+    return {
+        "baudrate": baudrate,
+        "reserved_load": reserved_load,
+        "seconds": round(report.busy_s, 3),
+        "bytes": report.received,
+        "used": round(report.received / (report.busy_s * baudrate / 10), 4),
+        "backlog_ms": spread(backlog_ms, 2),
+        "posted": posted,
+        "sent": counters.messages_sent,
+        "decimated": counters.decimated,
+        "superseded": counters.superseded,
+        "write_errors": counters.write_errors,
+    }
+
+
+# -- section age: from a capture to the last byte of its Advice and Status, by stage ---------------
+
+_STAGES = {"wait": "wait", "inference": "inference", "node": "node", "link": "link", "total": "age"}
+_AIM_MS = 15.0  # p99 of what the node adds, from capture to last byte
+_WAIT = "floor of wait: at a fixed rate a capture waits half a period on average, at best"
+_AGE = "aim of age: 15 ms, and at a fixed rate a period more"
+
+
+def age(scope: Scope) -> Iterator[Row]:
+    """Milliseconds by stage: waiting for the tick, in the node, in the predictor, in the link."""
+    modes = get_args(NodeSettings.model_fields["ticks"].annotation)
+    predictors = (scope.baseline, scope.network)
+    for wire, rate_hz, predictor, ticks in itertools.product(
+        WIRES[: scope.wires], scope.age_rates_hz, predictors, modes
+    ):
+        name = f"{short_name(wire)}, {rate_hz:g} Hz, {predictor}"
+        if ticks != "fixed":
+            name += f", ticks: {ticks}"
+        found = delay(wire, rate_hz, scope.seconds, ticks=ticks, predictor=predictor)
+        if "not_here" in found:
+            yield Row(part=name, unit="ms", note=str(found["not_here"]))
+            continue
+        period_ms = 1e3 / rate_hz if ticks == "fixed" else 0.0
+        for stage, told in _STAGES.items():
+            yield _row(f"{name}: {told}", stage, found, period_ms)
+
+
+def _row(part: str, stage: str, found: dict[str, Any], period_ms: float) -> Row:
+    spread = found.get(f"{stage}_ms")
+    if spread is None:
+        return Row(part=part, unit="ms", note="no scene was measured")
+    beside: dict[str, Any] = {}
+    if stage == "wait" and period_ms:
+        beside = {"floor": 0.5 * period_ms, "why": _WAIT}
+    if stage == "total":
+        beside = {"aim": _AIM_MS + period_ms, "aim_of": "p99", "why": _AGE}
+        beside["more"] = {"scenes": found["scenes"], "missed": found["missed"]}
+        if found["missed"]:
+            beside["note"] = f"{found['missed']} Statuses were replaced by newer ones"
+    return Row(part=part, unit="ms", **spread, **beside)

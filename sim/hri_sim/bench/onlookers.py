@@ -23,8 +23,8 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from hri_predict.base.errors import LinkError
-from hri_sim.bench.processes import free_port
 from hri_sim.wires.child import Child, child
+from hri_sim.wires.ports import free_tcp_port
 
 TRY_AGAIN_S = 0.2
 SCREENS_S = 60.0  # a screen that is not up by then never comes
@@ -57,7 +57,7 @@ def onlookers() -> Iterator[Onlookers]:
     """
     _check()
     with contextlib.ExitStack() as stack:
-        viewer, operator = free_port(), free_port()
+        viewer, operator = free_tcp_port(), free_tcp_port()
         silent = [stack.enter_context(_silent_server()) for _ in range(2)]
         watcher = stack.enter_context(child(watch, viewer, operator))
         hooks: list[dict[str, Any]] = [

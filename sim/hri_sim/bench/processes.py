@@ -1,7 +1,6 @@
 """Resources of a process and those that it started, as the kernel counts it (Linux, ``/proc``)."""
 
 import contextlib
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,13 +41,6 @@ def cores_busy() -> list[tuple[float, float]]:
             ticks = [float(word) for word in line.split()[1:9]]
             found.append((sum(ticks) - ticks[3] - ticks[4], sum(ticks)))  # without idle, iowait
     return found
-
-
-def free_port() -> int:
-    """Return a free TCP port of this machine."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def descendants(pid: int) -> list[int]:

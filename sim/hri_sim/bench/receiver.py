@@ -8,7 +8,6 @@ way, so that its own lateness is in both.
 import gc
 import os
 import select
-import socket
 import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -19,6 +18,7 @@ import can
 from hri_predict.protocol.can import CanFrame, CanReceiver
 from hri_predict.protocol.messages import Advice, NodeState, Status
 from hri_predict.protocol.serial import SerialReceiver
+from hri_sim.wires.ports import free_udp_port
 from hri_sim.wires.pty import PtyTransport, open_pty
 from hri_sim.wires.slcan_adapter import SlcanAdapter
 
@@ -96,9 +96,7 @@ class UdpEar:
     stamps = "kernel's, at arrival"
 
     def __init__(self) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            options: dict[str, Any] = {"port": int(probe.getsockname()[1]), "hop_limit": 0}
+        options: dict[str, Any] = {"port": free_udp_port(), "hop_limit": 0}
         wire: dict[str, Any] = {"interface": "udp_multicast", "channel": MULTICAST, "fd": True}
         self.link = {"name": "bench", "kind": "can", **wire, "options": options}
         self.receiver = CanReceiver(fd=True)

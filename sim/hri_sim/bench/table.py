@@ -10,12 +10,23 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import progress
 from hri_sim.bench.rows import Row
 from hri_sim.bench.saved import Change
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 _WIDTH = 150  # where no terminal says
+
+
+def _demand_duration(seconds: float) -> float:
+    if not 1.0 <= seconds <= 3600.0:
+        raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
+    return seconds
+
+
+SecondsOption = Annotated[
+    float, typer.Option(callback=_demand_duration, help="Seconds to measure each row.")
+]
 
 
 def console() -> Console:
@@ -35,7 +46,7 @@ def figures(
     rows: Iterable[Mapping[str, Any]],
     texts: Collection[str] = (),
 ) -> None:
-    """Print rows of figures.
+    """Print a table of figures.
 
     Args:
         title: of the table.
@@ -50,6 +61,21 @@ def figures(
     for row in rows:
         table.add_row(*(form.format_map(row) for form in columns.values()))
     console().print(table)
+
+
+def report(
+    rows: Sequence[Mapping[str, Any]],
+    as_json: bool,
+    title: str,
+    columns: Mapping[str, str],
+    *,
+    texts: Collection[str] = (),
+) -> None:
+    """Print rows of figures: JSON alone, or a table; see ``figures``."""
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        figures(title, columns, rows, texts)
 
 
 def facts(result: Mapping[str, Any], as_json: bool) -> None:

@@ -4,7 +4,6 @@ People walk up to the demo's moving robot and away, seen by each tracker with ea
 through the whole node on the virtual clock, in the modes predictive and iso.
 """
 
-import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -16,6 +15,7 @@ import typer
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import Capsules, capsule_distance
 from hri_predict.base.settings import validated
+from hri_predict.cli.common import JsonOption
 from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
@@ -24,7 +24,7 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
-from hri_sim.bench.table import JsonOption, figures, measure
+from hri_sim.bench.table import measure, report
 from hri_sim.people.procedural import ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.referee import body_capsules
@@ -82,10 +82,8 @@ def trackers(
         names = ", ".join(f"{tracker} {noise}" for tracker, noise in cases(None))
         raise ConfigError(f"--only {only}: no case has this in its name; there are: {names}")
     measured = measure(rows(chosen, walks, predictor), len(chosen), "trackers")
-    if as_json:
-        print(json.dumps(measured))
-    else:
-        figures("People who walk up to a robot and away", _COLUMNS, measured, ("noise",))
+    title = "People who walk up to a robot and away"
+    report(measured, as_json, title, _COLUMNS, texts=("noise",))
     if any(row["clear_too_near"] or row["contacts"] for row in measured):
         raise typer.Exit(1)
 

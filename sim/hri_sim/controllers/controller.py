@@ -42,8 +42,7 @@ from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.robots.mobile_base import COORDINATES
 from hri_sim.controllers.arm import base_of
 from hri_sim.controllers.button import Button
-from hri_sim.controllers.lies import LieSettings
-from hri_sim.controllers.requests import RequestSettings
+from hri_sim.controllers.lies import LieSettings, RequestSettings
 from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
 
 U = TypeVar("U")

@@ -1,6 +1,7 @@
-"""Deliberate faults of a simulated controller: it misreports its robot, or does not obey."""
+"""Behaviour of a simulated controller at set times: lies, and modes that an operator asks for."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -8,11 +9,22 @@ from pydantic import Field
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.settings import Settings
+from hri_predict.protocol.messages import OperatingMode, RobotMode
 
-_NS = 1_000_000_000
+
+class _Timed(Settings):
+    """Something that a simulated controller does for a time."""
+
+    start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
+    duration_s: float | None = Field(None, gt=0, description="default: to the end")
+
+    def active(self, since_s: float) -> bool:
+        """Return whether it is active this long after the controller's first cycle."""
+        end_s = float("inf") if self.duration_s is None else self.start_s + self.duration_s
+        return self.start_s <= since_s < end_s
 
 
-class LieSettings(Settings):
+class LieSettings(_Timed):
     """One entry of ``lies`` in a link's ``simulate:`` block."""
 
     kind: Literal[
@@ -33,8 +45,6 @@ class LieSettings(Settings):
         "permitted speed above 0), brakes_late; acknowledges: by itself, as with a button that "
         "is held down"
     )
-    start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
-    duration_s: float | None = Field(None, gt=0, description="default: to the end")
     jump_rad: float = Field(1.0, description="of jump: added to the first joint")
     factor: float = Field(
         3.0, ge=1, le=100, description="of brakes_late: factor by which it takes longer to stop"
@@ -101,10 +111,51 @@ class Lies:
     def _now(self, now_ns: int) -> list[LieSettings]:
         if self._start_ns is None:
             self._start_ns = now_ns
-        since_s = (now_ns - self._start_ns) / _NS
-        return [
-            lie
-            for lie in self._settings
-            if lie.start_s <= since_s
-            and (lie.duration_s is None or since_s < lie.start_s + lie.duration_s)
-        ]
+        since_s = (now_ns - self._start_ns) * 1e-9
+        return [lie for lie in self._settings if lie.active(since_s)]
+
+
+# -- requests of the operator at a simulated controller: operating modes, at set times -------------
+
+
+class RequestSettings(_Timed):
+    """One entry of ``requests`` in a link's ``simulate:`` block."""
+
+    request: Literal["teach", "recovery", "muted"] = Field(description="requested operating mode")
+    enabling: bool = Field(True, description="whether the enabling device is held meanwhile")
+    manual: bool | None = Field(
+        None, description="whether the controller is in manual mode; default: for teach"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """Content of RobotState besides the joints."""
+
+    mode: RobotMode = RobotMode.AUTOMATIC
+    request: OperatingMode = OperatingMode.AUTOMATIC
+    enabling: bool = False
+
+
+class Requests:
+    """All requests of one controller; of several at a time the first in the list counts.
+
+    Args:
+        settings: see ``RequestSettings``.
+    """
+
+    def __init__(self, settings: Sequence[RequestSettings]) -> None:
+        self._settings = settings
+        self._start_ns: int | None = None
+
+    def said(self, now_ns: int) -> Said:
+        """Return the content of RobotState at ``now_ns``."""
+        if self._start_ns is None:
+            self._start_ns = now_ns
+        since_s = (now_ns - self._start_ns) * 1e-9
+        for each in self._settings:
+            if each.active(since_s):
+                manual = each.request == "teach" if each.manual is None else each.manual
+                mode = RobotMode.MANUAL if manual else RobotMode.AUTOMATIC
+                return Said(mode, OperatingMode[each.request.upper()], each.enabling)
+        return Said()

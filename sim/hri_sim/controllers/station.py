@@ -32,8 +32,7 @@ from hri_sim.controllers.controller import (
     ControllerSettings,
     Permit,
 )
-from hri_sim.controllers.lies import Lies
-from hri_sim.controllers.requests import Requests
+from hri_sim.controllers.lies import Lies, Requests
 from hri_sim.controllers.tools import Mounted, ToolChanger
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.faults.link_faults import LINK_FAULTS, FaultyTransport

@@ -116,11 +116,8 @@ def _told(config: Config, incident: Incident, mode: str) -> FaultOutcome:
         fault=f"{incident.name} ({mode})",
         expected="no contact",
         acts="node",
-        limit_ms=None,
-        measured_ms=None,
         reason="; ".join(wrong) or ", ".join(reason.name for reason in incident.says),
         clear_while_near=watch.count(incident.never_clear, lambda level: level is Level.CLEAR),
-        recovered_ms=None,
         fine=not wrong,
         counted=summary.counted,
     )

@@ -105,24 +105,6 @@ def run_live_case(kind: str, case: LiveCase) -> FaultOutcome | None:
             stop.set()
             sending.join()
     live = {k: v for k, v in summary.source["live"].items() if isinstance(v, int) and v}
-    return _outcome(kind=kind, case=case, end=end, watch=watch, sending=sending, live=live)
-
-
-def _config(end: LiveEnd) -> Config:
-    pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
-    base = configuration.load(configuration.shipped("live_udp.yaml")).quiet()
-    return base.with_source({"room_from_source": pose, "rate_hz": RATE_HZ} | end.source)
-
-
-def _outcome(
-    *,
-    kind: str,
-    case: LiveCase,
-    end: LiveEnd,
-    watch: "_Watch",
-    sending: "_Sending",
-    live: dict[str, int],
-) -> FaultOutcome:
     measured, reason, recovered, clear = watch.reaction(case, sending.fault_ns, sending.end_ns)
     in_time = case.limit_ms is None or (measured is not None and measured <= case.limit_ms)
     acted = (measured is None) if case.expected == "count only" else (measured is not None)
@@ -144,6 +126,12 @@ def _outcome(
         and not (end.checked and watch.false_scenes),
         counted=live | ({"false_scenes": watch.false_scenes} if watch.false_scenes else {}),
     )
+
+
+def _config(end: LiveEnd) -> Config:
+    pose = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
+    base = configuration.load(configuration.shipped("live_udp.yaml")).quiet()
+    return base.with_source({"room_from_source": pose, "rate_hz": RATE_HZ} | end.source)
 
 
 class _Watch(View):

@@ -1,8 +1,8 @@
-"""The node's death: the controllers must stop by themselves, and move on when the node is back.
+"""Deaths in real time: of the node, and of a controller. The arm must stop, and move on afterwards.
 
-Two mock controllers and the node run as separate processes in real time. The node gets the
-controllers' ports as plain devices, so that it owns no part of the cell and its death ends nothing
-else.
+Two mock controllers and the node run as separate processes. A node that dies gets the controllers'
+ports as plain devices, so that it owns no part of the cell and its death ends nothing else. When a
+controller dies, the node runs in this process, so that all its advice can be observed.
 """
 
 import contextlib
@@ -10,9 +10,10 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,9 +25,14 @@ from hri_predict.base.errors import LinkError
 from hri_predict.base.files import load_yaml
 from hri_predict.contracts.cell import ControllerReport
 from hri_predict.contracts.link import LinkSettings
+from hri_predict.node.listeners import Tick
+from hri_predict.protocol.messages import Level
 from hri_predict.run import config as configuration
+from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import BASELINE, baseline_demo
 from hri_sim.controllers.cell import MockCell
+from hri_sim.controllers.wiring import PERMIT_STALE_S
+from hri_sim.fault_table.outcome import FaultOutcome
 
 How = Literal["kill", "terminate"]
 
@@ -36,67 +42,75 @@ STEP_S = 0.001  # between two reads of the permits
 _KEPT_SETTLED_S = 0.5
 
 
-@dataclass(frozen=True, kw_only=True)
-class Death:
-    """The result of a node's death; times in seconds from the signal.
-
-    Attributes:
-        stopped_s: link name -> time until its controller permitted no motion.
-        stands_s: time until the arm stood.
-        limit_s: link name -> the controller's silence time-out plus one of its cycles.
-        exit_status: the node's exit status; negative: the signal that ended it.
-        exit_s: time until its process had ended.
-        moved_again_s: from the node's second start until both controllers permitted motion and the
-            arm moved; no controller was restarted.
-        cause: the cause that the monitor reports for its stop at the node's second end: ``silent``,
-            or the level that it received.
-    """
-
-    stopped_s: dict[str, float]
-    stands_s: float
-    limit_s: dict[str, float]
-    exit_status: int
-    exit_s: float
-    moved_again_s: float
-    cause: str
-
-
-def die(how: How, people: Sequence[dict[str, Any]] = ()) -> Death:
+def die(
+    name: str, how: How, people: Sequence[dict[str, Any]], limit_ms: float | None = None
+) -> FaultOutcome:
     """End the demo's node by SIGKILL or SIGTERM while its robot moves; start it again.
 
     Args:
+        name: of the row.
         how: ``kill`` (SIGKILL: the node can send nothing more) or ``terminate`` (SIGTERM: the node
             sends a last message).
         people: people of the procedural source; they must let the robot move.
+        limit_ms: limit until each controller permits no motion; default: the controller's silence
+            time-out plus one of its cycles.
+
+    Returns:
+        the row: the slower controller counts. Motion recovers when, after the node's second start,
+        both controllers permit it and the arm moves; no controller was restarted. The reason is the
+        cause of the monitor's stop at the second end.
 
     Raises:
         LinkError: the cell or the node did not start, or the robot did not move or stop.
     """
-    demo = baseline_demo()
-    clock = MonotonicClock()
-    cell = MockCell(links=demo.links, robots=demo.node.robots, base_dir=demo.base_dir, clock=clock)
-    with tempfile.TemporaryDirectory(prefix="hri-death-") as folder, reported(cell) as reports:
-        path = write_config(Path(folder) / "node.yaml", demo.links, cell.start(), people)
-        watch = ArmWatch(cell, [link.name for link in demo.links], clock)
+    with _cell("hri-death-", people) as (cell, path, watch, reports):
         with _node(path) as node:
-            watch.wait_for(watch.moves, node)
+            watch.wait_for(watch.moves, _ended(node))
             stopped_s, stands_s, exit_s = _end(node, how, watch)
         began = time.monotonic()
         with _node(path) as node:
-            watch.wait_for(watch.moves, node)
-            moved_again_s = time.monotonic() - began
+            moved_again_s = watch.wait_for(watch.moves, _ended(node)) - began
             time.sleep(_KEPT_SETTLED_S)
             _end(node, how, watch)
             status = node.returncode
-    return Death(
-        stopped_s=stopped_s,
-        stands_s=stands_s,
-        limit_s={link.name: cell.stops_within_s(link.name) for link in demo.links},
-        exit_status=status,
-        exit_s=exit_s,
-        moved_again_s=moved_again_s,
-        cause=_last_stop(reports),
+        limit_ms = limit_ms or 1e3 * max(cell.stops_within_s(link) for link in stopped_s)
+    cause, measured_ms = _last_stop(reports), 1e3 * max(stopped_s.values())
+    expected_end = ("silent", -signal.SIGKILL) if how == "kill" else ("unknown", 0)
+    return FaultOutcome(
+        fault=name,
+        expected="stop",
+        acts="controller",
+        limit_ms=limit_ms,
+        measured_ms=measured_ms,
+        reason=cause,
+        recovered_ms=moved_again_s * 1e3,
+        fine=measured_ms <= limit_ms and (cause, status) == expected_end,
+        counted={
+            **{f"{link}_stopped_ms": round(s * 1e3) for link, s in stopped_s.items()},
+            "arm_stands_ms": round(stands_s * 1e3),
+            "node_ended_ms": round(exit_s * 1e3),
+        },
     )
+
+
+@contextlib.contextmanager
+def _cell(
+    prefix: str, people: Sequence[dict[str, Any]]
+) -> Iterator[tuple[MockCell, Path, "ArmWatch", list[ControllerReport]]]:
+    """Start the demo's controllers.
+
+    Yields the cell, the configuration of a node for it, a watch, and a list that holds the
+    controllers' reports after the block, however it ends.
+    """
+    demo, clock = baseline_demo(), MonotonicClock()
+    cell = MockCell(links=demo.links, robots=demo.node.robots, base_dir=demo.base_dir, clock=clock)
+    reports: list[ControllerReport] = []
+    with tempfile.TemporaryDirectory(prefix=prefix) as folder:
+        try:
+            path = write_config(Path(folder) / "node.yaml", demo.links, cell.start(), people)
+            yield cell, path, ArmWatch(cell, [link.name for link in demo.links], clock), reports
+        finally:
+            reports += cell.stop()
 
 
 def write_config(
@@ -144,19 +158,28 @@ class ArmWatch:
         """Whether all controllers permit motion, and the arm moves."""
         return all(permit > 0 for permit in self.permits().values()) and not self.stands()
 
-    def wait_for(self, condition: Callable[[], bool], node: "subprocess.Popen[bytes]") -> None:
-        """Wait until ``condition`` holds.
+    def wait_for(self, condition: Callable[[], bool], ended: Callable[[], str]) -> float:
+        """Wait until ``condition`` holds; return that time, of ``time.monotonic``.
+
+        Args:
+            condition: to wait for.
+            ended: returns why the node ended, "" while it runs.
 
         Raises:
             LinkError: the node ends first, or the wait takes too long.
         """
         end_s = time.monotonic() + WAIT_S
         while not condition():
-            if node.poll() is not None:
-                raise LinkError(f"node: ended too early, with exit status {node.returncode}")
+            if why := ended():
+                raise LinkError(f"node: ended too early{why}")
             if time.monotonic() > end_s:
-                raise LinkError(f"node: the robot did not move within {WAIT_S:g} s")
+                raise LinkError(f"node: the robot did not move or stop within {WAIT_S:g} s")
             time.sleep(STEP_S)
+        return time.monotonic()
+
+
+def _ended(node: "subprocess.Popen[bytes]") -> Callable[[], str]:
+    return lambda: "" if node.poll() is None else f", with exit status {node.returncode}"
 
 
 def _end(
@@ -194,18 +217,75 @@ def _node(config: Path) -> Iterator["subprocess.Popen[bytes]"]:
         node.wait()
 
 
-@contextlib.contextmanager
-def reported(cell: MockCell) -> Iterator[list[ControllerReport]]:
-    """Yield a list that holds the controllers' reports after the block, however it ends."""
-    reports: list[ControllerReport] = []
-    try:
-        yield reports
-    finally:
-        reports += cell.stop()
-
-
 def _last_stop(reports: Sequence[ControllerReport]) -> str:
     """Return the cause of the monitor's last stop; the drive may only have followed it."""
     monitor = next(report for report in reports if report.role == "monitor")
     stops = [cause for _, cause, limit in monitor.events if limit == 0.0]
     return stops[-1] if stops else monitor.ended
+
+
+# -- a controller's restart: the arm must stop, and move on when the controller is back ------------
+
+OFF_S = 1.0  # from the kill until the controller is started again
+
+
+@dataclass
+class _Levels(View):
+    """Notes each tick's level, for the demo's only robot."""
+
+    said: list[tuple[int, Level]] = field(default_factory=list)
+
+    def on_tick(self, tick: Tick) -> None:
+        """Note it."""
+        self.said.append((tick.now_ns, tick.advices[0].level))
+
+
+def restart_controller(name: str, link: str, people: Sequence[dict[str, Any]]) -> FaultOutcome:
+    """Kill the controller of ``link`` while the arm moves; a second later start it again.
+
+    Returns:
+        the row: its limit is a permit's lifetime plus one cycle of the controller. Motion recovers
+        when both controllers permit it and the arm moves, from the new controller's port on. It
+        counts the ticks after the kill by level.
+
+    Raises:
+        LinkError: the cell or the node did not start, or the arm did not move or stop.
+    """
+    stop, levels = threading.Event(), _Levels()
+    with _cell("hri-restart-", people) as (cell, path, arm, _):
+        config, options = configuration.load(path), Options(view=levels)
+        node = threading.Thread(target=run, args=(config, options, stop), daemon=True)
+
+        def ended() -> str:
+            return "" if node.is_alive() else "; see its error on standard error"
+
+        node.start()
+        try:
+            arm.wait_for(arm.moves, ended)
+            killed = time.monotonic()
+            cell.kill(link)
+            stopped_s = arm.wait_for(lambda: arm.permits()[link] == 0.0, ended) - killed
+            stands_s = arm.wait_for(arm.stands, ended) - killed
+            time.sleep(max(0.0, killed + OFF_S - time.monotonic()))
+            cell.restart(link)
+            back = time.monotonic()
+            moved_again_s = arm.wait_for(arm.moves, ended) - back
+        finally:
+            stop.set()
+            node.join()
+        limit_s = PERMIT_STALE_S + cell.period_s(link)
+    said = [level for at_ns, level in levels.said if at_ns >= killed * 1e9]
+    counts = {level.name.lower(): said.count(level) for level in dict.fromkeys(said)}
+    clear = said.count(Level.CLEAR)
+    return FaultOutcome(
+        fault=name,
+        expected="stop",
+        acts="controller",
+        limit_ms=limit_s * 1e3,
+        measured_ms=stopped_s * 1e3,
+        reason="its permit is old",
+        clear_while_near=clear,
+        recovered_ms=moved_again_s * 1e3,
+        fine=stopped_s <= limit_s and clear == 0,
+        counted={"arm_stands_ms": round(stands_s * 1e3), **counts},
+    )

@@ -26,10 +26,10 @@ class FaultOutcome:
     fault: str
     expected: str
     acts: str
-    limit_ms: float | None
-    measured_ms: float | None
+    limit_ms: float | None = None
+    measured_ms: float | None = None
     reason: str
-    clear_while_near: int
-    recovered_ms: float | None
+    clear_while_near: int = 0
+    recovered_ms: float | None = None
     fine: bool
     counted: dict[str, int] = field(default_factory=dict)

@@ -5,8 +5,10 @@ controllers lie, sometimes several at once. The conditions: the node never advis
 robot touches no person, every posted message is sent or counted, and memory does not grow.
 """
 
+import resource
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,6 @@ from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.fault_table.resident import Resident
 
 QUIET_S = 5.0  # nothing fails at the start
 MEAN_GAP_S = 20.0  # from one fault's start to the next's
@@ -234,3 +235,44 @@ class _Watch(View):
         near = elapsed_ns > QUIET_S * 1e9  # by then both are in view
         self.clear_ticks += near and any(a.level is Level.CLEAR for a in tick.advices)
         self.memory.look(tick.now_ns)
+
+
+# -- resident memory of this process, and its growth -----------------------------------------------
+
+
+def resident_mib() -> float:
+    """Return the resident memory of this process, MiB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * resource.getpagesize() / 2**20
+
+
+class Resident:
+    """Growth of the resident memory after a warm-up, in which bounded buffers fill.
+
+    Args:
+        every_s: interval of node time between two samples.
+        warm_up_s: of node time, from the first look.
+    """
+
+    def __init__(self, every_s: float, warm_up_s: float) -> None:
+        self._every_ns, self._warm_up_ns = round(every_s * 1e9), round(warm_up_s * 1e9)
+        self._due_ns: int | None = None
+        self._samples: list[float] = []
+
+    def look(self, now_ns: int) -> None:
+        """Take a sample if one is due at this node time."""
+        if self._due_ns is None:
+            self._due_ns = now_ns + self._warm_up_ns
+        if now_ns >= self._due_ns:
+            self._due_ns = now_ns + self._every_ns
+            self._samples.append(resident_mib())
+
+    def growth(self) -> dict[str, float]:
+        """Return the memory after the warm-up and at the end, and the growth in percent."""
+        end = resident_mib()
+        early = self._samples[0] if self._samples else end
+        return {
+            "rss_mib_early": round(early, 2),
+            "rss_mib_end": round(end, 2),
+            "growth_percent": round(100.0 * (end / early - 1.0), 2),
+        }

@@ -2,11 +2,10 @@
 
 Faults of sources, links and the predictor run on the virtual clock; their results are exact and
 repeatable. The node's death (``kill -9``) and a controller's restart run in real time in separate
-processes: see ``node_death`` and ``controller_restart``. Node and controller share no clock, so a
+processes: see ``node_death``. Node and controller share no clock, so a
 step of either clock cannot disturb a link.
 """
 
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -22,11 +21,11 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.fault_table.controller_restart import restart_controller
 from hri_sim.fault_table.incident import run_incident
 from hri_sim.fault_table.incidents import INCIDENTS
+from hri_sim.fault_table.link_cell import run_cases
 from hri_sim.fault_table.live import run_live_faults
-from hri_sim.fault_table.node_death import How, die
+from hri_sim.fault_table.node_death import How, die, restart_controller
 from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
@@ -207,60 +206,19 @@ def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
             yield from run_incident(base, incident)
     for name, how, limit_ms in DEATHS:
         if only is None or only in name:
-            yield _death(name, how, limit_ms)
+            yield die(name, how, _people(1), limit_ms)
     for name, link in RESTARTS.items():
         if only is None or only in name:
-            yield _restart(name, link)
+            yield restart_controller(name, link, _people(1))
     yield from run_live_faults(only)
     if find_spec("zenoh") is not None:
-        from hri_sim.fault_table.zenoh_link import run_zenoh_faults
+        from hri_sim.fault_table import zenoh_link
 
-        yield from run_zenoh_faults(only)
+        yield from run_cases("zenoh", zenoh_link.ZenohCell, zenoh_link.CASES, only)
     if find_spec("rclpy") is not None:
-        from hri_sim.fault_table.ros2_link import run_ros2_faults
+        from hri_sim.fault_table import ros2_link
 
-        yield from run_ros2_faults(only)
-
-
-def _death(name: str, how: How, limit_ms: float | None) -> FaultOutcome:
-    """Return the row of a node that ends in real time; the slower controller counts."""
-    death = die(how, _people(1))
-    limit_ms = limit_ms or max(death.limit_s.values()) * 1e3
-    measured_ms = max(death.stopped_s.values()) * 1e3
-    expected_end = ("silent", -signal.SIGKILL) if how == "kill" else ("unknown", 0)
-    return FaultOutcome(
-        fault=name,
-        expected="stop",
-        acts="controller",
-        limit_ms=limit_ms,
-        measured_ms=measured_ms,
-        reason=death.cause,
-        clear_while_near=0,
-        recovered_ms=death.moved_again_s * 1e3,
-        fine=measured_ms <= limit_ms and (death.cause, death.exit_status) == expected_end,
-        counted={
-            **{f"{link}_stopped_ms": round(s * 1e3) for link, s in death.stopped_s.items()},
-            "arm_stands_ms": round(death.stands_s * 1e3),
-            "node_ended_ms": round(death.exit_s * 1e3),
-        },
-    )
-
-
-def _restart(name: str, link: str) -> FaultOutcome:
-    """Return the row of a controller that is killed and restarted in real time."""
-    restart = restart_controller(link, _people(1))
-    return FaultOutcome(
-        fault=name,
-        expected="stop",
-        acts="controller",
-        limit_ms=restart.limit_s * 1e3,
-        measured_ms=restart.stopped_s * 1e3,
-        reason="its permit is old",
-        clear_while_near=restart.clear,
-        recovered_ms=restart.moved_again_s * 1e3,
-        fine=restart.stopped_s <= restart.limit_s and restart.clear == 0,
-        counted={"arm_stands_ms": round(restart.stands_s * 1e3), **restart.levels},
-    )
+        yield from run_cases("ros2", ros2_link.Ros2Cell, ros2_link.CASES, only)
 
 
 def run_case(base: Config, case: Case) -> FaultOutcome:

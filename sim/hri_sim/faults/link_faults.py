@@ -17,7 +17,7 @@ from hri_predict.protocol.messages import Advice, Level, NodeState, RobotState, 
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
-from hri_sim.faults import passing
+from hri_sim.faults import settings
 from hri_sim.faults.settings import FaultSettings, faults_from
 
 # -- a second node with the same ids on one wire: it sees an empty room ----------------------------
@@ -102,19 +102,19 @@ class LinkFault(FaultSettings):
     )
 
 
-class Drop(LinkFault, passing.Drop):
+class Drop(LinkFault, settings.Drop):
     """Units are lost."""
 
     probability: float = Field(0.5, gt=0, le=1, description="chance that a unit is lost")
 
 
-class Delay(LinkFault, passing.Delay):
+class Delay(LinkFault, settings.Delay):
     """Units arrive late, in order."""
 
     delay_s: float = Field(0.2, gt=0, le=10, description="delay of every unit")
 
 
-class Jitter(LinkFault, passing.Jitter):
+class Jitter(LinkFault, settings.Jitter):
     """Units arrive late by a random time, still in order."""
 
     max_s: float = Field(
@@ -122,7 +122,7 @@ class Jitter(LinkFault, passing.Jitter):
     )
 
 
-class Stretch(LinkFault, passing.Late):
+class Stretch(LinkFault, settings.Late):
     """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
 
     rate: float = Field(0.1, gt=0, le=10, description="growth of the delay, seconds per second")
@@ -148,7 +148,7 @@ class Freeze(LinkFault):
     """The link is silent; nothing passes."""
 
 
-class Duplicate(LinkFault, passing.Duplicate):
+class Duplicate(LinkFault, settings.Duplicate):
     """Every unit arrives twice."""
 
 
@@ -158,7 +158,7 @@ class Flood(LinkFault):
     times: int = Field(10, ge=2, le=100, description="number of times that every unit arrives")
 
 
-class Reorder(LinkFault, passing.Reorder):
+class Reorder(LinkFault, settings.Reorder):
     """Every other unit arrives after its successor."""
 
 
@@ -191,7 +191,7 @@ LINK_FAULTS: dict[str, type[LinkFault]] = {
 }
 
 
-class _Way(passing.Way[U]):
+class _Way(settings.Way[U]):
     """One direction of the wire."""
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -233,7 +233,7 @@ class FaultyTransport(Generic[U]):
         ]
         self._unplugs = any(isinstance(f, Unplug) for f in self._faults)
         self._draws = any(isinstance(f, Jitter) for f in self._faults)  # even when nothing passes
-        self._makes_late = any(isinstance(f, passing.Late) for f in self._faults)
+        self._makes_late = any(isinstance(f, settings.Late) for f in self._faults)
         self._clock = clock
         self._start_ns: int | None = None
         # one generator for each direction: reads must not change what is written
@@ -332,7 +332,7 @@ class FaultyTransport(Generic[U]):
             if passed:
                 count = self.injected.get(fault.kind, 0)
                 self.injected[fault.kind] = count + len(passed)
-            if isinstance(fault, passing.Late):
+            if isinstance(fault, settings.Late):
                 due_ns += fault.late_ns(elapsed_ns, way.rng)
             else:
                 passed = [out for unit in passed for out in _altered(fault, unit, way)]

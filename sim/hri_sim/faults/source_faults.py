@@ -15,8 +15,17 @@ from hri_predict.contracts.scene import Person, Scene
 from hri_predict.contracts.source import Source, live_part
 from hri_sim.faults.made_up import MadeUp, MadeUpPeople
 from hri_sim.faults.occlusion import Occlusion
-from hri_sim.faults.passing import Delay, Drop, Duplicate, Jitter, Late, Reorder, Way
-from hri_sim.faults.settings import FaultSettings, faults_from
+from hri_sim.faults.settings import (
+    Delay,
+    Drop,
+    Duplicate,
+    FaultSettings,
+    Jitter,
+    Late,
+    Reorder,
+    Way,
+    faults_from,
+)
 
 SIN_45 = 0.5**0.5
 

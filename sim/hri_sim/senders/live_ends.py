@@ -7,24 +7,22 @@ import contextlib
 import os
 import secrets
 import socket
-import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
-from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.key_file import read_key
-from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.scene import Scene
 from hri_sim.senders.stream_ends import (
     JsonEnd,
     MvnTcpEnd,
     MvnUdpEnd,
+    SceneStreamEnd,
     SerialEnd,
     WebSocketEnd,
-    as_sent,
 )
+from hri_sim.wires.ports import free_udp_port
 
 
 class LiveEnd(Protocol):
@@ -56,15 +54,12 @@ class LiveEnd(Protocol):
         """Stop, as the sender's program does at its end. Safe to call twice."""
 
 
-class UdpEnd:
+class UdpEnd(SceneStreamEnd):
     """The node's own scene stream, with or without a key."""
-
-    checked = stamped = True
 
     def __init__(self, folder: Path, keyed: bool = False) -> None:
         self._address = ("127.0.0.1", free_udp_port())
         self.source: dict[str, Any] = {"kind": "udp", "port": self._address[1]}
-        self._key = None
         if keyed:
             path = folder / "live.key"
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -73,17 +68,12 @@ class UdpEnd:
             self._key = read_key(str(path))
             self.source["key_file"] = str(path)
         self._socket: socket.socket | None = None
-        self._session = 0
 
     def start(self) -> None:
         """A new session."""
         self.stop()
-        self._session = time.time_ns()
+        super().start()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Datagrams."""
-        return scene_codec.encode(as_sent(scene, self._session), CANONICAL.joints, self._key)
 
     def write(self, unit: bytes) -> None:
         """Send one."""
@@ -96,14 +86,6 @@ class UdpEnd:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-
-
-def free_udp_port() -> int:
-    """Return a port that was free a moment ago."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {

@@ -61,15 +61,8 @@ def quaternions(
     rotation = pack(">ffff", half, 0.0, 0.0, half)  # re, i, j, k
     origins = [*positions, *np.zeros((fingers, 3))]
     items = [pack(">ifff", i + 1, *origin) + rotation for i, origin in enumerate(origins)]
-    return _split(
-        kind="02",
-        sample=sample,
-        time_ms=time_code_ms,
-        character=character,
-        items=items,
-        fingers=fingers,
-        each=items_each,
-    )
+    head = {"sample": sample, "time_code_ms": time_code_ms, "character": character}
+    return _split("02", items, items_each, fingers=fingers, **head)
 
 
 def eulers(sample: int, time_code_ms: int, character: int, positions: Floats) -> list[bytes]:
@@ -80,38 +73,19 @@ def eulers(sample: int, time_code_ms: int, character: int, positions: Floats) ->
     """
     turned = np.asarray(positions)[:, [1, 2, 0]] * 100.0
     items = [pack(">iffffff", i + 1, *p, 0.0, -90.0, 180.0) for i, p in enumerate(turned)]
-    return _split(
-        kind="01",
-        sample=sample,
-        time_ms=time_code_ms,
-        character=character,
-        items=items,
-        fingers=0,
-        each=MTU_ITEMS,
-    )
+    head = {"sample": sample, "time_code_ms": time_code_ms, "character": character}
+    return _split("01", items, MTU_ITEMS, **head)
 
 
-def _split(
-    *,
-    kind: str,
-    sample: int,
-    time_ms: int,
-    character: int,
-    items: list[bytes],
-    fingers: int,
-    each: int,
-) -> list[bytes]:
+def _split(kind: str, items: list[bytes], each: int, **head: int) -> list[bytes]:
     groups = [items[at : at + each] for at in range(0, len(items), each)]
     return [
         datagram(
             kind=kind,
-            sample=sample,
-            time_code_ms=time_ms,
-            character=character,
             payload=b"".join(group),
             items=len(group),
-            fingers=fingers,
             counter=index | (0x80 if index == len(groups) - 1 else 0),
+            **head,
         )
         for index, group in enumerate(groups)
     ]

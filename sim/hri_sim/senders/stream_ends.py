@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from hri_drivers.sources.scene_stream import codec as scene_codec
+from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.scene_stream.serial_source import framed
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_predict.base.errors import LinkError
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.scene import Scene
 from hri_sim.senders import mvn as mvn_sender
+from hri_sim.wires.ports import free_tcp_port, free_udp_port
 from hri_sim.wires.pty import PtyTransport, open_pty
 
 HOUR_MS = 3_600_000
@@ -133,9 +135,7 @@ class MvnUdpEnd(MvnCharacter):
     """MVN's stream over UDP."""
 
     def __init__(self, _: Path) -> None:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._address = probe.getsockname()
+        self._address = ("127.0.0.1", free_udp_port())
         self.source: dict[str, Any] = {
             "kind": "mvn", "sees_room": True, "port": self._address[1],
         }  # fmt: skip
@@ -162,10 +162,32 @@ class MvnTcpEnd(MvnCharacter, TcpEnd):
         MvnCharacter.start(self)
 
 
-class SerialEnd:
-    """The node's own scene stream over a serial line."""
+class SceneStreamEnd:
+    """The node's own scene stream, over any wire."""
 
     checked = stamped = True
+    _session = 0
+    _key: Key | None = None
+
+    def start(self) -> None:
+        """A new session."""
+        self._session = time.time_ns()
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Datagrams."""
+        people = tuple(SentPerson(p.id, p.positions, p.observed) for p in scene.people)
+        sent = SentScene(
+            stamp_ns=scene.stamp_ns,
+            sequence=scene.sequence,
+            sees_room=scene.sees_room,
+            people=people,
+            session=self._session,
+        )
+        return scene_codec.encode(sent, CANONICAL.joints, self._key)
+
+
+class SerialEnd(SceneStreamEnd):
+    """The node's own scene stream over a serial line."""
 
     def __init__(self, _: Path) -> None:
         master, path = open_pty()
@@ -173,16 +195,10 @@ class SerialEnd:
         self.source: dict[str, Any] = {"kind": "serial_skeleton", "port": path}
         self._line = PtyTransport(master)
         self._line.open()
-        self._session = 0
-
-    def start(self) -> None:
-        """A new session."""
-        self._session = time.time_ns()
 
     def encode(self, scene: Scene) -> list[bytes]:
         """Frames."""
-        datagrams = scene_codec.encode(as_sent(scene, self._session), CANONICAL.joints)
-        return [framed(datagram) for datagram in datagrams]
+        return [framed(datagram) for datagram in super().encode(scene)]
 
     def write(self, unit: bytes) -> None:
         """Send one, if the line accepts it."""
@@ -191,18 +207,6 @@ class SerialEnd:
 
     def stop(self) -> None:
         """Keep the line open."""
-
-
-def as_sent(scene: Scene, session: int) -> SentScene:
-    """A scene as a sender sends it whose units are metres and whose frame is the room's."""
-    people = tuple(SentPerson(p.id, p.positions, p.observed) for p in scene.people)
-    return SentScene(
-        stamp_ns=scene.stamp_ns,
-        sequence=scene.sequence,
-        sees_room=scene.sees_room,
-        people=people,
-        session=session,
-    )
 
 
 def scene_text(scene: Scene) -> str:
@@ -231,10 +235,3 @@ def scene_text(scene: Scene) -> str:
             "people": people,
         }
     )
-
-
-def free_tcp_port() -> int:
-    """Return a port that was free a moment ago."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port: int = probe.getsockname()[1]
-        return port

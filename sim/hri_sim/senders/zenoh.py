@@ -1,27 +1,22 @@
 """A sender for the zenoh source of the fault table, and its router. Needs the extra ``fleet``."""
 
 import contextlib
-import time
 import weakref
 from pathlib import Path
 from typing import Any
 
-from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
 from hri_predict.base.errors import LinkError
-from hri_predict.base.skeleton import CANONICAL
-from hri_predict.contracts.scene import Scene
 from hri_predict.protocol.keyed import SCENE, Keyed, prefix
-from hri_sim.senders.stream_ends import as_sent, free_tcp_port
+from hri_sim.senders.stream_ends import SceneStreamEnd
+from hri_sim.wires.ports import free_tcp_port
 
 _SITE, _CELL = "site", "faults"
 
 
-class ZenohEnd:
+class ZenohEnd(SceneStreamEnd):
     """The node's own scene stream, put under the scene's key; the router keeps running."""
-
-    checked = stamped = True
 
     def __init__(self, _: Path) -> None:
         endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
@@ -32,16 +27,11 @@ class ZenohEnd:
         }  # fmt: skip
         settings = ZenohSettings(connect=[endpoint])
         self._transport = ZenohTransport(settings, prefix(_SITE, _CELL))
-        self._session = 0
 
     def start(self) -> None:
         """Start a new session of zenoh and of the stream."""
-        self._session = time.time_ns()
+        super().start()
         self._transport.open()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Datagrams."""
-        return scene_codec.encode(as_sent(scene, self._session), CANONICAL.joints)
 
     def write(self, unit: bytes) -> None:
         """Put one unit, if the router is connected."""

@@ -56,16 +56,16 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
         HriPredictError: it cannot start; one line with the remedy.
     """
     plan = _plan(request)
-    for name in plan.predictors:  # report errors before anything starts
+    for name in plan.names:  # report errors before anything starts
         config = plan.loaded(name)
         cell = Cell(config)
         modes = variants(config, plan.modes, plan.coverages)
-    settings = {plan.asked(name).label: _settings(plan.loaded(name)) for name in plan.predictors}
+    settings = {plan.asked(name).label: _settings(plan.loaded(name)) for name in plan.names}
     demand_use(request.calibrations, settings)
     plan, left_out = _usable(plan, cell, modes)
     store = Store(request.out, _decided_by(plan), request.resume)
     todo = [block for block in blocks(plan) if block.key not in store.done]
-    total = plan.episodes * len(plan.predictors)
+    total = plan.episodes * len(plan.names)
     done = total - sum(len(episodes(plan, block)) for block in todo)
     progress(done, total)
     jobs = request.jobs if len(todo) > 1 else 1
@@ -80,31 +80,19 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
 def _plan(request: SimulationRequest) -> SimulationPlan:
     if not request.motions:
         raise ConfigError("--data: name at least one recording")
-    names = tuple(request.predictors) or (None,)
     per = max(CHECKED_LEAST, round(CHECKED_SHARE * request.episodes))
     rng = np.random.default_rng([request.seed, 1])
     chosen = rng.choice(request.episodes, min(per, request.episodes), replace=False)
-    return SimulationPlan(
-        config=str(request.config),
-        predictors=names,
-        modes=request.modes,
-        coverages=request.coverages,
-        motions=request.motions,
-        joint_map=request.joint_map,
-        seen=_seen(request),
-        episodes=request.episodes,
-        seed=request.seed,
-        people=request.people,
-        calibrations=tuple(map(str, request.calibrations)),
-        checked=frozenset((name, int(index)) for name in names for index in chosen),
-    )
+    names = request.predictors or (None,)
+    checked = frozenset((name, int(index)) for name in names for index in chosen)
+    return SimulationPlan(**vars(request), checked=checked)
 
 
 def _decided_by(plan: SimulationPlan) -> dict[str, Any]:
     """Return everything that decides the results; recordings by name, not by folder."""
     return {
         "config": plan.loaded(None).text,
-        "predictors": [_decides(plan, name) for name in plan.predictors],
+        "predictors": [_decides(plan, name) for name in plan.names],
         "modes": plan.modes,
         "coverages": plan.coverages,
         "motions": names_of([Path(name) for name in plan.motions]),
@@ -136,18 +124,6 @@ def _basis(plan: SimulationPlan, predictor: str | None) -> ZoneBasis:
     return basis_of(plan.asked(predictor), _settings(config), coverage, config.base_dir)
 
 
-def _seen(request: SimulationRequest) -> tuple[tuple[str, SourceValue], ...]:
-    """Return the request's values for the source; the configuration's own values stay otherwise."""
-    asked = {
-        "tracker": request.tracker,
-        "lacks": request.lacks or None,
-        "hidden": request.hidden or None,
-        "noise_m": request.noise_m,
-        "wander_m": request.wander_m,
-    }
-    return tuple((key, value) for key, value in asked.items() if value is not None)
-
-
 def _said(value: SourceValue) -> str | float:
     """Return a value of the source as the report states it."""
     if isinstance(value, tuple):
@@ -167,10 +143,10 @@ def _reads(plan: SimulationPlan) -> list[Path]:
     beside = [config.node.risk.coverage.calibration, plan.joint_map, *dict(plan.seen).values()]
     named = [name for name in beside if isinstance(name, str) and Path(name).suffix]
     recorded = [name for name in plan.motions if not name.startswith(PROCEDURAL + ":")]
-    paths = [Path(plan.config), *((config.base_dir or Path()) / name for name in named)]
-    asked = [plan.asked(name) for name in plan.predictors if name is not None]
+    paths = [plan.config, *((config.base_dir or Path()) / name for name in named)]
+    asked = [plan.asked(name) for name in plan.predictors]
     weights = [each.weights for each in asked if each.weights is not None]
-    return [*paths, *map(Path, recorded), *weights, *map(Path, plan.calibrations)]
+    return [*paths, *map(Path, recorded), *weights, *plan.calibrations]
 
 
 def _usable(
@@ -247,7 +223,7 @@ def _demand_fast(motion: Motion, cell: Cell, modes: Sequence[Variant]) -> None:
 def _result(plan: SimulationPlan, store: Store, left_out: Sequence[str]) -> Result:
     results, predictions, checks, disagreements = [], {}, 0, []
     alone: Judged | None = None
-    for number, predictor in enumerate(plan.predictors):
+    for number, predictor in enumerate(plan.names):
         config = plan.loaded(predictor)
         name = plan.asked(predictor).label
         mine = [store.done[b.key] for b in blocks(plan) if b.predictor == number]
@@ -270,7 +246,7 @@ def _result(plan: SimulationPlan, store: Store, left_out: Sequence[str]) -> Resu
     risks = [with_risk(config, each).node.risk for each in modes]
     forecasts = any(risk.uses_forecasts for risk in risks)  # otherwise no zone rests on them
     asked = {
-        "configuration": Path(plan.config).name,
+        "configuration": plan.config.name,
         "episodes": plan.episodes,
         "seed": plan.seed,
         "people": plan.people,
@@ -286,7 +262,7 @@ def _result(plan: SimulationPlan, store: Store, left_out: Sequence[str]) -> Resu
         disagreements=disagreements,
         asked=asked,
         left_out=left_out,
-        bases=[_basis(plan, name) for name in plan.predictors] if forecasts else [],
+        bases=[_basis(plan, name) for name in plan.names] if forecasts else [],
     )
 
 

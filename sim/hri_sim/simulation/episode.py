@@ -33,7 +33,7 @@ from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.types import Zones
 from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Bodies as BodiesNow
-from hri_sim.referee import TruePeople
+from hri_sim.referee import Tally, TruePeople
 from hri_sim.simulation.approach import ApproachSettings, ApproachSource, exact
 from hri_sim.simulation.bodies import MotionTicks, without_people
 from hri_sim.simulation.cell import Cell, Variant, with_scenario
@@ -43,8 +43,8 @@ from hri_sim.simulation.scenario import Scenario
 
 
 @dataclass(kw_only=True)
-class Log:
-    """The true course of an episode, tick by tick. K ticks.
+class Log(Tally):
+    """The true course of an episode, tick by tick, and the referee's tally. K ticks.
 
     Attributes:
         times_s: (K,) since the start.
@@ -52,8 +52,6 @@ class Log:
         q, path_s: robot name -> (K) joints (N,), and seconds of full speed along its path, not
             wrapped at the cycle's end.
         levels: (K) of each robot's advice.
-        contacts, contacts_standing, min_separation_m, moving_separation_m, violation_s,
-            violation_m: the referee's.
         controllers: their reports.
         harm: consequences of touches by a moving robot.
     """
@@ -63,12 +61,6 @@ class Log:
     q: dict[str, list[Floats]] = field(default_factory=dict)
     path_s: dict[str, list[float]] = field(default_factory=dict)
     levels: list[tuple[Level, ...]] = field(default_factory=list)
-    contacts: int = 0
-    contacts_standing: int = 0
-    min_separation_m: float | None = None
-    moving_separation_m: float | None = None
-    violation_s: float = 0.0
-    violation_m: float = 0.0
     controllers: Sequence[ControllerReport] = ()
     harm: Harm | None = None
 
@@ -147,7 +139,9 @@ def run_episode(
         raise RuntimeError(f"the risk stage failed in episode {scenario.index}")
     log = recorder.log(watch, mock.stop())
     log.harm = harm = Harm(_bearable(config, cell.models))
-    _judge(log, CourseReferee(cell.models, config.node.risk.clearance_m, None, harm.note))
+    referee = CourseReferee(cell.models, config.node.risk.clearance_m, None, harm.note)
+    referee.judge(log.course)
+    vars(log).update(referee.tally())
     return log
 
 
@@ -155,15 +149,6 @@ def truth_of(cell: Cell, scenario: Scenario) -> SharedTruth:
     """Return the true places of a scenario's people, in all its episodes."""
     settings = exact(cell_settings(with_scenario(cell.config, scenario)))
     return SharedTruth(TruePeople(ApproachSource(settings, cell.config.base_dir)))
-
-
-def _judge(log: Log, referee: CourseReferee) -> None:
-    """Let the referee judge the whole course."""
-    referee.judge(log.course)
-    log.contacts, log.contacts_standing = referee.contacts, referee.contacts_standing
-    log.min_separation_m = referee.min_separation_m
-    log.moving_separation_m = referee.moving_separation_m
-    log.violation_s, log.violation_m = referee.violation_s, referee.violation_m
 
 
 def _bearable(config: Config, models: Sequence[RobotModel]) -> dict[str, Bearable]:

@@ -6,7 +6,7 @@ a robot that touches them, so a touch may go deeper, and reach other parts, than
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -69,30 +69,39 @@ NAMES = (*CANONICAL.segment_names, *CANONICAL.joints)
 """Of the referee's capsules."""
 
 
-@dataclass(slots=True)
-class Harm:
+@dataclass(kw_only=True)
+class Touches:
+    """Consequences of the touches of an episode.
+
+    Attributes:
+        touch_speeds_m_s, touch_relative_m_s: segment or joint -> the highest speed of a touch.
+        touch_limits_m_s: maximum speed of a touch that the same parts bear; of several robots, the
+            lowest.
+        touches_beyond: instants of touches that were faster than the part bears.
+        touches_relative_beyond: the same by the relative speed.
+        touches_forbidden: instants of touches of head, face or neck.
+        clampings: instants at which a part was between a link and a fixture, and the robot faster
+            than it bears.
+    """
+
+    touch_speeds_m_s: dict[str, float] = field(default_factory=dict)
+    touch_relative_m_s: dict[str, float] = field(default_factory=dict)
+    touch_limits_m_s: dict[str, float] = field(default_factory=dict)
+    touches_beyond: int = 0
+    touches_relative_beyond: int = 0
+    touches_forbidden: int = 0
+    clampings: int = 0
+
+
+@dataclass
+class Harm(Touches):
     """Counts what touches meant; give ``note`` to the referee.
 
     Attributes:
         bearable: by the robot's name.
-        speeds_m_s, relative_m_s: segment or joint -> the highest speed of a touch.
-        limits_m_s: maximum speed of a touch that the same parts bear; of several robots, the
-            lowest.
-        beyond: instants of touches that were faster than the part bears.
-        relative_beyond: the same by the relative speed.
-        forbidden: instants of touches of head, face or neck.
-        clamped: instants at which a part was between a link and a fixture, and the robot faster
-            than it bears.
     """
 
     bearable: Mapping[str, Bearable]
-    speeds_m_s: dict[str, float] = field(default_factory=dict)
-    relative_m_s: dict[str, float] = field(default_factory=dict)
-    limits_m_s: dict[str, float] = field(default_factory=dict)
-    beyond: int = 0
-    relative_beyond: int = 0
-    forbidden: int = 0
-    clamped: int = 0
 
     def note(self, contact: Contact) -> None:
         """Take the touches of one robot since the last observation."""
@@ -106,15 +115,15 @@ class Harm:
         relative = fastest + own[person, body]
         for b, alone, both in zip(body, fastest, relative, strict=True):
             name = NAMES[b]
-            self.speeds_m_s[name] = max(self.speeds_m_s.get(name, 0.0), float(alone))
-            self.relative_m_s[name] = max(self.relative_m_s.get(name, 0.0), float(both))
+            self.touch_speeds_m_s[name] = max(self.touch_speeds_m_s.get(name, 0.0), float(alone))
+            self.touch_relative_m_s[name] = max(self.touch_relative_m_s.get(name, 0.0), float(both))
         most = limits.transient_m_s[body]
         for b, bears in zip(body, most.tolist(), strict=True):
-            self.limits_m_s[NAMES[b]] = min(self.limits_m_s.get(NAMES[b], bears), bears)
-        self.forbidden += int(np.count_nonzero(most == 0))
-        self.beyond += int(np.count_nonzero(fastest > most))
-        self.relative_beyond += int(np.count_nonzero(relative > most))
-        self.clamped += int(
+            self.touch_limits_m_s[NAMES[b]] = min(self.touch_limits_m_s.get(NAMES[b], bears), bears)
+        self.touches_forbidden += int(np.count_nonzero(most == 0))
+        self.touches_beyond += int(np.count_nonzero(fastest > most))
+        self.touches_relative_beyond += int(np.count_nonzero(relative > most))
+        self.clampings += int(
             np.count_nonzero(self._clamps(contact, limits, (person, instant, body)))
         )
 
@@ -136,14 +145,6 @@ class Harm:
         fast: Bools = contact.speed[instant] > limits.clamped_m_s[body]
         return pressed & fast
 
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "touch_speeds_m_s": dict(self.speeds_m_s),
-            "touch_relative_m_s": dict(self.relative_m_s),
-            "touch_limits_m_s": dict(self.limits_m_s),
-            "touches_beyond": self.beyond,
-            "touches_relative_beyond": self.relative_beyond,
-            "touches_forbidden": self.forbidden,
-            "clampings": self.clamped,
-        }
+    def touches(self) -> dict[str, Any]:
+        """Return what was counted."""
+        return {each.name: getattr(self, each.name) for each in fields(Touches)}

@@ -4,7 +4,7 @@ A motion is one person's recording, or one procedural script, mapped to canonica
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,6 @@ from hri_predict.base.skeleton import JOINTS
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.replay import RecordingSettings, RecordingSource
-from hri_sim.simulation.scripts import SCRIPTS
 
 PROCEDURAL = "procedural"
 """A motion with this name is a script: ``procedural:talking`` one by its name, ``procedural:3`` one
@@ -122,13 +121,7 @@ def _lifted(motion: Motion, joints: Sequence[str], height_m: float) -> Motion:
     chosen = [JOINTS.index(joint) for joint in joints]
     lift = height_m - float(np.nanmean(motion.positions[:, chosen, 2]))
     lifted = motion.positions + np.array([0.0, 0.0, lift])
-    return Motion(
-        name=motion.name,
-        rate_hz=motion.rate_hz,
-        capture_ns=motion.capture_ns,
-        positions=lifted,
-        observed=motion.observed,
-    )
+    return replace(motion, positions=lifted)
 
 
 def _procedural(name: str, rate_hz: float) -> Motion:
@@ -171,3 +164,56 @@ def _drawn(name: str) -> dict[str, Any]:
             away | speed,
         ],
     }
+
+
+# -- scripts of people at work beside a robot, by name: they need no recording ---------------------
+
+_TO_ROBOT = 3.1415926
+
+
+def _gesture(hand: str, at: tuple[float, float, float], hold_s: float) -> dict[str, Any]:
+    """A hand rises at some words."""
+    ahead, aside, up = at
+    to = [-ahead, aside, up]
+    return {"do": "reach", "hand": hand, "to": to, "hold_s": hold_s}
+
+
+def _reach_in() -> dict[str, Any]:
+    """An easy reach toward the robot, and back."""
+    return {"do": "reach", "hand": "right", "to": [-0.6, 0.05, 1.05], "hold_s": 0.8}
+
+
+SCRIPTS: dict[str, dict[str, Any]] = {
+    "talking": {
+        "start": [0.0, 0.0],
+        "yaw": _TO_ROBOT,
+        "script": [
+            {"do": "wait", "seconds": 1.5},
+            _gesture("right", (0.35, 0.25, 1.2), 0.6),
+            _gesture("left", (0.4, -0.2, 1.25), 0.4),
+            {"do": "wait", "seconds": 1.0},
+            _gesture("right", (0.4, 0.15, 1.3), 0.3),
+            _gesture("right", (0.3, 0.3, 1.15), 0.8),
+            {"do": "wait", "seconds": 2.0},
+        ],
+    },
+    "reaching": {
+        "start": [0.0, 0.0],
+        "yaw": _TO_ROBOT,
+        "script": [
+            {"do": "wait", "seconds": 2.0},
+            _reach_in(),
+            {"do": "wait", "seconds": 1.5},
+            _reach_in(),
+            {"do": "wait", "seconds": 2.0},
+        ],
+    },
+    "passing": {
+        "start": [0.0, -2.5],
+        "script": [
+            {"do": "walk", "to": [0.0, 2.5]},
+            {"do": "walk", "to": [0.0, -2.5]},
+        ],
+    },
+}
+"""``PersonSettings`` of each."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write, refuse_named_pipe
+from hri_predict.cli.common import writing
 
 VERSION = 2
 
@@ -27,17 +28,13 @@ class Store:
         self._header = {"version": VERSION, "hash": hashlib.sha256(text.encode()).hexdigest()[:16]}
         if self._path is None:
             return
-        try:
+        with writing(f"--out {folder}", "name another folder"):
             refuse_named_pipe(self._path)
             if self._path.exists():
                 self._read(self._path, resume)
             else:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
                 self._path.write_text(json.dumps(self._header) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(
-                f"--out {folder}: cannot be written: {error.strerror}; name another folder"
-            ) from error
 
     def add(self, key: str, rows: dict[str, Any]) -> None:
         """Keep a finished block.
@@ -49,14 +46,12 @@ class Store:
         self.done[key] = json.loads(line)["rows"]  # as a resumed run has it
         if self._path is None:
             return
-        try:
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(line + "\n")
-        except OSError as error:
-            raise ConfigError(
-                f"--out {self._path.parent}: cannot be written: {error.strerror}; free some space, "
-                f"then continue with --resume"
-            ) from error
+        remedy = "free some space, then continue with --resume"
+        with (
+            writing(f"--out {self._path.parent}", remedy),
+            self._path.open("a", encoding="utf-8") as file,
+        ):
+            file.write(line + "\n")
 
     def _read(self, path: Path, resume: bool) -> None:
         lines = path.read_bytes().split(b"\n")

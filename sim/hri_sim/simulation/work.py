@@ -22,6 +22,7 @@ from hri_sim.simulation.bodies import MotionTicks
 from hri_sim.simulation.cell import Cell, Variant, variants
 from hri_sim.simulation.episode import run_episode, truth_of
 from hri_sim.simulation.motion import load_motion
+from hri_sim.simulation.request import SimulationRequest
 from hri_sim.simulation.results.outcome import Truth, outcome, prediction
 from hri_sim.simulation.scenario import Scenario, draw
 from hri_sim.simulation.whole_node import disagreement
@@ -35,40 +36,35 @@ SourceValue = str | float | tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationPlan:
-    """Everything that decides the results, for the worker processes.
+class SimulationPlan(SimulationRequest):
+    """A request, for the worker processes, with the recordings that can be played.
 
     Attributes:
-        config: path of the configuration.
-        predictors: names or ``NAME=WEIGHTS``, in order; ``None``: the configuration's own.
-        calibrations: files; each is that of the predictor that it was made for.
-        modes, coverages: see ``cell.variants``.
-        motions: names of the recordings, or procedural scripts.
-        joint_map: of the recordings; ``None``: the configuration's, or found by names.
-        seen: settings of how people are seen: keys of ``source:`` (``ApproachSettings``) and their
-            values.
-        episodes: number of approaches.
-        seed: random seed of everything.
-        people: number of people at the same time.
         checked: (predictor, episode) that run again through the whole node.
     """
 
-    config: str
-    predictors: tuple[str | None, ...]
-    modes: tuple[str, ...]
-    coverages: tuple[float, ...]
-    motions: tuple[str, ...]
-    joint_map: str | None
-    seen: tuple[tuple[str, SourceValue], ...]
-    episodes: int
-    seed: int
-    people: int
     checked: frozenset[tuple[str | None, int]]
-    calibrations: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str | None, ...]:
+        """The predictors, in order; ``None``: the configuration's own."""
+        return self.predictors or (None,)
+
+    @property
+    def seen(self) -> tuple[tuple[str, SourceValue], ...]:
+        """Settings of how people are seen: ``source:`` keys that differ from the configuration."""
+        asked = {
+            "tracker": self.tracker,
+            "lacks": self.lacks or None,
+            "hidden": self.hidden or None,
+            "noise_m": self.noise_m,
+            "wander_m": self.wander_m,
+        }
+        return tuple((key, value) for key, value in asked.items() if value is not None)
 
     def loaded(self, predictor: str | None) -> Config:
         """Return the configuration with one of the predictors."""
-        config = configuration.load(Path(self.config)).quiet()
+        config = configuration.load(self.config).quiet()
         changes: dict[str, Any] = dict(self.seen)
         if self.joint_map is not None:
             changes["joint_map"] = self.joint_map
@@ -82,10 +78,9 @@ class SimulationPlan:
     def asked(self, predictor: str | None) -> ComparedPredictor:
         """Return one of the predictors with its label in tables."""
         if predictor is None:
-            name = configuration.load(Path(self.config)).predictor.name
+            name = configuration.load(self.config).predictor.name
             return ComparedPredictor(name=name, weights=None, label=name)
-        named = [text for text in self.predictors if text is not None]
-        return asked_predictors(named)[named.index(predictor)]
+        return asked_predictors(self.predictors)[self.predictors.index(predictor)]
 
     def _with_calibration(self, config: Config, *, own: bool) -> Config:
         """Give a predictor the calibration that was made for it.
@@ -95,7 +90,7 @@ class SimulationPlan:
         """
         coverage = config.node.risk.coverage
         base_dir = config.base_dir or Path()
-        given = [Path(name) for name in self.calibrations]
+        given = list(self.calibrations)
         beside = coverage.calibration
         if not own and beside is not None:
             given.append(base_dir / beside)
@@ -138,7 +133,7 @@ def blocks(plan: SimulationPlan) -> list[Block]:
     count = len(plan.motions)
     return [
         Block(predictor, motion, part)
-        for predictor in range(len(plan.predictors))
+        for predictor in range(len(plan.names))
         for motion in range(min(count, plan.episodes))
         for part in range(-(-len(range(motion, plan.episodes, count)) // BLOCK))
     ]
@@ -184,7 +179,7 @@ def run_block(plan: SimulationPlan, block: Block) -> dict[str, Any]:
                 cell=cell, scenario=scenario, log=log, alone=alone, truth=truth
             ).as_dict()
             rows["outcomes"].append({"variant": variant.name} | found)
-            checked = (plan.predictors[block.predictor], index) in plan.checked
+            checked = (plan.names[block.predictor], index) in plan.checked
             if checked and not variant.is_foreknown:  # a node does not know the future
                 said = disagreement(cell, scenario, variant, log)
                 rows["checks"].append(
@@ -223,7 +218,7 @@ def _bodies(plan: SimulationPlan, predictor: int, scenario: Scenario) -> MotionT
 
 @lru_cache(maxsize=2)
 def _cell(plan: SimulationPlan, predictor: int) -> tuple[Cell, list[Variant]]:
-    config = plan.loaded(plan.predictors[predictor])
+    config = plan.loaded(plan.names[predictor])
     return Cell(config), variants(config, plan.modes, plan.coverages)
 
 

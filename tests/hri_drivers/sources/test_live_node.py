@@ -8,14 +8,14 @@ import pytest
 
 from hri_drivers.sources.scene_stream.udp_source import UdpSource
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.check.touch import measure_touch
+from hri_predict.cli.check.sensor import measure_touch
 from hri_predict.contracts.source import NOT_KNOWN_NS, live_part
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, run
 from hri_sim.baseline_demo import baseline_demo
-from hri_sim.senders.live_ends import free_udp_port
+from hri_sim.wires.ports import free_udp_port
 from tests.hri_drivers.sources.scene_streaming import hri_sender
 
 pytestmark = pytest.mark.realtime

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hri_predict.cli import main
-from hri_predict.cli.played import BESIDE_THE_ROBOT, played
+from hri_predict.cli.run import BESIDE_THE_ROBOT, played
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY
 from hri_predict.run import config as configuration
 

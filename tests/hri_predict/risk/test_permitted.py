@@ -52,10 +52,10 @@ def test_the_standard(by_standard, deceleration, reaction_s, terms, distances):
 RUN = """
 import inspect, json, sys
 from dataclasses import replace
-from hri_sim.bench import walkers
+from hri_sim.bench import parts
 from hri_predict.base.machine.compiled import is_compiled
 
-zones, judge = walkers.risk_calls()
+zones, judge = parts.risk_calls()
 engine = inspect.getclosurevars(judge).nonlocals["engine"]
 engine._separation.warm_up()
 compiled = []
@@ -66,8 +66,8 @@ if is_compiled():
 judge()
 before = list(compiled)
 said = []
-for tick in range(walkers._WALK_TICKS):
-    snapshot, forecast = walkers._walkers(tick)
+for tick in range(parts._WALK_TICKS):
+    snapshot, forecast = parts._walkers(tick)
     snapshot = replace(snapshot, captures=tick + 1)
     for advice in engine.assess(snapshot, forecast).advices:
         said.append([advice.level.name, advice.reason.name, advice.body_part, advice.robot_link,

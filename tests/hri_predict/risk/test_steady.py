@@ -3,13 +3,13 @@
 import gc
 import tracemalloc
 
-from hri_sim.bench import walkers
+from hri_sim.bench import parts
 
 TICKS, TIMES, SETTLING = 60, 4, 16
 
 
 def test_judging_leaves_nothing_behind_that_grows():
-    _, judge = walkers.risk_calls()
+    _, judge = parts.risk_calls()
 
     def ticks() -> tuple[int, int]:
         for _ in range(TICKS):

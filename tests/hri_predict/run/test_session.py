@@ -10,8 +10,7 @@ import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Region
-from hri_predict.cli.played import BESIDE_THE_ROBOT
-from hri_predict.cli.run import DEMO_S
+from hri_predict.cli.run import BESIDE_THE_ROBOT, DEMO_S
 from hri_predict.protocol.messages import Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import open_recording

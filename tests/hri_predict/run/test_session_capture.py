@@ -16,7 +16,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import BASELINE
-from hri_sim.senders.live_ends import free_udp_port
+from hri_sim.wires.ports import free_udp_port
 
 MS = 1_000_000
 SENDER = Path(__file__).resolve().parents[3] / "drivers" / "python" / "hri_sender.py"

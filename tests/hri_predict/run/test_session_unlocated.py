@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hri_predict.cli.played import BESIDE_THE_ROBOT
+from hri_predict.cli.run import BESIDE_THE_ROBOT
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.run.session import Options, View, run

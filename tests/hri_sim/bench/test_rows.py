@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from hri_sim.bench import host
+from hri_sim.bench import saved
 from hri_sim.bench.rows import QUICK, Scope, exponent, measured
 
 
@@ -34,15 +34,15 @@ def test_a_quick_scope_asks_no_more_than_the_whole():
 
 
 def test_the_machine_is_stated():
-    facts = host.machine()
+    facts = saved.machine()
     assert facts["cores"] >= 1
     assert facts["processor"]
     assert facts["yardstick_us"] > 0
     assert facts["libraries"]["numpy"]
     assert json.loads(json.dumps(facts)) == facts
-    assert facts["processor"] in host.described(facts)
+    assert facts["processor"] in saved.described(facts)
 
 
 def test_a_busy_machine_is_told():
-    assert host.busy(0.5) == ""
-    assert "load average 0.6, over 0.5" in host.busy(0.6)
+    assert saved.busy(0.5) == ""
+    assert "load average 0.6, over 0.5" in saved.busy(0.6)

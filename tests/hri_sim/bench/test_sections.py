@@ -5,8 +5,8 @@ import math
 import pytest
 
 from hri_sim.bench import running, scaling
+from hri_sim.bench.command import SECTIONS
 from hri_sim.bench.rows import Row, Scope
-from hri_sim.bench.sections import SECTIONS
 
 TINY = Scope(
     seconds=0.2,

@@ -3,7 +3,7 @@
 from hri_predict.risk.separation.nearest import BodiesInTime
 from hri_predict.risk.types import Assessment
 from hri_predict.zones.body_zones import BodyZones
-from hri_sim.bench import walkers
+from hri_sim.bench import parts
 
 
 def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
@@ -15,7 +15,7 @@ def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
         return least(self, robots)
 
     monkeypatch.setattr(BodiesInTime, "least", spied)
-    zones, judge = walkers.risk_calls()
+    zones, judge = parts.risk_calls()
     bodies, assessment = zones(), judge()
     assert isinstance(bodies, BodyZones)
     assert isinstance(assessment, Assessment)
@@ -25,4 +25,4 @@ def test_the_measured_tick_is_as_large_as_it_says(monkeypatch):
     # both robots: the present speed and all four levels, now and 25 horizons, 8 capsules
     assert [shape for shape, _ in seen] == [(5, 26, 8)] * 2
     assert max(last for _, last in seen) == 25  # the highest level stands only then
-    assert "25 horizons x 2 robots x 8 capsules" in walkers.TITLE
+    assert "25 horizons x 2 robots x 8 capsules" in parts.TITLE

@@ -18,7 +18,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import BASELINE
-from hri_sim.controllers.requests import Requests, RequestSettings, Said
+from hri_sim.controllers.lies import Requests, RequestSettings, Said
 
 AUTOMATIC, TEACH, RECOVERY, MUTED = OperatingMode
 ENDS_S = 12.6

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
 
-from hri_sim.fault_table.ros2_link import CASES, SILENT_MS, run_ros2_case, run_ros2_faults
+from hri_sim.fault_table.ros2_link import CASES, SILENT_MS, Ros2Cell
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long]
 
@@ -17,9 +17,5 @@ BUSY_MS = 500.0
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_the_follower_stops_by_every_fault_that_silences_the_node_and_goes_on_after_it(case):
     limit_ms = None if case.limit_ms is None else SILENT_MS + BUSY_MS
-    outcome = run_ros2_case(case.name, replace(case, limit_ms=limit_ms))
+    outcome = Ros2Cell(replace(case, limit_ms=limit_ms)).run(case.name)
     assert outcome.fine, outcome
-
-
-def test_no_case_of_that_name_gives_no_row():
-    assert list(run_ros2_faults("nothing has this name")) == []

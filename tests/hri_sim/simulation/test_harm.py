@@ -56,33 +56,33 @@ TOUCH = RADIUS["l_forearm"] + BALL
 def test_a_touch_tells_part_and_speed():
     referee, harm = judged({"l_forearm": 0.6})
     referee.observe(0, forearm(TOUCH - 0.01), ball(0.0, 0.5))
-    assert harm.speeds_m_s == {"l_forearm": 0.5}
-    assert (harm.beyond, harm.forbidden, harm.clamped) == (0, 0, 0)
+    assert harm.touch_speeds_m_s == {"l_forearm": 0.5}
+    assert (harm.touches_beyond, harm.touches_forbidden, harm.clampings) == (0, 0, 0)
     referee.observe(40 * MS, forearm(TOUCH - 0.01), ball(0.0, 0.7))
-    assert harm.speeds_m_s == {"l_forearm": pytest.approx(0.7)}
-    assert harm.beyond > 0
+    assert harm.touch_speeds_m_s == {"l_forearm": pytest.approx(0.7)}
+    assert harm.touches_beyond > 0
 
 
 def test_a_standing_robot_harms_nobody():
     referee, harm = judged({"l_forearm": 0.0})
     referee.observe(0, forearm(TOUCH - 0.01), ball(0.0, 0.0))
     referee.observe(40 * MS, forearm(TOUCH - 0.05), ball(0.0, 0.0))
-    assert (harm.speeds_m_s, harm.forbidden) == ({}, 0)
+    assert (harm.touch_speeds_m_s, harm.touches_forbidden) == ({}, 0)
 
 
 def test_what_bears_nothing_is_forbidden():
     referee, harm = judged({"l_forearm": 0.0})
     referee.observe(0, forearm(TOUCH - 0.01), ball(0.0, 0.02))
-    assert harm.forbidden == 1
+    assert harm.touches_forbidden == 1
 
 
 def test_the_parts_own_speed_counts_in_the_relative_one():
     referee, harm = judged({"l_forearm": 0.6})
     referee.observe(0, forearm(TOUCH + 0.03), ball(0.0, 0.3))
     referee.observe(100 * MS, forearm(TOUCH - 0.02), ball(0.0, 0.3))  # 0.5 m/s towards it
-    assert harm.relative_m_s["l_forearm"] == pytest.approx(0.8)
-    assert harm.beyond == 0
-    assert harm.relative_beyond > 0
+    assert harm.touch_relative_m_s["l_forearm"] == pytest.approx(0.8)
+    assert harm.touches_beyond == 0
+    assert harm.touches_relative_beyond > 0
 
 
 @pytest.mark.parametrize(
@@ -92,4 +92,4 @@ def test_a_part_between_link_and_wall_is_clamped_if_the_robot_is_too_fast(x, spe
     referee, harm = judged({}, fixtures=[WALL])
     arm = x + 0.08  # at 1.96 the forearm touches the wall
     referee.observe(0, forearm(arm), ball(arm - TOUCH + 0.01, speed))
-    assert (harm.clamped > 0) is clamped
+    assert (harm.clampings > 0) is clamped

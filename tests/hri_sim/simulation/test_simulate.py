@@ -18,16 +18,10 @@ from tests.hri_predict.base.machine.dask_processes import scheduler, worker
 
 def plan(motions, count):
     return SimulationPlan(
-        config="",
-        predictors=(None, "b"),
-        modes=(),
-        coverages=(),
+        config=Path(),
+        predictors=("a", "b"),
         motions=tuple(map(str, range(motions))),
-        joint_map=None,
-        seen=(),
         episodes=count,
-        seed=0,
-        people=1,
         checked=frozenset(),
     )
 
@@ -200,8 +194,8 @@ def test_two_workers_of_a_cluster_give_the_same_table_as_this_process(request_of
 def test_a_calibration_is_used_by_the_predictor_that_it_was_made_for(tmp_path):
     file = tmp_path / "mine.json"
     file.write_bytes(shipped_calibration("constant_velocity").read_bytes())
-    path = str(configuration.shipped("simulate.yaml"))
-    made = replace(plan(1, 1), config=path, calibrations=(str(file),))
+    path = configuration.shipped("simulate.yaml")
+    made = replace(plan(1, 1), config=path, calibrations=(file,))
     used = made.loaded("constant_velocity").node.risk.coverage.calibration
     assert used == str(file)
     assert made.loaded("zero_velocity").node.risk.coverage.calibration is None

@@ -10,8 +10,8 @@ from hri_drivers.links.can.link import CanLink, CanLinkSettings
 from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.messages import Advice, Level, NodeState, Status
 from hri_predict.protocol.reasons import Reason
-from hri_sim.bench.capacity import saturate
 from hri_sim.bench.latency import _figures, _Seen, _status_times, _Watch
+from hri_sim.bench.links import saturate
 from hri_sim.wires.child import child
 from hri_sim.wires.far_end import drain, serial_line
 from hri_sim.wires.pty import open_pty

@@ -211,23 +211,21 @@ class MvnSource(LiveSource):
         joint_map = joint_map.with_units(METRES_PER_UNIT[settings.units or UNITS[number]])
         joint_map = joint_map.with_axes(settings.axes or AXES[number])
         counters = SourceCounters()
-        self.receiver: UdpReceiver | StreamServer
+        receiver: Receiver
         if settings.protocol == "udp":
-            self.receiver = UdpReceiver(settings.host, settings.port, largest=MAX_DATAGRAM)
+            receiver = UdpReceiver(settings.host, settings.port, largest=MAX_DATAGRAM)
         else:
-            self.receiver = StreamServer(
+            receiver = StreamServer(
                 host=settings.host,
                 port=settings.port,
                 splitter=StreamSplitter,
                 places=MAX_SENDERS,
                 counters=counters,
             )
-        decoder = MvnDecoder(settings, joint_map, counters)
-        receiver: Receiver = self.receiver
         super().__init__(
             settings=settings,
             receiver=receiver,
-            decoder=decoder,
+            decoder=MvnDecoder(settings, joint_map, counters),
             counters=counters,
             joint_map=joint_map,
             clock=clock,

@@ -4,9 +4,10 @@ Each scene states its units and axes; the joint map gives only the names. TCP ke
 sequence lower than the one before means that the sender restarted.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -102,27 +103,28 @@ class JsonDecoder:
         return [replace(scene, session=self._session)]
 
 
-class SceneJsonSource(LiveSource):
-    """A live source of JSON scenes, over any carrier."""
+class SceneJsonSource(LiveSource, ABC):
+    """A live source of JSON scenes, over any carrier.
+
+    Raises:
+        ConfigError: the joint map is wrong.
+    """
 
     def __init__(
         self,
-        *,
-        settings: SceneJsonSettings,
-        receiver: Receiver,
-        counters: SourceCounters,
-        base_dir: Path | None,
-        clock: Clock | None,
+        settings: Any,  # each kind's own
+        base_dir: Path | None = None,
+        clock: Clock | None = None,
     ) -> None:
+        counters = SourceCounters()
         names = sender_joints(settings, base_dir)
         joint_map = names.with_units(1.0).with_axes(["x", "y", "z"])  # as the reader gives them
         reader = SceneReader(names.source_joints, settings.min_confidence, counters)
-        decoder = JsonDecoder(reader)
         self._reader = reader
         super().__init__(
             settings=settings,
-            receiver=receiver,
-            decoder=decoder,
+            receiver=self._make_receiver(settings, counters),
+            decoder=JsonDecoder(reader),
             counters=counters,
             joint_map=joint_map,
             clock=clock,
@@ -133,35 +135,27 @@ class SceneJsonSource(LiveSource):
         """See ``hri_predict.contracts.source.StatesFrame``."""
         return self._reader.stated
 
+    @staticmethod
+    @abstractmethod
+    def _make_receiver(settings: Any, counters: SourceCounters) -> Receiver:
+        """Return what brings the texts, not yet open."""
+
 
 class JsonSource(SceneJsonSource):
     """See ``hri_predict.contracts.source.Source``."""
 
     settings_model = JsonSettings
 
-    def __init__(
-        self, settings: JsonSettings, base_dir: Path | None = None, clock: Clock | None = None
-    ) -> None:
-        """Nothing is opened yet.
-
-        Raises:
-            ConfigError: the joint map is wrong.
-        """
-        counters = SourceCounters()
-        receiver: StreamServer | StreamClient
+    @staticmethod
+    def _make_receiver(settings: JsonSettings, counters: SourceCounters) -> Receiver:
         if settings.role == "server":
-            receiver = StreamServer(
+            return StreamServer(
                 host=settings.host,
                 port=settings.port,
                 splitter=LineSplitter,
                 places=1,
                 counters=counters,
             )
-        elif settings.service is not None:
-            receiver = ServiceClient(settings.service, LineSplitter)
-        else:
-            receiver = StreamClient(settings.host, settings.port, LineSplitter)
-        self.receiver = receiver
-        super().__init__(
-            settings=settings, receiver=receiver, counters=counters, base_dir=base_dir, clock=clock
-        )
+        if settings.service is not None:
+            return ServiceClient(settings.service, LineSplitter)
+        return StreamClient(settings.host, settings.port, LineSplitter)

@@ -9,7 +9,6 @@ import contextlib
 import logging
 import socket
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -20,6 +19,7 @@ from websockets.server import ServerProtocol
 from websockets.sync.client import ClientConnection, connect
 from websockets.uri import parse_uri
 
+from hri_drivers.sources.live import Receiver
 from hri_drivers.sources.scene_json.codec import MAX_BYTES, plain
 from hri_drivers.sources.scene_json.json_source import SceneJsonSettings, SceneJsonSource
 from hri_drivers.sources.tcp import (
@@ -28,7 +28,6 @@ from hri_drivers.sources.tcp import (
     StreamServer,
     check_exposure,
 )
-from hri_predict.base.clock import Clock
 from hri_predict.base.errors import SourceError
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.contracts.source import SourceCounters
@@ -209,29 +208,11 @@ class WebSocketSource(SceneJsonSource):
 
     settings_model = WebSocketSettings
 
-    def __init__(
-        self, settings: WebSocketSettings, base_dir: Path | None = None, clock: Clock | None = None
-    ) -> None:
-        """Nothing is opened yet.
-
-        Raises:
-            ConfigError: the joint map is wrong.
-        """
-        counters = SourceCounters()
-        self.receiver: WebSocketServer | WebSocketClient
-        if settings.url is None:
-            self.receiver = WebSocketServer(
-                settings.host, settings.port, settings.origins, counters
-            )
-        else:
-            self.receiver = WebSocketClient(settings.url)
-        super().__init__(
-            settings=settings,
-            receiver=self.receiver,
-            counters=counters,
-            base_dir=base_dir,
-            clock=clock,
-        )
+    @staticmethod
+    def _make_receiver(settings: WebSocketSettings, counters: SourceCounters) -> Receiver:
+        if settings.url is not None:
+            return WebSocketClient(settings.url)
+        return WebSocketServer(settings.host, settings.port, settings.origins, counters)
 
 
 def _why(error: Exception) -> str:

@@ -11,14 +11,12 @@ from typing import ClassVar, Literal, Self
 from cobs import cobs
 from pydantic import Field, field_validator, model_validator
 
-from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
 from hri_drivers.sources.scene_stream.receiver import SceneStream
-from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
+from hri_drivers.sources.scene_stream.stream_source import StreamSettings, StreamSource
 from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_serial_device
 from hri_drivers.wires.usb_ports import UsbDevice
-from hri_predict.base.clock import Clock
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.contracts.source import SourceCounters
 
@@ -113,42 +111,24 @@ class FramedStream:
         self._counters.note(why)
 
 
-class SerialSkeletonSource(LiveSource):
-    """See ``hri_predict.contracts.source.Source``."""
+class SerialSkeletonSource(StreamSource):
+    """See ``StreamSource``."""
 
     settings_model = SerialSkeletonSettings
-    stamps_utc = True
 
-    def __init__(
-        self,
-        settings: SerialSkeletonSettings,
-        base_dir: Path | None = None,
-        clock: Clock | None = None,
-    ) -> None:
-        """Nothing is opened yet.
-
-        Raises:
-            ConfigError: the joint map is wrong, or has more joints than a stream can carry.
-            SourceError: the key cannot be used.
-        """
-        stream = stream_of(settings, base_dir)
-        port: str | UsbDevice = settings.usb or settings.port or ""
-        line = SerialTransport(
-            port,
+    @staticmethod
+    def _make_receiver(settings: SerialSkeletonSettings, base_dir: Path) -> SerialTransport:
+        return SerialTransport(
+            settings.usb or settings.port or "",
             settings.baudrate,
             rtscts=settings.rtscts,
             parity=settings.parity,
             stop_bits=settings.stop_bits,
         )
-        framed_stream = FramedStream(stream, stream.counters)
-        super().__init__(
-            settings=settings,
-            receiver=line,
-            decoder=framed_stream,
-            counters=stream.counters,
-            joint_map=stream.joint_map,
-            clock=clock,
-        )
+
+    @staticmethod
+    def _make_decoder(stream: SceneStream) -> FramedStream:
+        return FramedStream(stream, stream.counters)
 
 
 def framed(datagram: bytes) -> bytes:

@@ -4,18 +4,14 @@ The user's program sends it; ``drivers/python/hri_sender.py`` is all that it nee
 """
 
 import ipaddress
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
-from hri_drivers.sources.scene_stream.settings import StreamSettings, stream_of
+from hri_drivers.sources.scene_stream.stream_source import StreamSettings, StreamSource
 from hri_drivers.sources.udp_receiver import UdpReceiver, is_loopback
-from hri_predict.base.clock import Clock
 from hri_predict.base.quantities.safe_side import Safety, harmless
 
 DEFAULT_PORT = 47_800
@@ -59,53 +55,23 @@ class UdpSettings(StreamSettings):
     def _protected(self) -> Self:
         if self.multicast_group is not None and ":" in self.host:
             raise ValueError("multicast needs an IPv4 'host': the address of the interface")
-        local = is_loopback(self.host)
-        if local or self.key_file is not None or self.allow_unauthenticated:
-            return self
-        raise ValueError(
-            f"host {self.host} accepts network input, and any program could claim an empty room: "
-            "set 'key_file', or 'allow_unauthenticated: true' if you trust the whole network"
-        )
+        self.demand_key(is_loopback(self.host), f"host {self.host}", "you trust the whole network")
+        return self
 
 
-class UdpSource(LiveSource):
-    """See ``hri_drivers.sources.live.LiveSource``.
-
-    Args:
-        settings: the source's.
-        base_dir: start of relative paths of the key and the joint map.
-        clock: the node's.
-        utc_ns: this machine's UTC clock.
-
-    Raises:
-        ConfigError: there is no such joint map, or it has more joints than a stream can carry.
-        SourceError: the key cannot be used.
-    """
+class UdpSource(StreamSource):
+    """See ``StreamSource``."""
 
     settings_model = UdpSettings
-    stamps_utc = True
+    _receiver: UdpReceiver
 
-    def __init__(
-        self,
-        settings: UdpSettings,
-        base_dir: Path | None = None,
-        clock: Clock | None = None,
-        utc_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        stream = stream_of(settings, base_dir, utc_ns)
-        self._udp = UdpReceiver(
+    @staticmethod
+    def _make_receiver(settings: UdpSettings, base_dir: Path) -> UdpReceiver:
+        return UdpReceiver(
             settings.host, settings.port, settings.multicast_group, largest=MAX_DATAGRAM
-        )
-        super().__init__(
-            settings=settings,
-            receiver=self._udp,
-            decoder=stream,
-            counters=stream.counters,
-            joint_map=stream.joint_map,
-            clock=clock,
         )
 
     @property
     def port(self) -> int:
         """Port that it listens on; 0 until it is open."""
-        return self._udp.port
+        return self._receiver.port

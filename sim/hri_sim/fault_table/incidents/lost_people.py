@@ -1,10 +1,10 @@
-"""The tracker loses people while they are in the room."""
+"""People who are lost while they are in the room, or mistaken for others."""
 
 from typing import Any
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.protocol.reasons import Reason
-from hri_sim.fault_table.incident import Incident
+from hri_sim.fault_table.incident import ALL_MODES, Incident
 from hri_sim.fault_table.people import (
     Person,
     leave,
@@ -15,6 +15,8 @@ from hri_sim.fault_table.people import (
     walk,
     walks_out,
 )
+
+# -- the tracker loses people while they are in the room -------------------------------------------
 
 _DOOR = [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]
 _FLOOR = [[-4, -4], [6, -4], [6, 5], [-4, 5]]
@@ -193,5 +195,134 @@ LOST_PEOPLE = (
         "never showed a joint",
         (f"hide@0+28:person=1,joints=[{','.join(JOINTS)}]",),
         Reason.PERSON_NOT_LOCATED,
+    ),
+)
+
+
+# -- an id moves from a person who is then hidden to a colleague, who walks out --------------------
+
+_HIDES_S = 5.0
+
+
+def _incident(name: str, place: list[float], *faults: str) -> Incident:
+    """The worker is hidden from ``_HIDES_S`` on; the colleague stands at ``place``."""
+    return Incident(
+        name=f"identity: {name}",
+        people=(reaches_out(12.0), walks_out(_HIDES_S + 3.0, place)),
+        duration_s=28.0,
+        faults=faults,
+        settings={"source": {"keeps_ids": False}},
+        modes=ALL_MODES,
+        not_clear=(_HIDES_S, 28.0),
+        says=(Reason.PERSON_LOST,),
+    )
+
+
+def _others(*parts: str) -> str:
+    """The joints of all other parts of the body, as a list in a fault."""
+    return ",".join(name for name in JOINTS if name[2:] not in parts)
+
+
+_ONE_CAPTURE = "+0.03"
+_AFTER = f"@{_HIDES_S}+23"
+_BESIDE = [2.1, 0.35]
+
+IDENTITY = (
+    _incident(
+        "one capture under a colleague's id",
+        [2.9, 1.7],
+        "vanish@0+4.99:person=1",
+        f"vanish@4.99{_ONE_CAPTURE}:person=2",
+        f"rename@4.99{_ONE_CAPTURE}:person=1,to=2",
+        "vanish@5.02+23:person=1",
+    ),
+    _incident(
+        "slides to a colleague 0.43 m behind",
+        _BESIDE,
+        f"vanish@0+{_HIDES_S}:person=2",
+        f"vanish{_AFTER}:person=1",
+        f"rename{_AFTER}:person=2,to=1",
+    ),
+    _incident(
+        "a colleague appears 0.43 m beside, 0.4 s later",
+        _BESIDE,
+        f"vanish@0+{_HIDES_S + 0.4}:person=2",
+        f"vanish{_AFTER}:person=1",
+    ),
+    _incident(
+        "alternates between two people",
+        _BESIDE,
+        "vanish@0+3.5:person=1",
+        "alternate@3.5+1.5:person=2,other=1",
+        f"vanish{_AFTER}:person=1",
+    ),
+    _incident(
+        "slides from arms to a colleague's legs",
+        [2.3, 0.53],
+        f"vanish@0+{_HIDES_S}:person=2",
+        f"hide@4+1:person=1,joints=[{_others('elbow', 'wrist', 'hand')}]",
+        f"vanish{_AFTER}:person=1",
+        f"hide@5+1:person=2,joints=[{_others('knee', 'ankle', 'foot')}]",
+        f"rename{_AFTER}:person=2,to=1",
+    ),
+)
+
+
+# -- people who vanish in an exit, or at its edge, and have not left by it; and one who has --------
+
+_EXIT = {"polygon": [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]}
+_ENDS_S = 16.0
+_LEGS = ",".join(name for name in JOINTS if name[2:] in ("knee", "ankle", "foot"))
+
+
+def _and_back(start: list[float], to: list[float], speed_m_s: float = 1.2) -> dict[str, Any]:
+    """Walks somewhere, and at once back to the robot, to reach into its way."""
+    return person(
+        start,
+        walk(to, speed_m_s=speed_m_s),
+        walk([1.12, 0.1]),
+        reach([0.72, 0.1, 0.64], hold_s=6.0),
+    )
+
+
+def _returns(
+    name: str, person: dict[str, Any], gone_s: float, *faults: str, **exit_: Any
+) -> Incident:
+    """Vanishes at the exit at ``gone_s``, and comes back to the robot unseen."""
+    return Incident(
+        name=f"exit: {name}",
+        people=(person,),
+        duration_s=_ENDS_S,
+        faults=(*faults, f"vanish@{gone_s}+{_ENDS_S}:person=1"),
+        settings={"source": {"keeps_ids": False}, "people": {"exits": [_EXIT | exit_]}},
+        not_clear=(gone_s + 1.5, _ENDS_S),
+        says=(Reason.PERSON_LOST,),
+    )
+
+
+EXITS = (
+    _returns(
+        "lost a third of a metre inside, on the way out", _and_back([1.5, 0.5], [3.8, 2.6]), 2.7
+    ),
+    _returns("turns round before the side that leads out", _and_back([1.8, 0.6], [4.0, 2.8]), 3.45),
+    _returns(
+        "passes its edge, and a pallet hides the legs",
+        _and_back([3.3, 0.2], [3.3, 2.9]),
+        2.75,
+        f"hide@1.9+1:person=1,joints=[{_LEGS}]",
+    ),
+    _returns(
+        "passes by the line that leads out",
+        _and_back([3.7, 0.2], [3.7, 3.3]),
+        3.1,
+        out=[[4.2, 2.2], [4.2, 2.8]],
+    ),
+    Incident(
+        name="exit: walks out, so the cell works on",
+        people=(person([1.8, 0.6], walk([4.6, 3.2]), leave()),),
+        duration_s=9.0,
+        settings={"source": {"keeps_ids": False}, "people": {"exits": [_EXIT]}},
+        moving=(6.5, 9.0),
+        never_says=(Reason.PERSON_LOST,),
     ),
 )

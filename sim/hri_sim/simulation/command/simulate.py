@@ -11,21 +11,20 @@ from hri_predict.cli.common import (
     CalibrationsOption,
     ClusterOption,
     JointMapOption,
+    JsonOption,
+    counting,
     files,
     map_path,
     need_plots,
     one_of,
     processes,
-    progress,
     without_effect,
 )
 from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import asked_predictors
-from hri_sim.simulation.command.distance import distances
-from hri_sim.simulation.command.occlude import occluded
-from hri_sim.simulation.command.screen import show
+from hri_sim.simulation.command.shown import distances, occluded, show
 from hri_sim.simulation.distance.people import ACTIVITIES, FULL, own_sights, sights
 from hri_sim.simulation.request import (
     DistanceRequest,
@@ -192,7 +191,7 @@ def simulate(
             show_default="8",
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print only JSON.")] = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Simulate people who approach a robot that follows the advice, and count what happens.
 
@@ -308,11 +307,8 @@ def simulate(
         out=out,
         resume=resume,
     )
-    with progress() as bar:
-        task = bar.add_task("approaches", total=None)
-        report = simulation.run(
-            request, lambda done, total: bar.update(task, completed=done, total=total)
-        )
+    with counting("approaches") as progress:
+        report = simulation.run(request, progress)
     if as_json:
         print(report.json)
     else:

@@ -10,6 +10,7 @@ from typing import Any
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
 from hri_predict.base.work.workers_for import workers_for
+from hri_predict.cli.common import writing
 from hri_predict.lab.evaluation.table import Table
 from hri_predict.run.compared_predictors import asked_predictors
 from hri_predict.run.working_distance.measure import FARTHEST_M, FAST, HELD, WARM_S, robot_of
@@ -199,11 +200,7 @@ def _written(out: Path, tables: Sequence[Table], said: Sequence[str], text: str)
     shown = "\n".join(table.markdown() for table in tables)
     markdown = f"# Working distance\n\n{shown}\n{notes}\n"
     files = [out / "distance.md", out / "distance.json"]
-    try:
+    with writing(f"--out {out}", "name another folder"):
         for path, content in zip(files, (markdown, text + "\n"), strict=True):
             atomic_write(path, content.encode())
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another folder"
-        ) from error
     return files

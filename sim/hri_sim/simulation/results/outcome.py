@@ -14,10 +14,11 @@ from hri_predict.base.geometry import Capsules, capsule_distance
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.protocol.messages import Level
 from hri_predict.robots.model import RobotModel
-from hri_sim.referee import body_capsules
+from hri_sim.referee import Tally, body_capsules
 from hri_sim.simulation.bodies import MotionTicks
 from hri_sim.simulation.cell import Cell
 from hri_sim.simulation.episode import Log
+from hri_sim.simulation.harm import Touches
 from hri_sim.simulation.scenario import Scenario
 
 HORIZON_S = 1.0
@@ -29,17 +30,12 @@ _ADVISED = ("stop", "unknown", "fault")  # causes of a stop that are advice, not
 
 
 @dataclass(kw_only=True)
-class Outcome:
-    """One approach under one variant: counts, and seconds with a person there.
+class Outcome(Tally, Touches):
+    """One approach under one variant: the referee's tally, touches, and counts of stops.
 
     Attributes:
         index, motion: the scenario's number, and the first person's motion.
         seconds: time with a person there.
-        contacts, contacts_standing: the referee's counts.
-        min_separation_m: the smallest distance; ``None`` if no person was seen.
-        moving_separation_m: the same while the robot moved; ``None`` if it did not.
-        violation_s, violation_m: time that the robot moved although a person was nearer than
-            C + Z_d + Z_r, and the greatest shortfall.
         stops: protective stops, that is, stops on advice.
         wire_stops: stops because the wire lost too much.
         judged_stops, judged_s: stops followed by a whole recorded horizon, and the time in which a
@@ -49,20 +45,12 @@ class Outcome:
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
         lead_s: if not missed, the time from the first stricter advice to the touch.
-        touch_speeds_m_s, touch_relative_m_s, touch_limits_m_s, touches_beyond,
-            touches_relative_beyond, touches_forbidden, clampings: see ``Harm``.
         cycles, cycles_empty: work done, and the work of an empty cell in the same time.
     """
 
     index: int
     motion: str
     seconds: float
-    contacts: int = 0
-    contacts_standing: int = 0
-    min_separation_m: float | None = None
-    moving_separation_m: float | None = None
-    violation_s: float = 0.0
-    violation_m: float = 0.0
     stops: int = 0
     wire_stops: int = 0
     judged_stops: int = 0
@@ -73,13 +61,6 @@ class Outcome:
     lead_s: list[float] = field(default_factory=list)
     cycles: float = 0.0
     cycles_empty: float = 0.0
-    touch_speeds_m_s: dict[str, float] = field(default_factory=dict)
-    touch_relative_m_s: dict[str, float] = field(default_factory=dict)
-    touch_limits_m_s: dict[str, float] = field(default_factory=dict)
-    touches_beyond: int = 0
-    touches_relative_beyond: int = 0
-    touches_forbidden: int = 0
-    clampings: int = 0
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -148,14 +129,9 @@ def outcome(*, cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Trut
         index=scenario.index,
         motion=scenario.motions[0],
         seconds=float(times[-1] - times[start]),
-        contacts=log.contacts,
-        contacts_standing=log.contacts_standing,
-        min_separation_m=log.min_separation_m,
-        moving_separation_m=log.moving_separation_m,
-        violation_s=log.violation_s,
-        violation_m=log.violation_m,
         judged_s=max(0.0, float(times[-1] - times[start]) - HORIZON_S),
-        **({} if log.harm is None else log.harm.as_dict()),
+        **log.tally(),
+        **({} if log.harm is None else log.harm.touches()),
     )
     _count_stops(found=found, cell=cell, log=log, truth=truth, times=times, start=start)
     for robot, (model, trajectory) in enumerate(zip(cell.models, cell.trajectories, strict=True)):

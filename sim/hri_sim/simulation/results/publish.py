@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import atomic_write
+from hri_predict.cli.common import writing
 from hri_predict.run.zone_basis import ZoneBasis
 from hri_sim.simulation.request import SimulationReport
 from hri_sim.simulation.results.report import (
@@ -77,16 +77,11 @@ def report(result: Result, out: Path | None) -> SimulationReport:
         markdown = "\n\n".join(
             ["# Closed loop", *[t.markdown() for t in written], "\n".join(f"- {n}" for n in said)]
         )
-        try:
+        with writing(f"--out {out}", "free some space, then give --resume"):
             for name, content in (("simulate.md", markdown), ("simulate.json", text)):
                 atomic_write(out / name, (content + "\n").encode())
                 files.append(out / name)
             files += write_plots(result.results, out)
-        except OSError as error:
-            raise ConfigError(
-                f"--out {out}: cannot be written: {error.strerror}; free some space, then give "
-                f"--resume"
-            ) from error
     return SimulationReport(
         tables=shown, notes=said, json=text, files=files, disagreements=result.disagreements
     )

@@ -51,7 +51,13 @@ _SUMMED = (
     "seconds", "contacts", "contacts_standing", "violation_s", "stops", "false_stops", "touches",
     "missed", "cycles", "cycles_empty",
 )  # fmt: skip
-_NOT_SUMMED = ("motion", "lead_s", "touch_speeds_m_s", "touch_relative_m_s", "touch_limits_m_s")
+_TOTALS = (
+    "contacts", "contacts_standing", "violation_s", "stops", "wire_stops", "judged_stops",
+    "false_stops", "missed", "cycles", "cycles_empty", "touches_beyond", "touches_relative_beyond",
+    "touches_forbidden", "clampings",
+)  # fmt: skip
+_SPEEDS = ("touch_speeds_m_s", "touch_relative_m_s", "touch_limits_m_s")
+_NOT_SUMMED = ("motion", "lead_s", *_SPEEDS)
 HARM, WORK = METRICS[:4], METRICS[4:]
 PREDICTION = (
     Metric(key="precision", title="precision, %", digits=1, factor=100.0, better="more"),
@@ -108,28 +114,13 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
         "approaches": len(rows),
         "recordings": len(set(names)),
         "hours": sum(column["seconds"]) / 3600,
-        "contacts": sum(column["contacts"]),
-        "contacts_standing": sum(column["contacts_standing"]),
+        **{key: sum(column[key]) for key in _TOTALS},
+        **{key: _highest(row[key] for row in rows) for key in _SPEEDS},
         "approaches_with_violation": sum(s > 0 for s in column["violation_s"]),
-        "violation_s": sum(column["violation_s"]),
         "violation_depth_m": max(column["violation_m"]),
         "min_separation_m": min(separations, default=None),
         "moving_separation_m": min((m for m in moving if m is not None), default=None),
-        "stops": sum(column["stops"]),
-        "wire_stops": sum(column["wire_stops"]),
-        "judged_stops": sum(column["judged_stops"]),
-        "false_stops": sum(column["false_stops"]),
         "touches_unprotected": sum(column["touches"]),
-        "missed": sum(column["missed"]),
-        "cycles": sum(column["cycles"]),
-        "cycles_empty": sum(column["cycles_empty"]),
-        "touches_beyond": sum(column["touches_beyond"]),
-        "touches_relative_beyond": sum(column["touches_relative_beyond"]),
-        "touches_forbidden": sum(column["touches_forbidden"]),
-        "clampings": sum(column["clampings"]),
-        "touch_speeds_m_s": _highest(row["touch_speeds_m_s"] for row in rows),
-        "touch_relative_m_s": _highest(row["touch_relative_m_s"] for row in rows),
-        "touch_limits_m_s": _highest(row["touch_limits_m_s"] for row in rows),
     }
     return Judged(
         predictor=predictor,

@@ -34,8 +34,8 @@ from hri_predict.protocol.messages import (
     Status,
     Zone,
 )
-from hri_sim.wires.random_messages import random_message, signals
 from hri_sim.wires.slcan_adapter import SlcanAdapter, open_pty
+from tests.random_messages import random_message, signals
 
 DBC = Path(__file__).resolve().parents[4] / "drivers" / "dbc"
 MULTICAST = "239.74.163.2"

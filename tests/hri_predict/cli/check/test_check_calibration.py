@@ -6,7 +6,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from hri_predict.cli.check.calibration import calibration_lines, calibration_notes, facts_of
+from hri_predict.cli.check.zones import calibration_lines, calibration_notes, facts_of
 from hri_predict.zones.calibration import SiteParts, UsedRecording, load_calibration, save_text
 from tests.hri_predict.zones.conftest import calibration_of
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hri_predict.cli.check.delays import delay_notes
+from hri_predict.cli.check.notes import delay_notes
 from hri_predict.contracts.link import LinkSettings
 
 STATED = {"silence_timeout_s": 0.06, "reaction_s": 0.02}

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from hri_predict.cli.check.check import examine
-from hri_predict.cli.check.modes import mode_notes, still_note
+from hri_predict.cli.check.notes import mode_notes, still_note
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run import config as configuration
 from hri_sim.baseline_demo import BASELINE

@@ -7,7 +7,7 @@ import yaml
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.check.check import check
-from hri_predict.cli.check.contact import (
+from hri_predict.cli.check.robots import (
     contact_facts,
     contact_notes,
     unseen_ends_note,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.cli.check.distance import distance_facts, distance_lines
+from hri_predict.cli.check.zones import distance_facts, distance_lines
 from hri_predict.run import config as configuration
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.check.evidence import evidence_facts, evidence_line, evidence_notes
+from hri_predict.cli.check.commissioned import evidence_facts, evidence_line, evidence_notes
 from hri_predict.operation.evidence.settings import EvidenceSettings
 from tests.hri_predict.commissioning.cells import load_cell
 

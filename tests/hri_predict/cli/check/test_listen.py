@@ -10,8 +10,8 @@ import pytest
 from hri_predict.base.geometry import transform
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli.check import listen as listen_module
-from hri_predict.cli.check.listen import refusals, remedy, show, size_remedy
+from hri_predict.cli.check import sensor as listen_module
+from hri_predict.cli.check.sensor import refusals, remedy, show, size_remedy
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, load_joint_map
 from hri_predict.people.body.axes import all_axes
 from hri_predict.people.body.posture_watch import Verdict

@@ -14,7 +14,7 @@ from hri_drivers.sources.scene_json.websocket_source import WebSocketSettings, W
 from hri_predict.base.geometry import transform
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli.check import listen
+from hri_predict.cli.check import sensor
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
 from hri_predict.people.body.axes import all_axes
 from hri_sim.baseline_demo import baseline_demo
@@ -82,9 +82,9 @@ def heard(request, monkeypatch):
         def fed(source):
             yield Sensor(make(settings.model_validate(values)), lines)
 
-        monkeypatch.setattr(listen, "opened", fed)
-        monkeypatch.setattr(listen.assemble, "build_source", lambda config: None)
-        return listen.listen(config, 1.0)
+        monkeypatch.setattr(sensor, "opened", fed)
+        monkeypatch.setattr(sensor.assemble, "build_source", lambda config: None)
+        return sensor.listen(config, 1.0)
 
     return call
 

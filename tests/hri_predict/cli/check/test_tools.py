@@ -10,7 +10,7 @@ from rich.console import Console
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.check.check import examine
-from hri_predict.cli.check.tools import WORST, tool_tables
+from hri_predict.cli.check.robots import WORST, tool_tables
 from hri_predict.run import config as configuration
 
 TOOLS = [

@@ -17,8 +17,7 @@ import yaml
 from hri_predict.base.files import data_path
 from hri_predict.cli import main
 from hri_predict.cli.check.check import examine
-from hri_predict.cli.init.commented import WIDTH
-from hri_predict.cli.init.init import SCHEMA_FILE
+from hri_predict.cli.init.init import SCHEMA_FILE, WIDTH
 from hri_predict.contracts import registry
 from hri_predict.protocol.messages import RobotState
 from hri_predict.recording.mcap.reader import read_mcap

@@ -14,7 +14,7 @@ import pytest
 
 from hri_predict.base.files import data_path
 from hri_predict.run import config as configuration
-from hri_sim.senders.live_ends import free_udp_port
+from hri_sim.wires.ports import free_udp_port
 from tests.hri_predict.cli.register.touching_sender import TRUTH
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long]

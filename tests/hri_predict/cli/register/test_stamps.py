@@ -2,7 +2,7 @@
 
 import pytest
 
-from hri_predict.cli.register.stamps import stamps_remedy
+from hri_predict.cli.register.sight import stamps_remedy
 
 ARRIVED = [k * 33_000_000 + (k % 5) * 4_000_000 for k in range(60)]  # 30 Hz with 16 ms of jitter
 

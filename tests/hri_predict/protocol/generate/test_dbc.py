@@ -19,7 +19,7 @@ from hri_predict.protocol.definition import BY_TYPE, DEFINITIONS, frame_table, n
 from hri_predict.protocol.generate.dbc import FILES, dbc_text, frame_name
 from hri_predict.protocol.messages import Level, NodeState, Status
 from hri_predict.protocol.reasons import Reason
-from hri_sim.wires.random_messages import random_message, signals
+from tests.random_messages import random_message, signals
 
 DBC = Path(__file__).resolve().parents[4] / "drivers" / "dbc"
 

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from hri_predict.cli.check import check as command
-from hri_predict.cli.check.machine import realtime
+from hri_predict.cli.check import realtime
 from tests.hri_predict.cli.test_cli import cli, mistake, write
 
 __all__ = ["cli", "mistake", "write"]
@@ -14,7 +13,7 @@ pytestmark = pytest.mark.realtime
 
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):
-    monkeypatch.setattr(command, "look", lambda config: realtime.look(config, 0.1))
+    monkeypatch.setattr(realtime, "MEASURED_S", 0.1)
 
 
 def test_it_says_what_the_machine_lacks_and_how_late_it_wakes(cli, write):

@@ -1,8 +1,4 @@
-"""``check --listen``: do the people of a live source stand on the floor, and if not, what would?
-
-A wrong joint map or pose is nearly always one of the 24 rotations that carry axes to axes. Each is
-tried on what was heard; the one in which people stand is named in the configuration's terms.
-"""
+"""``check --touched`` and ``--listen``: is the sensor where it should be, and do people stand?"""
 
 import json
 import math
@@ -14,9 +10,9 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import transform
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.cli.register.sight import opened
+from hri_predict.cli.register.points import point_from
+from hri_predict.cli.register.sight import choose_joint, opened, place_of, stamps_remedy
 from hri_predict.cli.register.solve import quaternion
-from hri_predict.cli.register.stamps import stamps_remedy
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.contracts.source import StatesFrame, live_part
 from hri_predict.people.body.axes import ALIKE, all_axes
@@ -27,6 +23,64 @@ from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
+
+# -- check --touched: is the sensor where room_from_source says it is? -----------------------------
+
+WATCH_S = 3.0
+
+
+def measure_touch(config: Config, touched: str, joint: str | None = None) -> dict[str, Any]:
+    """Watch the source for a while and compare a joint with the point that the joint touches.
+
+    One point shows how far the sensor is displaced, not how it is turned: see ``register``.
+
+    Args:
+        config: with the source.
+        touched: x,y,z in the room, metres.
+        joint: canonical joint; default: a hand, else a wrist, that the source's joint map has.
+
+    Raises:
+        ConfigError: the point or the joint is wrong, no sender is there, or the joint was seen too
+            rarely or moved.
+    """
+    point = point_from(touched, 3, "--touched")
+    try:
+        with opened(assemble.build_source(config)) as sensor:
+            joint = choose_joint(sensor.source, joint)
+            place = place_of(sensor, sensor.watch(WATCH_S), joint)
+    except ConfigError as error:
+        raise ConfigError(f"--touched: {error}") from error
+    error_m = point - place.middle
+    corrected = np.asarray(config.source.room_from_source.xyz) + error_m
+    return {
+        "joint": joint,
+        "touched": point.tolist(),
+        "seen": [round(v, 4) for v in place.middle.tolist()],
+        "spread_m": round(place.spread_m, 4),
+        "off_m": round(float(np.linalg.norm(error_m)), 4),
+        "allowed_m": config.node.risk.person_uncertainty_m,
+        "room_from_source_xyz": [round(v, 4) for v in corrected.tolist()],
+    }
+
+
+def show_touch(found: dict[str, Any], as_json: bool) -> bool:
+    """Print the result and the remedy; return whether the joint is near enough to the point."""
+    fine = bool(found["off_m"] <= found["allowed_m"])
+    if as_json:
+        print(json.dumps(found))
+        return fine
+    print(f"touched  {found['touched']}")
+    print(f"seen     {found['seen']}, spread {found['spread_m'] * 1e3:.0f} mm ({found['joint']})")
+    print(f"off by   {found['off_m'] * 1e3:.0f} mm; allowed {found['allowed_m'] * 1e3:.0f} mm")
+    if not fine:
+        print(f"remedy: source.room_from_source.xyz: {found['room_from_source_xyz']}")
+        print("if the sensor is turned, this point says nothing of others: hri-predict register")
+    else:
+        print("ok: within risk.person_uncertainty_m")
+    return fine
+
+
+# -- check --listen: do the people of a live source stand on the floor, and if not, what would? ----
 
 LEAST_CAPTURES = 10
 IN_SCENE = ("json", "websocket")

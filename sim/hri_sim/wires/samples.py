@@ -1,4 +1,4 @@
-"""Messages that benches send, with sensible values."""
+"""Messages as a node with one robot sends them, with sensible values."""
 
 from dataclasses import replace
 from typing import Any

@@ -15,16 +15,16 @@ from hri_predict.run.config import Config
 MEASURED_S = 2.0
 
 
-def look(config: Config, seconds: float = MEASURED_S) -> dict[str, Any]:
+def look(config: Config) -> dict[str, Any]:
     """Look at this machine, and measure a bare loop without and with load."""
     settings, rate_hz = config.node.realtime, config.node.rate_hz
     findings = survey(settings)
     refused = [finding.refused for finding in findings if finding.refused]
     nothing = RealtimeSettings()  # what cannot be had is left out of the measured loop
     settings = settings.model_copy(update={key: getattr(nothing, key) for key in refused})
-    idle = wake_ups(settings, seconds)
+    idle = wake_ups(settings, MEASURED_S)
     with load(rate_hz, settings):
-        busy = wake_ups(settings, seconds)
+        busy = wake_ups(settings, MEASURED_S)
     return {
         "path": str(config.path),
         "asked": config.node.realtime != RealtimeSettings(),

@@ -1,1 +1,0 @@
-"""``check --realtime``: the machine that the node runs on."""

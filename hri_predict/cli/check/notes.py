@@ -1,0 +1,255 @@
+"""Notes of ``check``: what the person who wires the cell should know of its configuration."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hri_predict.contracts.joint_map import JointMap
+from hri_predict.contracts.link import LinkSettings
+from hri_predict.contracts.repetition import HEARD_LATE_S, LOST_MESSAGES, lost_without_silence
+from hri_predict.node.memory import demand_state_file
+from hri_predict.people.body.posture import shows_down
+from hri_predict.people.lost.free_space import BODY_M, CELL_M
+from hri_predict.risk.areas import floor_distance
+from hri_predict.robots.model import RobotModel, RobotSettings, StateMotion, TrajectoryMotion
+from hri_predict.run import assemble
+from hri_predict.run.config import Config
+from hri_predict.zones.lost_places import ARM_M
+
+# -- notes on the delays that the configuration assumes of links and controllers -------------------
+
+PLC_CYCLE_S = 0.01
+_OF_CONTROLLER = ("silence_timeout_s", "reaction_s")
+
+
+def delay_notes(config: Config) -> list[str]:
+    """Return a note for each link whose delays are not stated, or cannot be kept."""
+    notes = []
+    for link in config.links:
+        notes += _assumed(link)
+        notes += _too_short(link, 1.0 / config.node.rate_hz)
+    return notes
+
+
+def _assumed(link: LinkSettings) -> list[str]:
+    """Return a note if the controller's times are the defaults: it may be slower."""
+    unset = [key for key in _OF_CONTROLLER if key not in link.model_fields_set]
+    if not unset or link.simulate is not None:
+        return []
+    times = " and ".join(f"{key} {getattr(link, key) * 1e3:g} ms" for key in unset)
+    return [
+        f"link {link.name}: {times} not set: T_r assumes a controller that is as fast as a PLC "
+        f"with a cycle of {PLC_CYCLE_S * 1e3:g} ms. Measure it (docs/guides/plc.md), set them, and "
+        "program the same time-out there; version 0.2 assumed 150 and 50 ms"
+    ]
+
+
+def _too_short(link: LinkSettings, cycle_s: float) -> list[str]:
+    """Return a note if the controller hears too seldom for its time-out."""
+    interval_s = min(link.repeat_s, cycle_s)
+    lost = lost_without_silence(link.silence_timeout_s, interval_s)
+    if lost >= LOST_MESSAGES:
+        return []
+    heard = f"Status and Advice every {interval_s * 1e3:.3g} ms"
+    needed_s = HEARD_LATE_S + (LOST_MESSAGES + 1) * interval_s
+    effect = (
+        "the controller may stop between two of them"
+        if lost < 0
+        else "each that is lost or late stops the robot"
+        if lost == 0
+        else "two lost in a row stop the robot"
+    )
+    return [
+        f"link {link.name}: silence_timeout_s {link.silence_timeout_s * 1e3:g} ms is short for "
+        f"{heard}: {effect}; raise it to {needed_s:.2g} s (in the controller, too), or repeat_hz"
+    ]
+
+
+# -- notes of check on operating modes, and on how the node knows where its robots are -------------
+
+
+def mode_notes(robot: RobotSettings) -> list[str]:
+    """One plain warning for each mode that this robot allows, and one if a file moves it."""
+    modes, notes = robot.modes, []
+    if isinstance(robot.motion, TrajectoryMotion):
+        notes.append(
+            f"robot {robot.name}: motion.kind trajectory: the file says where it is, regardless "
+            "of the advice; a robot that obeys the advice is soon elsewhere (unknown, if its "
+            "controller sends RobotState; a danger, if not): set motion: {kind: state} for it"
+        )
+    if modes.teach is not None:
+        notes.append(
+            f"robot {robot.name}: TEACH is allowed: in manual mode, while the enabling device is "
+            f"held, people and zones do not stop it, up to {modes.teach.speed_m_s:g} m/s; the "
+            "enabling device must also be wired to the robot's own safety controller"
+        )
+    if modes.recovery is not None:
+        notes.append(
+            f"robot {robot.name}: RECOVERY is allowed: beside people it may go back along its plan "
+            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to a person"
+        )
+    if modes.muting is not None:
+        limit = modes.muting.speed_m_s or robot.max_speed_m_s
+        notes.append(
+            f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s no person "
+            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; that time recovers in "
+            f"{modes.muting.recovery_s:g} s without a request, so people may be ignored for "
+            f"{modes.muting.share:.0%} of the time; they must be protected by other means"
+        )
+    return notes
+
+
+def still_note(robots: Sequence[RobotSettings], mode: str) -> list[str]:
+    """One note on the robots whose frozen RobotState is believed while they stand.
+
+    In mode ``fixed``, it does not matter where an arm is within its reach.
+    """
+    believed = [
+        robot.name
+        for robot in robots
+        if isinstance(robot.motion, StateMotion)
+        and robot.motion.still_s is None
+        and (mode != "fixed" or robot.base is not None)
+    ]
+    if not believed:
+        return []
+    return [
+        f"{', '.join(believed)}: a RobotState that freezes while the robot stands is not noticed "
+        "when the robot moves on; motion.still_s notices it, and also stops a robot that waits "
+        "for longer while people are within its reach"
+    ]
+
+
+# -- notes of check on how lost people end, and on shadows that keep a robot waiting ---------------
+
+PAGE = "docs/guides/lost-people.md"
+
+
+def lost_notes(
+    config: Config, robots: Mapping[str, tuple[RobotModel, float]], rate_hz: float
+) -> list[str]:
+    """Return notes for the person who wires the cell, one line each.
+
+    Args:
+        config: the configuration.
+        robots: by name, each robot and its separation distance at the highest speed, metres.
+        rate_hz: scenes per second.
+    """
+    source, people = config.source, config.node.people
+    found = f"{people.found_within_s:g} s"
+    if not source.sees_free_space:
+        ends = ["an Acknowledge"]
+        ends += ["an exit"] if people.exits else []
+        ends += ["the same id"] if source.keeps_ids else []
+        return [
+            f"who vanishes for longer than {found} stays lost until {_listed(ends)} ends it; "
+            f"see {PAGE}"
+        ]
+    notes = []
+    if not source.viewpoints:
+        notes.append(
+            "source.sees_free_space without viewpoints: nothing counts as seen free while a "
+            "person is in view"
+        )
+    walked_m = people.lost_speed_m_s * people.free_captures / rate_hz
+    around_m = ARM_M + BODY_M + CELL_M + walked_m
+    for i, shadow in enumerate(source.shadows):
+        for name, (model, needed_m) in robots.items():
+            if model.base is None:
+                continue  # it drives: no distance is fixed
+            short_m = model.reach_m + needed_m + around_m - floor_distance(shadow, model.base)
+            if short_m > 0:
+                notes.append(
+                    f"source.shadows.{i}: {short_m:.2f} m too close to robot {name} for it to go "
+                    f"on at full speed after a person vanished there, until an Acknowledge"
+                )
+    return notes
+
+
+def first_start_note(config: Config) -> list[str]:
+    """A line that the next start needs an Acknowledge, because there is no state file yet."""
+    settings = config.node.state
+    if settings is None or (path := config.base_dir / settings.path).exists():
+        return []
+    return [
+        f"state: {path} does not exist yet, so the first start waits for one Acknowledge "
+        f"(STATE_UNTRUSTED): make sure that no one is hidden in the room, then press once, "
+        f"12 s or more after the start; if no controller can send an Acknowledge, leave state out"
+    ]
+
+
+def state_path(config: Config) -> str | None:
+    """Path of the state file; ``None`` without one.
+
+    Raises:
+        ConfigError: something else is there.
+    """
+    settings = config.node.state
+    if settings is None:
+        return None
+    path = config.base_dir / settings.path
+    demand_state_file(path)
+    return str(path)
+
+
+def _listed(ends: list[str]) -> str:
+    """Such as "a, b or c"."""
+    *first, last = ends
+    return f"{', '.join(first)} or {last}" if first else last
+
+
+# -- other settings --------------------------------------------------------------------------------
+
+
+def general_notes(config: Config) -> list[str]:
+    """Return notes on what is left out, and what is permitted beyond the defaults."""
+    notes = []
+    if not config.links:
+        notes.append("no links: no controller receives the advice; add 'links:'")
+    if any(link.simulate for link in config.links):
+        notes.append("simulated links: mock controllers, no hardware")
+    notes += [f"link {link.name}: {note}" for link in config.links for note in link.notes]
+    notes += [f"source {config.source.kind}: {note}" for note in config.source.notes]
+    if config.source.field_of_view is None:
+        notes.append("no source.field_of_view: the whole room counts as seen")
+    if (reason := config.node.people.posture_unchecked) is not None:
+        notes.append(f"people.posture_unchecked: no check against gravity and the floor: {reason}")
+    if config.node.risk.intrusion_m == 0:
+        notes.append("risk.intrusion_m (C) is 0: valid only if the sensor sees even fingers")
+    if margins := config.node.risk.region_margins_m:
+        named = ", ".join(f"{region} {margin:g} m" for region, margin in margins.items())
+        notes.append(f"risk.region_margins_m, beyond C + Z_d + Z_r: {named}")
+    if config.node.risk.latch and config.node.state is None:
+        notes.append("risk.latch without 'state': a restart of the node forgets what is latched")
+    if "restart" in config.node.risk.latch and config.node.state is None:
+        notes.append("risk.latch restart needs 'state': without it no earlier run is known")
+    if unused := assemble.unused_coverage(config):
+        notes.append(unused)
+    if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
+        notes.append("a robot with motion 'standing' is assumed never to move")
+    return notes
+
+
+def gravity_note(config: Config, joint_map: JointMap) -> list[str]:
+    """Return a note where no body shows where down is, so that wrong axes stay unseen."""
+    if config.node.people.posture_unchecked is not None or shows_down(joint_map.mapped):
+        return []
+    return [
+        f"joint map {joint_map.name}: no check against gravity; it needs shoulders and hips, or the"
+        " head and the neck or shoulders. Only heights are checked: people.floor_m, platform_m"
+    ]
+
+
+def radius_note(risk: dict[str, Any]) -> list[str]:
+    """Return a note for each circle that is too small even for a robot within its reach."""
+    if risk["mode"] != "fixed":
+        return []
+    notes = []
+    for name, needs in risk["robots"].items():
+        least = needs["reach_m"] + sum(needs[term] for term in ("s_h", "c", "z_d", "z_r"))
+        if needs["fixed_radius_m"] < least:
+            notes.append(
+                f"risk.fixed_radius_m {needs['fixed_radius_m']:g} is below the reach of robot"
+                f" {name} + S_h + C + Z_d + Z_r, {least:.2f} m: the robot may touch a person who"
+                " walks in before it has stopped"
+            )
+    return notes
