@@ -22,7 +22,7 @@ from hri_predict.lab.evaluation.recordings import judge_one
 from hri_predict.lab.evaluation.windows import RATE_HZ, read_motions
 from hri_predict.lab.training.building import build_network, open_samples
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
-from hri_predict.lab.training.loop import train
+from hri_predict.lab.training.loop import Run
 from hri_predict.lab.training.stopping import told_to_stop
 from hri_predict.lab.training.view import training_view
 from hri_predict.lab.training.windows.augment import AugmentSettings
@@ -80,7 +80,7 @@ def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) ->
     resume = os.path.exists(config.out / "last.pt")  # takes names that are too long
     with training_view(config) as view:
         network = build_network(config, source)
-        result = train(config, source, network, view, resume=resume, stop=stop)
+        result = Run(config, source, network, view, stop=stop).go(resume)
     if result.ending == "interrupted":
         raise KeyboardInterrupt
     return result.weights
