@@ -110,7 +110,7 @@ def zone_scene(
         true=entry.truth.positions[captures],
         known=entry.truth.observed[captures],
         forecast=path[at],
-        zones=Capsules(capsules.a[0, at], capsules.b[0, at], capsules.radius[0, at]),
+        zones=capsules[0, at],
         widened=bool(trust.widened.any() or trust.out_of_distribution.any()),
     )
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,8 +71,8 @@ class Scores:
 
     def only(self, windows: slice) -> "Scores":
         """Those of some windows; ``truth`` stays whole."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        parts = {k: v[windows] for k, v in arrays.items() if isinstance(v, np.ndarray)}
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        parts: dict[str, Any] = {k: v[windows] for k, v in own.items() if isinstance(v, np.ndarray)}
         return replace(self, **parts)
 
 

@@ -89,7 +89,7 @@ def middle(motions: Sequence[Motion], history_steps: int) -> Scene | None:
     for batch in batches(motion, history_steps):
         if left < len(batch.history):
             one = slice(left, left + 1)
-            arrays = (batch.history, batch.observed, batch.future, batch.known)
+            arrays: tuple[Any, ...] = batch.history, batch.observed, batch.future, batch.known
             window = Batch(motion, batch.index, *(array[one] for array in arrays))
             return Scene(motion.name, motion.action, time_s, window)
         left -= len(batch.history)
