@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
@@ -151,9 +151,6 @@ def ablate(config: TrainingConfig) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
+    remedy = "fix that and repeat the same command"
+    with OsErrorAs(ConfigError, f"{path}: cannot be written", remedy):
         atomic_write(path, text.encode())
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be written: {error.strerror}; fix that and repeat the same command"
-        ) from error
