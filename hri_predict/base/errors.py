@@ -7,6 +7,7 @@ never sees a traceback of these errors.
 
 import difflib
 from collections.abc import Iterable, Sequence
+from types import TracebackType
 
 
 class HriPredictError(Exception):
@@ -55,6 +56,32 @@ class DiscoveryError(HriPredictError):
 
 class PredictorError(HriPredictError):
     """A predictor cannot be built, or its forecast breaks the contract."""
+
+
+class OsErrorAs:
+    """Turns an ``OSError`` of a ``with`` block into an error of ours.
+
+    Args:
+        kind: of the error.
+        what: what failed; the system's reason follows it.
+        remedy: follows the reason.
+    """
+
+    def __init__(self, kind: type[HriPredictError], what: str, remedy: str = "") -> None:
+        self._kind, self._what, self._remedy = kind, what, remedy
+
+    def __enter__(self) -> None:
+        """Nothing."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if isinstance(error, OSError):
+            remedy = f"; {self._remedy}" if self._remedy else ""
+            raise self._kind(f"{self._what}: {error.strerror or error}{remedy}") from error
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 
 try:
@@ -44,13 +44,10 @@ def write_figure(
         image = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
         drawn = io.BytesIO()
         image.save(drawn, "PNG", optimize=True)
-    try:
+    remedy = "name another file or folder"
+    with OsErrorAs(ConfigError, f"{option} {path}: cannot be written", remedy):
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(path, drawn.getvalue())
-    except OSError as error:
-        raise ConfigError(
-            f"{option} {path}: cannot be written: {error.strerror}; name another file or folder"
-        ) from error
     return path
 
 

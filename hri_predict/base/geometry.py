@@ -12,6 +12,7 @@ an expansion of its square, so it stays exact near zero.
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,10 @@ class Capsules:
     a: Floats
     b: Floats
     radius: Floats
+
+    def __getitem__(self, index: Any) -> "Capsules":
+        """Some of them, by an index into the batch."""
+        return Capsules(self.a[index], self.b[index], self.radius[index])
 
 
 def capsule_distance(a: Capsules, b: Capsules) -> Floats:

@@ -46,7 +46,7 @@ def train(
     settings = load_training_config(_found(config), _changes(changes, data, joint_map, out))
     # torch takes seconds to import; the other commands need not wait for it
     from hri_predict.lab.training.building import build_network, open_samples
-    from hri_predict.lab.training.loop import train as run_training
+    from hri_predict.lab.training.loop import Run
     from hri_predict.lab.training.processes import Processes
     from hri_predict.lab.training.stopping import told_to_stop
     from hri_predict.lab.training.view import training_view
@@ -57,9 +57,8 @@ def train(
         network = build_network(settings, source)
         view = leaving.enter_context(training_view(settings))
         stop = leaving.enter_context(told_to_stop())
-        result = run_training(
-            settings, source, network, view, resume=resume, stop=stop, processes=processes
-        )
+        run = Run(settings, source, network, view, stop=stop, processes=processes)
+        result = run.go(resume)
     if processes.rank == 0:
         _show(result, settings.error_unit, as_json)
     if result.ending == "interrupted":

@@ -6,7 +6,7 @@ On the virtual clock mock controllers run in the same thread, so that tests are 
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from hri_predict.base.clock import Clock, VirtualClock
@@ -35,13 +35,8 @@ class Bench:
     def links(self) -> list[Link]:
         """Return the configured links on these wires, for code that wraps them."""
         return [
-            assemble.build_link(
-                settings=settings,
-                config=self.config,
-                clock=self.clock,
-                transport=self.transports[settings.name],
-            )
-            for settings in self.config.links
+            assemble.build_link(self.config, link, self.clock, transport=self.transports[link.name])
+            for link in self.config.links
         ]
 
     def run(
@@ -114,10 +109,8 @@ def bench(config: Config, clock: Clock, wrap: Wrap | None = None) -> Iterator[Be
 
 def quiet(config: Config) -> Config:
     """Return the configuration without what a measurement must not leave behind or send."""
-    node = config.node
-    alerts = type(node.alerts)(terminal=False)
-    silent = {"alerts": alerts, "record": None, "evidence": None, "state": None, "discovery": None}
-    return replace(config, node=node.model_copy(update=silent))
+    alerts = type(config.node.alerts)(terminal=False)
+    return config.with_node(alerts=alerts, record=None, evidence=None, state=None, discovery=None)
 
 
 def _cell(config: Config, clock: Clock) -> Cell | None:

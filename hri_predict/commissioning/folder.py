@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write, read_text
 from hri_predict.base.settings import Settings
 from hri_predict.commissioning.identity import identity_of
@@ -72,12 +72,8 @@ def save(folder: Path, config: Config, state: State) -> tuple[Report, str]:
         notes=state.notes,
         signatures=state.signatures,
     )
-    try:
+    with OsErrorAs(ConfigError, f"--out {folder}: cannot be written", "name another folder"):
         atomic_write(folder / STATE, (state.model_dump_json(indent=1) + "\n").encode())
         digest = write_report(report, folder)
         atomic_write(folder / PAGE, page_of(report, digest).encode("utf-8", "replace"))
-    except OSError as error:
-        raise ConfigError(
-            f"--out {folder}: cannot be written: {error.strerror}; name another folder"
-        ) from error
     return report, digest

@@ -6,8 +6,9 @@ it into a stop; what the node forbids stays forbidden.
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
+from typing import Any
 
-from hri_predict.contracts.link import Link, LinkCounters, Received
+from hri_predict.contracts.link import Link, Received
 from hri_predict.protocol.messages import Advice, Level, Message, RobotState
 from hri_predict.protocol.reasons import Reason
 
@@ -28,33 +29,15 @@ def lowered(advice: Advice, limit_m_s: float) -> Advice:
 
 
 class GovernedLink:
-    """See ``hri_predict.contracts.link.Link``."""
+    """See ``hri_predict.contracts.link.Link``; what is not here, the inner link does."""
 
     def __init__(self, inner: Link, robots: Collection[int], limit: Limit) -> None:
         """Govern ``inner``, which advises ``robots`` (indices)."""
         self.inner = inner
-        self.name = inner.name
         self._robots, self._limit = frozenset(robots), limit
 
-    @property
-    def counters(self) -> LinkCounters:
-        """Of the link."""
-        return self.inner.counters
-
-    @property
-    def connected(self) -> bool:
-        """Whether its device is open."""
-        return self.inner.connected
-
-    @property
-    def last_error(self) -> str | None:
-        """One line about the newest trouble."""
-        return self.inner.last_error
-
-    @property
-    def foreign_ns(self) -> int | None:
-        """Time of another sender's frame with the node's ids."""
-        return self.inner.foreign_ns
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
 
     @property
     def on_sent(self) -> Callable[[str, bytes, int], None] | None:
@@ -64,10 +47,6 @@ class GovernedLink:
     @on_sent.setter
     def on_sent(self, call: Callable[[str, bytes, int], None] | None) -> None:
         self.inner.on_sent = call
-
-    def start(self) -> None:
-        """Open the device."""
-        self.inner.start()
 
     def post(self, message: Message) -> None:
         """Post, with a limit that the test may have lowered; other links' robots are left out."""
@@ -85,11 +64,3 @@ class GovernedLink:
             if not isinstance(received.message, RobotState)
             or received.message.robot in self._robots
         ]
-
-    def service(self, now_ns: int) -> None:
-        """See ``Link``."""
-        self.inner.service(now_ns)
-
-    def stop(self) -> None:
-        """Close the device."""
-        self.inner.stop()

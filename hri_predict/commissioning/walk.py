@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
-from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, OsErrorAs, RecordingError
 from hri_predict.commissioning.bench import quiet
 from hri_predict.commissioning.playback import AdviceRow, Played, grid_of, play, write_rows
 from hri_predict.commissioning.report import RobotAdvice, Walk
@@ -74,11 +74,9 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
             f"free some room and walk again"
         )
     played = play(config, begun, grid)
-    try:
+    with OsErrorAs(ConfigError, f"--out {folder}: cannot be written"):
         write_rows(advices, played.rows)
         begun.replace(recording)
-    except OSError as error:
-        raise ConfigError(f"--out {folder}: cannot be written: {error.strerror}") from error
     return Walk(
         recording=RECORDING,
         recording_sha256=file_hash(recording),

@@ -26,7 +26,7 @@ from typing import Any, Protocol
 
 from pydantic import Field
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import demand_kind
 from hri_predict.base.settings import Abbreviated
 from hri_predict.node.listeners import Listener, Tick
@@ -68,12 +68,8 @@ def demand_state_file(path: Path) -> None:
     Raises:
         ConfigError: something else is there.
     """
-    try:
+    with OsErrorAs(ConfigError, f"state.path: {path} cannot be used", "check the path"):
         demand_kind(path)
-    except OSError as error:
-        raise ConfigError(
-            f"state.path: {path} cannot be used: {error.strerror}; check the path"
-        ) from error
 
 
 class Remembers(Protocol):

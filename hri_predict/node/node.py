@@ -28,10 +28,8 @@ from hri_predict.protocol.messages import (
     Advice,
     Level,
     NodeState,
-    Pose,
     RobotState,
     Status,
-    Zone,
 )
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
@@ -164,12 +162,14 @@ class Node:
         self.state = self._state_of(snapshot, assessment, reasons)
         status = self._status(snapshot, reasons, failed=assessment is None)
         return self._publish(
-            now_ns=now_ns,
-            status=status,
-            advices=advices,
-            snapshot=snapshot,
-            forecast=forecast,
-            assessment=assessment,
+            Tick(
+                now_ns=now_ns,
+                status=status,
+                advices=advices,
+                snapshot=snapshot,
+                forecast=forecast,
+                assessment=assessment,
+            )
         )
 
     def announce(self, now_ns: int, state: NodeState, reason: Reason) -> Tick:
@@ -183,14 +183,7 @@ class Node:
             cycle=self._cycle,
         )
         advices = self._all_robots(Level.UNKNOWN, reason)
-        return self._publish(
-            now_ns=now_ns,
-            status=status,
-            advices=advices,
-            snapshot=None,
-            forecast=None,
-            assessment=None,
-        )
+        return self._publish(Tick(now_ns=now_ns, status=status, advices=advices))
 
     def warm_up(self) -> None:
         """See ``RiskEngine.warm_up``."""
@@ -225,37 +218,11 @@ class Node:
         """See ``RiskEngine.robot_counters``."""
         return self._risk.robot_counters
 
-    def _publish(
-        self,
-        *,
-        now_ns: int,
-        status: Status,
-        advices: tuple[Advice, ...],
-        snapshot: PeopleSnapshot | None,
-        forecast: Forecast | None,
-        assessment: Assessment | None,
-    ) -> Tick:
-        zones = assessment.zones if assessment is not None else None
-        leaves_out = self.shedding.leaves_out
-        messages = self._publisher.publish(
-            now_ns=now_ns,
-            status=status,
-            advices=advices,
-            zones=None if leaves_out(Zone) else zones,
-            forecast=None if leaves_out(Pose) else forecast,
-            snapshot=snapshot,
-        )
-        tick = Tick(
-            now_ns=now_ns,
-            status=status,
-            advices=advices,
-            snapshot=snapshot,
-            forecast=forecast,
-            assessment=assessment,
-            messages=tuple(messages),
-        )
+    def _publish(self, made: Tick) -> Tick:
+        messages = self._publisher.publish(made, self.shedding.leaves_out)
+        tick = replace(made, messages=tuple(messages))
         self._cycle += 1
-        self._presses.show(advices, now_ns)
+        self._presses.show(tick.advices, tick.now_ns)
         self._tell(lambda listener: listener.on_tick(tick))
         return tick
 

@@ -1,11 +1,12 @@
 """Writes status, advice, zones and poses as messages into every link's newest-wins slots."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import starmap
 
 from hri_predict.contracts.link import Link
 from hri_predict.contracts.predictor import Forecast, Predictor
+from hri_predict.node.listeners import Tick
 from hri_predict.node.repeats import Repeats
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
@@ -19,7 +20,6 @@ from hri_predict.protocol.messages import (
     Zone,
     ZoneCapsule,
 )
-from hri_predict.protocol.messages import Status as StatusMessage
 from hri_predict.protocol.reasons import Reason
 from hri_predict.zones.types import Zones
 
@@ -52,30 +52,24 @@ class Publisher:
         self._schema_due_ns: int | None = None
 
     def publish(
-        self,
-        *,
-        now_ns: int,
-        status: StatusMessage,
-        advices: Sequence[Advice],
-        zones: Zones | None,
-        forecast: Forecast | None,
-        snapshot: PeopleSnapshot | None,
+        self, tick: Tick, leaves_out: Callable[[type[Message]], bool] = lambda _: False
     ) -> list[Message]:
-        """Post to every link; return all messages, each once."""
-        messages: list[Message] = [self._as_told(a) for a in advices]
-        messages.append(status)
-        if self._schema_due_ns is None or now_ns >= self._schema_due_ns:
-            self._schema_due_ns = now_ns + SCHEMA_PERIOD_NS
+        """Post to every link, but for kinds that are left out; return all messages, each once."""
+        messages: list[Message] = [self._as_told(a) for a in tick.advices]
+        messages.append(tick.status)
+        if self._schema_due_ns is None or tick.now_ns >= self._schema_due_ns:
+            self._schema_due_ns = tick.now_ns + SCHEMA_PERIOD_NS
             messages.append(Schema(SCHEMA_VERSION, SCHEMA_HASH))
-        if zones is not None and not self._shadow:
-            messages += self._zones(zones, snapshot)
-        if forecast is not None and snapshot is not None and not self._shadow:
-            messages += self._poses(forecast, snapshot)
+        if tick.snapshot is not None and not self._shadow:
+            if tick.assessment is not None and not leaves_out(Zone):
+                messages += self._zones(tick.assessment.zones, tick.snapshot)
+            if tick.forecast is not None and not leaves_out(Pose):
+                messages += self._poses(tick.forecast, tick.snapshot)
         of_links = [
             [m for m in messages if not isinstance(m, Advice) or m.robot in robots]
             for robots in self._advised
         ]
-        self.repeats.post(now_ns, of_links)
+        self.repeats.post(tick.now_ns, of_links)
         return messages
 
     def _as_told(self, advice: Advice) -> Advice:
@@ -90,9 +84,9 @@ class Publisher:
             mode=OperatingMode.AUTOMATIC,
         )
 
-    def _zones(self, zones: Zones, snapshot: PeopleSnapshot | None) -> list[Zone]:
+    def _zones(self, zones: Zones, snapshot: PeopleSnapshot) -> list[Zone]:
         """Return the zone of each person at the horizons that links can carry."""
-        if snapshot is None or snapshot.newest_capture_ns is None:
+        if snapshot.newest_capture_ns is None:
             return []
         captures = dict(zip(snapshot.ids, snapshot.capture_ns.tolist(), strict=True))
         segments = [self._segments[name] for name in zones.segments]  # without absent parts

@@ -1,6 +1,7 @@
 """Reads files of unknown origin into memory, up to a limit, and says how far it is."""
 
 import codecs
+import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -23,6 +24,15 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16-le"),
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
+
+
+def names_in_zip(path: Path) -> list[str] | None:
+    """Names of a zip archive's entries; ``None`` if it is none, or cannot be read."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return archive.namelist()
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return None
 
 
 def read_bounded(path: Path) -> bytes:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, OsErrorAs, RecordingError
 from hri_predict.base.files import atomic_file
 from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.frames import Written
@@ -22,17 +22,13 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
         RecordingError: it cannot be written, or this format cannot hold the recording.
         ConfigError: the file exists, or the format cannot hold the joints' names.
     """
-    try:
+    with OsErrorAs(RecordingError, f"{output}: cannot be written", "name another file"):
         if output.exists():
             _check_replaceable(recording, output, force)
         write = BY_NAME[to].write
         assert write is not None
         with atomic_file(output) as partial:
             return write(partial, recording)
-    except OSError as error:
-        raise RecordingError(
-            f"{output}: cannot be written: {error.strerror or error}; name another file"
-        ) from error
 
 
 def _check_replaceable(recording: Recording, output: Path, force: bool) -> None:

@@ -3,11 +3,11 @@
 A new format is a module in ``formats`` and a row here.
 """
 
-import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from hri_predict.recording.bounded import names_in_zip
 from hri_predict.recording.formats.amass import is_amass, read_amass, write_amass
 from hri_predict.recording.formats.bvh import read_bvh
 from hri_predict.recording.formats.bvh_writer import write_bvh
@@ -24,12 +24,6 @@ from hri_predict.recording.ros.people import read_bag
 from hri_predict.recording.wanted import Wanted
 
 Reader = Callable[[Path, Wanted], Recording]
-MotionReader = Callable[[Path, int, float | None, Sequence[str] | None], Recording]
-"""Arguments: file, person's id, metres per unit, axes."""
-
-
-def _motion(read: MotionReader) -> Reader:
-    return lambda path, wanted: read(path, wanted.person, wanted.unit_m, wanted.axes)
 
 
 def _anything(path: Path) -> bool:
@@ -44,11 +38,7 @@ def _begins(magic: bytes) -> Callable[[Path, bytes], bool]:
 def _is_npz(path: Path, head: bytes) -> bool:
     if not head.startswith(b"PK\x03\x04"):
         return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
-        return False
+    names = names_in_zip(path) or ()
     return bool(names) and all(name.endswith(".npy") for name in names)
 
 
@@ -97,7 +87,7 @@ FORMATS = (
     Format(
         name="amass",
         ending=".npz",
-        read=_motion(read_amass),
+        read=read_amass,
         write=write_amass,
         looks=_is_npz,
         content="NumPy",
@@ -107,7 +97,7 @@ FORMATS = (
     Format(
         name="pack",
         ending=".npz",
-        read=lambda path, wanted: read_npz(path, wanted.person),
+        read=read_npz,
         write=write_pack,
         looks=_is_npz,
         content="NumPy",
@@ -116,7 +106,7 @@ FORMATS = (
     Format(
         name="bvh",
         ending=".bvh",
-        read=_motion(read_bvh),
+        read=read_bvh,
         write=write_bvh,
         looks=_begins(b"HIERARCHY"),
         content="BVH",
@@ -124,7 +114,7 @@ FORMATS = (
     Format(
         name="c3d",
         ending=".c3d",
-        read=_motion(read_c3d),
+        read=read_c3d,
         write=write_c3d,
         looks=_is_c3d,
         content="C3D",
@@ -132,7 +122,7 @@ FORMATS = (
     Format(
         name="trc",
         ending=".trc",
-        read=_motion(read_trc),
+        read=read_trc,
         write=write_trc,
         looks=_begins(b"PathFileType"),
         content="markers as OpenSim's TRC",
@@ -140,7 +130,7 @@ FORMATS = (
     Format(
         name="csv",
         ending=".csv",
-        read=_motion(read_csv),
+        read=read_csv,
         write=write_csv,
         looks=_is_table,
         content="a table as text",

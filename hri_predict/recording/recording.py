@@ -141,25 +141,18 @@ def check_gaps(path: Path, arrivals: Sequence[int]) -> None:
 
 
 def recording_of_one(
-    *, path: Path, kind: str, joint_map: JointMap, raw: Floats, rate_hz: float, person: int
+    path: Path, kind: str, joint_map: JointMap, raw: Floats, *, rate_hz: float, person: int
 ) -> Recording:
     """A recording of one person from (F, J, 3); see ``recording_of``."""
-    return recording_of(
-        path=path,
-        kind=kind,
-        joint_map=joint_map,
-        raw=raw[:, np.newaxis],
-        rate_hz=rate_hz,
-        ids=[person],
-    )
+    return recording_of(path, kind, joint_map, raw[:, None], rate_hz=rate_hz, ids=[person])
 
 
 def recording_of(
-    *,
     path: Path,
     kind: str,
     joint_map: JointMap,
     raw: Floats,
+    *,
     rate_hz: float,
     ids: Sequence[int],
     stamps_ns: Sequence[int] | None = None,

@@ -1,8 +1,8 @@
 """Probable format of a file, from its first bytes: only for explanations, never to read it."""
 
-import zipfile
 from pathlib import Path
 
+from hri_predict.recording.bounded import names_in_zip
 from hri_predict.recording.format_table import FORMATS
 
 HEAD_BYTES = 4096
@@ -67,10 +67,8 @@ def seems(path: Path) -> tuple[str, str]:
 
 
 def _zip(path: Path) -> str:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = archive.namelist()
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+    names = names_in_zip(path)
+    if names is None:
         return "a damaged zip archive"
     if "[Content_Types].xml" in names:
         return "an Office document: save it as CSV"

@@ -25,3 +25,16 @@ class Wanted:
     topic: str | None = None
     frame: str | None = None
     joint_map: JointMap | None = None
+
+    def of_file(
+        self, joint_map: JointMap, unit_m: float | None, axes: Sequence[str] | None = None
+    ) -> JointMap:
+        """The map of a motion file; what is not wanted is as the file or its format states.
+
+        Raises:
+            ConfigError: impossible units or axes.
+        """
+        unit_m = unit_m if self.unit_m is None else self.unit_m
+        axes = axes if self.axes is None else self.axes
+        joint_map = joint_map if unit_m is None else joint_map.with_units(unit_m)
+        return joint_map if axes is None else joint_map.with_axes(axes)

@@ -106,7 +106,7 @@ class NamedZone:
     def state(self, bodies: BodyZones) -> NamedZoneState:
         """Return whether a person is inside now, and when one may first enter."""
         zones = bodies.zones.capsules
-        if self.occupied(Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])).any():
+        if self.occupied(zones[:, 0]).any():
             return NamedZoneState(self.settings.name, True, 0.0)
         bodies_then = zones if self.settings.entry == "zone" else bodies.paths
         entered = np.flatnonzero(self.occupied(bodies_then)[:, 1:].any(axis=(0, 2)))

@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
-from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import CLEARED, RISING, Reason
+from hri_predict.risk.types import Grounds
 
 STANDS_M_S = 0.01
 """A robot that is slower stands, as far as words go."""
@@ -17,44 +18,38 @@ _MORE = {
 }
 
 
-def reason_beside(level: Level, reason: Reason) -> str:
+def reason_beside(advice: Advice) -> str:
     """Return the reason next to its level: at *clear* it holds nothing up, and is a note."""
-    is_note = level is Level.CLEAR and reason is not Reason.NONE
-    return f"{NOTE if is_note else ''}{reason.text}"
+    is_note = advice.level is Level.CLEAR and advice.reason is not Reason.NONE
+    return f"{NOTE if is_note else ''}{advice.reason.text}"
 
 
-def clears_beside(level: Level, reason: Reason, detail: str, band_m: float | None) -> str:
+def clears_beside(advice: Advice, band_m: float | None) -> str:
     """Return what clears it; "" at *clear*.
 
     Args:
-        level, reason, detail: the advice's. Its reason stays when the cause has cleared and the
-            release is awaited; its detail says so.
+        advice: its reason stays when the cause has cleared and the release is awaited; its detail
+            says so.
         band_m: the configured ``risk.band_m``; ``None``: not known.
     """
-    if level is Level.CLEAR:
+    if advice.level is Level.CLEAR:
         return ""
-    if CLEARED in detail or RISING in detail:
+    if CLEARED in advice.detail or RISING in advice.detail:
         return _RELEASED
+    clears = advice.reason.clears_when
     if band_m is None:
-        return reason.clears_when
-    return reason.clears_when.replace("by risk.band_m", f"by {band_m:g} m (risk.band_m)")
+        return clears
+    return clears.replace("by risk.band_m", f"by {band_m:g} m (risk.band_m)")
 
 
-def apart_text(
-    *,
-    pair_m: float | None,
-    needed_m: float | None,
-    speed_m_s: float | None,
-    level: Level,
-    reason: Reason,
-    detail: str,
-) -> str:
+def apart_text(advice: Advice, why: Grounds) -> str:
     """Return the distance of the deciding pair, and the rest that the robot's present motion
     leaves.
 
     What suffices at the present speed need not suffice for more: that is said, too, or it would
     contradict the level.
     """
+    pair_m, needed_m, speed_m_s = why.pair_m, why.pair_needed_m, why.speed_m_s
     if pair_m is None:
         return "?"
     apart = f"{max(0.0, pair_m):.2f} m"
@@ -64,12 +59,14 @@ def apart_text(
     if slack_m < 0:
         at = "to start" if stands else f"at {speed_m_s:.2f} m/s"
         return f"{apart}, {-slack_m:.2f} m too near {at}"
-    more = _MORE.get(level, "")
-    if level is Level.STOP:
+    more = _MORE.get(advice.level, "")
+    if advice.level is Level.STOP:
         more = f"more is needed to {'start' if stands else 'move on'}"
-    if CLEARED in detail or RISING in detail:
-        more = "new captures must confirm it" if CLEARED in detail else "the speed limit rises"
-    more = f"; {more}" if more and reason.row.by_distance else ""
+    if CLEARED in advice.detail:
+        more = "new captures must confirm it"
+    elif RISING in advice.detail:
+        more = "the speed limit rises"
+    more = f"; {more}" if more and advice.reason.row.by_distance else ""
     return f"{apart}, to spare {slack_m:.2f} m at {speed_m_s:.2f} m/s{more}"
 
 

@@ -221,10 +221,10 @@ def build_repeats(config: Config, source: Source, links: Sequence[Link]) -> Repe
 
 
 def build_link(
-    *,
-    settings: LinkSettings,
     config: Config,
+    settings: LinkSettings,
     clock: Clock,
+    *,
     port: str | None = None,
     transport: Transport[Any] | None = None,
 ) -> Link:
@@ -341,13 +341,13 @@ def build(
     people = build_people(config, source, predictor)
     configured: tuple[Link, ...] = tuple(
         build_link(
-            settings=settings,
-            config=config,
-            clock=clock,
-            port=(ports or {}).get(settings.name),
-            transport=(transports or {}).get(settings.name),
+            config,
+            link,
+            clock,
+            port=(ports or {}).get(link.name),
+            transport=(transports or {}).get(link.name),
         )
-        for settings in (config.opened_links if links is None else ())
+        for link in (config.opened_links if links is None else ())
     )
     recorded: int | None = getattr(source, "last_latch_id", None)
     last_latch_id = random_latch_id() if last_latch_id is None else last_latch_id

@@ -13,7 +13,7 @@ from pydantic import Field, model_validator
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest
 from hri_predict.base.files import data_path, line_of, read_text, read_yaml
 from hri_predict.base.machine.realtime import RealtimeSettings
-from hri_predict.base.settings import Settings, name_problem, validated
+from hri_predict.base.settings import Abbreviated, Settings, name_problem, validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import ChecksTogether, LinkSettings
 from hri_predict.contracts.predictor import PredictorSettings
@@ -28,7 +28,6 @@ from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
-from hri_predict.run.commissioned import CommissioningSettings
 from hri_predict.run.mistakes import Mistakes, place
 
 MAX_TICKS_HZ = 100.0
@@ -40,6 +39,14 @@ people, and two with eight (measured: 200 zones of 4 to 12 corners in a room of 
 
 
 _KEYS = re.compile(r"[a-z_]+(\.\w+)*")
+
+
+class CommissioningSettings(Abbreviated):
+    """Place of the report, or its path alone."""
+
+    report: str = Field(
+        min_length=1, description="report.json of hri-predict commission, or a folder of reports"
+    )
 
 
 class NodeSettings(Settings):
@@ -175,6 +182,10 @@ class Config:
                 error.args = (f"{self.path}:{line_of(self.text, way)}: {said}",)
             raise
 
+    def with_node(self, **changes: Any) -> "Config":
+        """The same configuration with some blocks of the node changed; they are not checked."""
+        return replace(self, node=self.node.model_copy(update=changes))
+
     def with_source(self, source: dict[str, Any]) -> "Config":
         """Return this configuration with another source (``replay`` sets a recording)."""
         return replace(self, source=_source(source, f"{self.path}: source"))
@@ -226,32 +237,20 @@ class Config:
         Its alert log and commands, recordings, state, evidence, metrics and announcement: a replay
         with the cell's configuration must not touch them. Alert lines on the terminal stay.
         """
-        node = self.node.model_copy(
-            update={
-                "alerts": AlertSettings(terminal=self.node.alerts.terminal),
-                "record": None,
-                "state": None,
-                "evidence": None,
-                "discovery": None,
-                "metrics": None,
-            }
-        )
-        return replace(self, node=node)
+        gone = dict.fromkeys(("record", "state", "evidence", "discovery", "metrics"))
+        return self.with_node(alerts=AlertSettings(terminal=self.node.alerts.terminal), **gone)
 
     def with_alerts_of(self, live: "Config") -> "Config":
         """Return this configuration with the alerts of another one."""
-        node = self.node.model_copy(update={"alerts": live.node.alerts})
-        return replace(self, node=node)
+        return self.with_node(alerts=live.node.alerts)
 
     def with_log_format(self, form: str) -> "Config":
         """Return this configuration with the log's lines as ``text`` or ``json``."""
-        log = self.node.log.model_copy(update={"format": form})
-        return replace(self, node=self.node.model_copy(update={"log": log}))
+        return self.with_node(log=self.node.log.model_copy(update={"format": form}))
 
     def quiet(self) -> "Config":
         """Return this configuration without alert lines on the terminal, for use with a view."""
-        alerts = self.node.alerts.model_copy(update={"terminal": False})
-        return replace(self, node=self.node.model_copy(update={"alerts": alerts}))
+        return self.with_node(alerts=self.node.alerts.model_copy(update={"terminal": False}))
 
 
 def find(path: Path) -> Path:

@@ -13,7 +13,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Protocol
 
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import MachineError
@@ -72,7 +73,6 @@ def run_real_time(
         node.warm_up()  # before anybody hears of the node: it may take long
         starting.start()
     started = starting.started
-    exhausted = threading.Event()
     feeder: threading.Thread | None = None
     repeater: threading.Thread | None = None
     try:
@@ -83,26 +83,14 @@ def run_real_time(
             start_ns = clock.now_ns()
             with ended_by_signals(stop):
                 assembly.source.open(start_ns)
-            shared: dict[str, Any] = {
-                "assembly": assembly,
-                "pace": pace,
-                "ticks": _ticks(assembly, start_ns),
-                "stop": stop,
-                "exhausted": exhausted,
-            }
-            feeder = threading.Thread(target=_feed, kwargs=shared, name="source", daemon=True)
+            run = _RealTime(assembly, pace, _ticks(assembly, start_ns), stop)
+            feeder = threading.Thread(target=run.feed, name="source", daemon=True)
             feeder.start()
-            repeater = threading.Thread(
-                target=_repeat, args=(assembly, stop), name="repeats", daemon=True
-            )
+            repeater = threading.Thread(target=run.repeat, name="repeats", daemon=True)
             repeater.start()
             last.enter_context(steady(assembly.config.node.realtime))  # no thread inherits it
-            _loop(
-                **shared,
-                end_ns=None if duration_s is None else start_ns + round(duration_s * 1e9),
-                until_exhausted=until_exhausted,
-                each_tick=each_tick,
-            )
+            end_ns = None if duration_s is None else start_ns + round(duration_s * 1e9)
+            run.loop(end_ns, until_exhausted, each_tick)
     finally:
         stop.set()
         if repeater is not None:
@@ -123,90 +111,88 @@ def _ticks(assembly: Assembly, start_ns: int) -> Ticks:
     return ticks_of(assembly.config.node, assembly.source.rate_hz, start_ns)
 
 
-def _loop(
-    *,
-    assembly: Assembly,
-    pace: Pace,
-    ticks: Ticks,
-    stop: threading.Event,
-    exhausted: threading.Event,
-    end_ns: int | None,
-    until_exhausted: bool,
-    each_tick: Callable[[int], None] | None,
-) -> None:
-    clock, node, asleep = assembly.clock, assembly.node, Asleep()
-    while not stop.is_set():
-        ticks.wait(clock, stop)
-        if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
-            raise MachineError(
-                f"the machine was suspended for {slept_s:.1f} s: the node's state is out of "
-                "date; restart it, and forbid the machine to sleep (systemctl mask sleep.target)"
-            )
-        now_ns = clock.now_ns()
-        if now_ns < ticks.due_ns:
-            continue  # woken to stop, or by a capture that has to wait
-        if end_ns is not None and now_ns >= end_ns:
-            return
-        if until_exhausted and exhausted.is_set():
-            return
-        ticks.begin(now_ns)
-        began = time.perf_counter()
-        node.tick(now_ns)
-        node.repeats.posted(clock.now_ns())
-        pace.note(time.perf_counter() - began)
-        if each_tick is not None:
-            each_tick(now_ns)
-        ended = ticks.end(clock.now_ns())
-        pace.late_ticks += ended.is_late
-        pace.missed_ticks += ended.missed
-        node.shedding.note(ended.used, now_ns)
+@dataclass(frozen=True, slots=True)
+class _RealTime:
+    """The common state of the threads of one run."""
 
+    assembly: Assembly
+    pace: Pace
+    ticks: Ticks
+    stop: threading.Event
+    exhausted: threading.Event = field(default_factory=threading.Event)
 
-def _repeat(assembly: Assembly, stop: threading.Event) -> None:
-    """Run the thread that sends Status and Advice again, independent of the loop.
-
-    It does not vouch for the loop: a tick's messages are repeated for a cycle and a half at most.
-    """
-    clock, repeats, asleep = assembly.clock, assembly.node.repeats, Asleep()
-    interval_ns = repeats.interval_ns
-    while interval_ns != NEVER_NS and not stop.is_set():
-        clock.wait_until(min(repeats.due_ns, clock.now_ns() + interval_ns), stop)
-        if asleep.since_last_s():
-            return  # what was fresh before is old, and its age does not say so; the loop ends, too
-        repeats.repeat(clock.now_ns())
-
-
-def _feed(
-    *,
-    assembly: Assembly,
-    pace: Pace,
-    ticks: Ticks,
-    stop: threading.Event,
-    exhausted: threading.Event,
-) -> None:
-    """Run the source's thread: deliver scenes as they arrive, poll a failing source again."""
-    source, clock = assembly.source, assembly.clock
-    longest_ns = NOT_KNOWN_NS if live_part(source) is None else SOURCE_WAIT_NS
-    while not stop.is_set():
-        try:
-            due_ns = source.next_ns()
-            if due_ns is None:
-                exhausted.set()
+    def loop(
+        self, end_ns: int | None, until_exhausted: bool, each_tick: Callable[[int], None] | None
+    ) -> None:
+        """Tick until the end."""
+        ticks, stop, pace = self.ticks, self.stop, self.pace
+        clock, node, asleep = self.assembly.clock, self.assembly.node, Asleep()
+        while not stop.is_set():
+            ticks.wait(clock, stop)
+            if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
+                raise MachineError(
+                    f"the machine was suspended for {slept_s:.1f} s: the node's state is out of "
+                    "date; restart it, and forbid the machine to sleep (systemctl mask "
+                    "sleep.target)"
+                )
+            now_ns = clock.now_ns()
+            if now_ns < ticks.due_ns:
+                continue  # woken to stop, or by a capture that has to wait
+            if end_ns is not None and now_ns >= end_ns:
                 return
-            wait_for(source, min(due_ns, clock.now_ns() + longest_ns), clock, stop)
-            delivered = False
-            while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
-                assembly.node.receive(scene, clock.now_ns())
-                delivered = True
-            if delivered:  # all that are in give one tick
-                ticks.captured()
-            if not delivered and due_ns <= clock.now_ns():
-                clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
-        except Exception:
-            if pace.source_failures == 0:
-                log.exception("the source failed; polling it again")
-            pace.source_failures += 1
-            clock.wait_until(clock.now_ns() + SOURCE_RETRY_NS, stop)
+            if until_exhausted and self.exhausted.is_set():
+                return
+            ticks.begin(now_ns)
+            began = time.perf_counter()
+            node.tick(now_ns)
+            node.repeats.posted(clock.now_ns())
+            pace.note(time.perf_counter() - began)
+            if each_tick is not None:
+                each_tick(now_ns)
+            ended = ticks.end(clock.now_ns())
+            pace.late_ticks += ended.is_late
+            pace.missed_ticks += ended.missed
+            node.shedding.note(ended.used, now_ns)
+
+    def repeat(self) -> None:
+        """Run the thread that sends Status and Advice again, independent of the loop.
+
+        It does not vouch for the loop: a tick's messages are repeated for a cycle and a half at
+        most.
+        """
+        clock, repeats, asleep = self.assembly.clock, self.assembly.node.repeats, Asleep()
+        stop = self.stop
+        interval_ns = repeats.interval_ns
+        while interval_ns != NEVER_NS and not stop.is_set():
+            clock.wait_until(min(repeats.due_ns, clock.now_ns() + interval_ns), stop)
+            if asleep.since_last_s():  # what was fresh is old, and its age does not say so
+                return  # the loop ends, too
+            repeats.repeat(clock.now_ns())
+
+    def feed(self) -> None:
+        """Run the source's thread: deliver scenes as they arrive, poll a failing source again."""
+        source, clock, stop, pace = self.assembly.source, self.assembly.clock, self.stop, self.pace
+        longest_ns = NOT_KNOWN_NS if live_part(source) is None else SOURCE_WAIT_NS
+        while not stop.is_set():
+            try:
+                due_ns = source.next_ns()
+                if due_ns is None:
+                    self.exhausted.set()
+                    return
+                wait_for(source, min(due_ns, clock.now_ns() + longest_ns), clock, stop)
+                delivered = False
+                while not stop.is_set() and (scene := source.poll(clock.now_ns())) is not None:
+                    self.assembly.node.receive(scene, clock.now_ns())
+                    delivered = True
+                if delivered:  # all that are in give one tick
+                    self.ticks.captured()
+                if not delivered and due_ns <= clock.now_ns():
+                    clock.wait_until(clock.now_ns() + SOURCE_IDLE_NS, stop)
+            except Exception:
+                if pace.source_failures == 0:
+                    log.exception("the source failed; polling it again")
+                pace.source_failures += 1
+                clock.wait_until(clock.now_ns() + SOURCE_RETRY_NS, stop)
 
 
 def run_virtual(
@@ -218,36 +204,19 @@ def run_virtual(
     """Step everything on the virtual clock until the source is exhausted or the time is over."""
     pace = Pace()
     with _quiet_collector(first=False):  # nothing is late on a virtual clock
-        step_all(
-            assembly=assembly, pace=pace, beside=beside, duration_s=duration_s, each_tick=each_tick
-        )
+        step_all(assembly, pace, beside, duration_s, each_tick=each_tick)
     return pace
 
 
 def step_all(
-    *,
     assembly: Assembly,
     pace: Pace,
     beside: Stepped | None = None,
     duration_s: float | None = None,
+    *,
     each_tick: Callable[[int], None] | None = None,
 ) -> None:
     """Do what ``run_virtual`` does, for callers that run many and manage the collector."""
-    _steps(assembly=assembly, pace=pace, beside=beside, duration_s=duration_s, each_tick=each_tick)
-    pace.connected = {link.name: link.connected for link in assembly.links}
-    for link in assembly.links:
-        link.stop()
-    assembly.source.close()
-
-
-def _steps(
-    *,
-    assembly: Assembly,
-    pace: Pace,
-    beside: Stepped | None,
-    duration_s: float | None,
-    each_tick: Callable[[int], None] | None,
-) -> None:
     clock, node = assembly.clock, assembly.node
     assert isinstance(clock, VirtualClock)
     start_ns = clock.now_ns()
@@ -293,6 +262,10 @@ def _steps(
             for link in assembly.links:
                 link.service(now_ns)
     node.announce(clock.now_ns(), NodeState.STOPPING, Reason.STOPPING)
+    pace.connected = {link.name: link.connected for link in assembly.links}
+    for link in assembly.links:
+        link.stop()
+    assembly.source.close()
 
 
 @contextlib.contextmanager

@@ -80,8 +80,7 @@ class Feed(View):
                         "number": self._changed,
                         "utc_s": time.time(),
                         "robot": advice.robot,
-                        **said_of(advice.level, advice.reason, advice.detail, self._band_m),
-                        "latch": advice.latch_id,
+                        **said_of(advice, self._band_m),
                     }
                 )
         self._newest = tick

@@ -30,7 +30,7 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
     """The picture of a tick; what a failed stage did not find is missing from it."""
     snapshot, assessment = tick.snapshot, tick.assessment
     cut_off = [link.name for link in assembly.links if not link.connected]
-    shapes, facts = empty_shapes(), facts_of(tick, assembly.config, cut_off)
+    shapes, facts = empty_shapes(), _facts(tick, assembly.config, cut_off)
     if snapshot is not None:
         places = [*snapshot.last_positions, *(lost.positions for lost in snapshot.lost)]
         shapes["bodies"] = bodies_of(np.array(places).reshape(-1, len(CANONICAL.joints), 3))
@@ -45,51 +45,45 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
             shapes["forecast"] = _forecast(
                 tick.forecast.positions, snapshot, zones.times_s[steps], rate_hz
             )
-    grounds = () if assessment is None else assessment.grounds
     robots = []
-    for robot, advice in zip(facts["robots"], tick.advices, strict=True):
-        rests_on = grounds[advice.robot] if advice.robot < len(grounds) else Grounds()
-        known = rests_on.capsules
-        rows = np.zeros((0, 7), np.float32) if known is None else _rows(known)
-        robots.append(rows)
-        robot["capsules"] = len(rows)
-        names, link = assembly.robots[advice.robot].capsule_names, rests_on.link
-        robot |= pair_facts(
-            advice.level,
-            advice.reason,
-            advice.detail,
-            line=None if rests_on.pair is None else np.stack(nearest_points(*rests_on.pair)),
-            pair_m=rests_on.pair_m,
-            needed_m=rests_on.pair_needed_m,
-            speed_m_s=rests_on.speed_m_s,
-            who=who_of(rests_on.person, rests_on.segment),
+    band_m = assembly.config.node.risk.band_m
+    for advice in tick.advices:
+        why, robot = tick.grounds(advice.robot) or Grounds(), assembly.robots[advice.robot]
+        rows = shapes["robots"][:0] if why.capsules is None else _rows(why.capsules)
+        names, link = robot.capsule_names, why.link
+        said = robot_facts(
+            assembly.config.node.robots[advice.robot].name,
+            advice,
+            why,
             link=names[link] if link is not None and 0 <= link < len(names) else "",
+            band_m=band_m,
         )
+        facts["robots"].append(said | {"capsules": len(rows)})
+        robots.append(rows)
     if robots:
         shapes["robots"] = np.concatenate(robots)
     return Picture(facts, **shapes)
 
 
-def facts_of(tick: Tick, config: Config, cut_off: Sequence[str] = ()) -> dict[str, Any]:
-    """Return the facts besides shapes: robots, people, the node's state, and the room's regions.
+def _facts(tick: Tick, config: Config, cut_off: Sequence[str]) -> dict[str, Any]:
+    """Return the facts besides shapes and robots: people, the node's state, the room's regions.
 
     ``cut_off``: the links that are not connected, by name.
     """
-    snapshot, assessment = tick.snapshot, tick.assessment
+    snapshot = tick.snapshot
     tracked = [] if snapshot is None else list(snapshot.ids)
     lost = [] if snapshot is None else [person.id for person in snapshot.lost]
-    named = () if assessment is None else assessment.named_zones
-    reasons = (*(() if snapshot is None else snapshot.reasons), *_reasons(assessment))
+
     return {
         "node_s": tick.now_ns * 1e-9,
         "places": [] if snapshot is None else _places(snapshot),
         "sees": snapshot is not None and sees(snapshot.reasons),
-        **state_facts(tick.status.node_state, reasons, cut_off),
-        "robots": [_robot(advice, config) for advice in tick.advices],
+        **state_facts(tick.status.node_state, tick.reasons, cut_off),
+        "robots": [],
         "people": [*tracked, *lost],
         "tracked": len(tracked),
         "age_s": None if snapshot is None else snapshot.age_s,
-        "named": {zone.name: [zone.occupied, zone.entry_s] for zone in named},
+        "named": {zone.name: [zone.occupied, zone.entry_s] for zone in tick.named_zones},
         "zones": [],
         "times_s": [0.0],
         "room": room_of(config),
@@ -113,55 +107,48 @@ def state_facts(
     return {"state": state.name, "reasons": troubles(state, reasons, cut_off)}
 
 
-def said_of(level: Level, reason: Reason, detail: str, band_m: float | None) -> dict[str, str]:
+def said_of(advice: Advice, band_m: float | None) -> dict[str, Any]:
     """Return an advice's words, as on screens. ``band_m``: ``risk.band_m``."""
     return {
-        "level": level.name,
-        "reason": reason_beside(level, reason),
-        "clears": clears_beside(level, reason, detail, band_m),
-        "detail": detail,
+        "level": advice.level.name,
+        "reason": reason_beside(advice),
+        "clears": clears_beside(advice, band_m),
+        "detail": advice.detail,
+        "latch": advice.latch_id,
     }
 
 
-def pair_facts(
-    level: Level,
-    reason: Reason,
-    detail: str,
-    *,
-    line: Floats | None = None,
-    pair_m: float | None = None,
-    needed_m: float | None = None,
-    speed_m_s: float | None = None,
-    who: str = "",
-    link: str = "",
+def robot_facts(
+    name: str, advice: Advice, why: Grounds, *, link: str, band_m: float | None
 ) -> dict[str, Any]:
-    """The deciding pair: its nearest points (2, 3), how far they are and, at the robot's speed,
-    have to be apart, and the names of both; ``None`` and "": not known.
+    """Return the facts of a robot: its advice, and the deciding pair.
 
-    "near" is for the person who stands there, and "" unless a person decides the level.
+    "line" joins the nearest points of the pair; "near" is for the person who stands there, and ""
+    unless a person decides the level.
+
+    Args:
+        name, advice, why: the robot's; of the grounds, what is known.
+        link: the robot's capsule in the pair, by name; "": not known.
+        band_m: the configured ``risk.band_m``; ``None``: not known.
     """
-    by_distance = level is not Level.CLEAR and reason.row.by_distance
-    decides = bool(who) and pair_m is not None and by_distance
-    near = f"{who}, {max(0.0, pair_m or 0.0):.2f} m from the {in_words(link) or 'robot'}"
+    who = "" if why.person is None else f"person {why.person}'s {in_words(why.segment)}"
+    by_distance = advice.level is not Level.CLEAR and advice.reason.row.by_distance
+    near, line = "", None
+    if who and why.pair_m is not None and by_distance:
+        near = f"{who}, {max(0.0, why.pair_m):.2f} m from the {in_words(link) or 'robot'}"
+    if why.pair is not None:
+        line = np.stack(nearest_points(*why.pair))
     return {
-        "speed_m_s": speed_m_s,
+        "name": name,
+        **said_of(advice, band_m),
+        "limit_m_s": advice.speed_limit_m_s,
+        "separation_m": advice.separation_m,
+        "speed_m_s": why.speed_m_s,
         "line": None if line is None or not np.isfinite(line).all() else line.round(4).tolist(),
-        "apart": apart_text(
-            pair_m=pair_m,
-            needed_m=needed_m,
-            speed_m_s=speed_m_s,
-            level=level,
-            reason=reason,
-            detail=detail,
-        ),
-        "near": near if decides else "",
+        "apart": apart_text(advice, why),
+        "near": near,
         "pair": f"{who} - {in_words(link)}" if who and link else who,
     }
-
-
-def who_of(person: int | None, segment: str) -> str:
-    """``person 2's left hand``."""
-    return "" if person is None else f"person {person}'s {in_words(segment)}"
 
 
 def bodies_of(joints: Floats) -> Shapes:
@@ -192,19 +179,3 @@ def _forecast(
     people = min(len(positions), len(step))
     step = step[:people].clip(0, positions.shape[1] - 1)
     return bodies_of(positions[np.arange(people)[:, None], step])
-
-
-def _robot(advice: Advice, config: Config) -> dict[str, Any]:
-    return {
-        "name": config.node.robots[advice.robot].name,
-        **said_of(advice.level, advice.reason, advice.detail, config.node.risk.band_m),
-        "latch": advice.latch_id,
-        "limit_m_s": advice.speed_limit_m_s,
-        "separation_m": advice.separation_m,
-        "capsules": 0,
-        **pair_facts(advice.level, advice.reason, advice.detail),
-    }
-
-
-def _reasons(assessment: Any) -> tuple[Reason, ...]:
-    return () if assessment is None else assessment.reasons

@@ -16,21 +16,15 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import PARENTS
-from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import Reason
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 from hri_predict.recording.mcap.clocks import iso
 from hri_predict.recording.mcap.view import PAIR
 from hri_predict.recording.mcap.well_known import DAMAGED, FARTHEST_M, capsules_of, lines_of
+from hri_predict.risk.types import Grounds
 from hri_predict.viewing.levels import worst
-from hri_predict.viewing.packing import (
-    bodies_of,
-    pair_facts,
-    said_of,
-    state_facts,
-    steps_of,
-    who_of,
-)
+from hri_predict.viewing.packing import bodies_of, robot_facts, state_facts, steps_of
 from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
 from hri_predict.viewing.room import band_of_text, room_of_text, sees
 
@@ -257,27 +251,25 @@ class _Said:
 
 
 def _robot(data: dict[str, Any], band_m: float | None) -> dict[str, Any]:
-    level = Level[_known(data["level"], Level)]
-    reason, why = _reason(data["reason"]), data.get("grounds") or {}
-    detail = str(data.get("detail", ""))
-    pair_m, slack_m = _number(why.get("pair_m")), _number(why.get("slack_m"))
-    return {
-        "name": str(data.get("name", data.get("robot"))),
-        **said_of(level, reason, detail, band_m),
-        "latch": data.get("latch_id", 0),
-        "limit_m_s": _number(data.get("speed_limit_m_s")),
-        "separation_m": _number(data.get("separation_m")),
-        **pair_facts(
-            level,
-            reason,
-            detail,
-            speed_m_s=_number(data.get("speed_m_s")),
-            pair_m=pair_m,
-            needed_m=None if pair_m is None or slack_m is None else pair_m - slack_m,
-            who=who_of(why.get("person"), str(why.get("segment", ""))),
-            link=str(why.get("robot_capsule") or ""),
-        ),
-    }
+    why = data.get("grounds") or {}
+    advice = Advice(
+        robot=0,
+        level=Level[_known(data["level"], Level)],
+        reason=_reason(data["reason"]),
+        latch_id=data.get("latch_id", 0),
+        separation_m=_number(data.get("separation_m")),
+        speed_limit_m_s=_number(data.get("speed_limit_m_s")),
+        detail=str(data.get("detail", "")),
+    )
+    grounds = Grounds(
+        speed_m_s=_number(data.get("speed_m_s")),
+        person=why.get("person"),
+        segment=str(why.get("segment", "")),
+        pair_m=_number(why.get("pair_m")),
+        slack_m=_number(why.get("slack_m")),
+    )
+    name, link = str(data.get("name", data.get("robot"))), str(why.get("robot_capsule") or "")
+    return robot_facts(name, advice, grounds, link=link, band_m=band_m)
 
 
 def _known(name: Any, kind: type[Level] | type[NodeState]) -> str:

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 
 log = logging.getLogger(__name__)
 
@@ -62,13 +62,9 @@ def check_port(settings: ScreenSettings) -> None:
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
+        what = f"--{settings.name} {settings.port}: cannot listen on {settings.host}"
+        with OsErrorAs(ConfigError, what, "name another port, or 0 for any free one"):
             probe.bind((settings.host, settings.port))
-        except OSError as error:
-            raise ConfigError(
-                f"--{settings.name} {settings.port}: cannot listen on {settings.host}: "
-                f"{error.strerror or error}; name another port, or 0 for any free one"
-            ) from error
 
 
 class Screen:
@@ -89,13 +85,10 @@ class Screen:
         self._port = settings.port
         self._in_a_row = 0
         self._again_s = math.inf
-        try:
+        what = f"--{settings.name}: its process cannot be started"
+        remedy = "leave it out, or raise the limits of processes and open files (ulimit -u, -n)"
+        with OsErrorAs(ConfigError, what, remedy):
             self._start()
-        except OSError as error:
-            raise ConfigError(
-                f"--{settings.name}: its process cannot be started: {error.strerror}; leave it "
-                f"out, or raise the limits of processes and open files (ulimit -u, -n)"
-            ) from error
 
     def _start(self) -> None:
         self._rest = memoryview(b"")

@@ -22,6 +22,7 @@ from hri_predict.contracts.predictor import PredictorSettings
 
 if TYPE_CHECKING:
     from hri_predict.contracts.predictor import Predictor
+    from hri_predict.lab.calibration.coverage import Calibrated
     from hri_predict.lab.calibration.scores import Scores
     from hri_predict.zones.calibration import Calibration
 
@@ -42,6 +43,7 @@ def check(
     """Measure a calibration and print tables."""
     from hri_predict.lab.calibration import judgement
     from hri_predict.lab.calibration.card import read_card, write_section
+    from hri_predict.lab.calibration.coverage import Calibrated
 
     if out is not None:
         need_plots()
@@ -62,11 +64,10 @@ def check(
     with progress() as bar:
         task = bar.add_task("judging", total=None)
         judged = judgement.judge_zones(
-            predictor=built,
-            scores=scores,
-            calibration=calibration,
-            beside=beside,
-            on_part=lambda p: bar.update(task, description=p),
+            Calibrated(built, calibration),
+            scores,
+            beside,
+            lambda p: bar.update(task, description=p),
         )
     tables = judgement.tables(judged)
     report = {**judgement.as_json(judged), "disturbed": None}
@@ -76,7 +77,9 @@ def check(
         with progress() as bar:
             task = bar.add_task("disturbing", total=None)
             found = zone_disturbed.judge_disturbed(
-                built, scores, calibration, lambda p: bar.update(task, description=p)
+                Calibrated(built, calibration),
+                scores,
+                lambda p: bar.update(task, description=p),
             )
         tables += zone_disturbed.tables(found)
         report["disturbed"] = zone_disturbed.as_json(found)
@@ -131,8 +134,9 @@ def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration
 
 def _beside(
     name: str, data: Data, tracked: bool
-) -> "Mapping[str, tuple[list[Scores], Calibration, Predictor]]":
+) -> "Mapping[str, tuple[list[Scores], Calibrated]]":
     """Constant velocity, calibrated the same way, to compare sizes with."""
+    from hri_predict.lab.calibration.coverage import Calibrated
     from hri_predict.zones.calibration import load_calibration, shipped_calibration
 
     path = shipped_calibration(_BESIDE)
@@ -149,7 +153,6 @@ def _beside(
                 on_left_out=lambda _: None,  # said once
                 tracked=tracked,
             ),
-            load_calibration(path),
-            built,
+            Calibrated(built, load_calibration(path)),
         )
     }

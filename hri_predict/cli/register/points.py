@@ -118,7 +118,7 @@ def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
     if settings is None:
         raise ConfigError(f"--robot {robot}: no link to its controller; give --point instead")
     model = assemble.build_robots(config)[names.index(robot)]
-    link = assemble.build_link(settings=settings, config=config, clock=MonotonicClock())
+    link = assemble.build_link(config, settings, MonotonicClock())
     link.start()
     try:
         yield Tool(model=model, index=names.index(robot), link=link, tool=tool)

@@ -7,6 +7,7 @@ joint stayed inside during each interval.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +24,13 @@ from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 RESAMPLES = 2000
 INTERVAL = (0.025, 0.975)
+
+
+class Calibrated(NamedTuple):
+    """A predictor, and the calibration of its zones: what a node runs."""
+
+    predictor: Predictor
+    calibration: Calibration
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -116,28 +124,20 @@ def as_calibrated(
 
 
 def as_run(
-    *,
     scores: Sequence[Scores],
-    calibration: Calibration,
+    calibrated: Calibrated,
     settings: CoverageSettings,
-    predictor: Predictor,
     limits: HumanLimits | None = None,
 ) -> Coverage:
     """Zones as the node builds them, window after window of each presence."""
+    rate_hz = calibrated.predictor.rate_hz
     inside, trusted = [], []
     for entry in scores:
         held = np.zeros(entry.error_m.shape, dtype=bool)
         widened = unlike = 0
-        for window, (spheres, trust) in enumerate(
-            run_zones(
-                entry=entry,
-                calibration=calibration,
-                settings=settings,
-                predictor=predictor,
-                limits=limits,
-            )
-        ):
-            held[window] = _holds(entry, window, spheres, predictor.rate_hz)
+        runs = run_zones(entry, calibrated, settings, limits)
+        for window, (spheres, trust) in enumerate(runs):
+            held[window] = _holds(entry, window, spheres, rate_hz)
             widened += bool(trust.widened.any())
             unlike += bool(trust.out_of_distribution.any())
         known = np.isfinite(entry.error_m)
@@ -147,14 +147,13 @@ def as_run(
 
 
 def run_zones(
-    *,
     entry: Scores,
-    calibration: Calibration,
+    calibrated: Calibrated,
     settings: CoverageSettings,
-    predictor: Predictor,
     limits: HumanLimits | None = None,
 ) -> "list[tuple[JointSpheres, Trust]]":
     """The joints' zones of every window, in order, with what the self-check knew by then."""
+    predictor, calibration = calibrated
     rate_hz, steps = predictor.rate_hz, entry.error_m.shape[1]
     skeleton = predictor.skeleton
     check = SelfCheck(
@@ -248,10 +247,9 @@ def _collected(
         if trusted:
             widened[unit] += trusted[index][0]
             unlike[unit] += trusted[index][1]
-    of_action = tuple(actions[n] for n in names)
     return Coverage(
         names=tuple(names),
-        actions=of_action,
+        actions=tuple(actions[n] for n in names),
         held=held,
         known=known,
         windows=windows,

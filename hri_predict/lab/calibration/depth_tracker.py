@@ -22,7 +22,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.lab.calibration.presence import Presence
+from hri_predict.lab.calibration.presence import Presence, ar1
 
 RATE_HZ = 30.0
 DEPTH_M = 0.017
@@ -127,33 +127,6 @@ class DepthTracker:
                 carried = carried + np.where(np.isfinite(longer), longer, 0.0)
                 moved[:, outer] = shown[:, outer] + carried
         return moved
-
-
-def ar1(
-    rng: np.random.Generator,
-    dt_s: Floats,
-    lasts_s: float,
-    shape: tuple[int, ...],
-    *,
-    tail: float = np.inf,
-) -> Floats:
-    """Return noise (F, ...) of standard deviation 1 whose correlation falls by 1/e in a time.
-
-    Args:
-        rng: of the noise.
-        dt_s: (F-1,) seconds between captures.
-        lasts_s: that time.
-        shape: F first.
-        tail: degrees of freedom of Student's t, above 2; infinite: the normal distribution.
-    """
-    if np.isfinite(tail):
-        found = rng.standard_t(tail, shape) * np.sqrt((tail - 2.0) / tail)
-    else:
-        found = rng.standard_normal(shape)
-    for i, kept in enumerate(np.exp(-dt_s / lasts_s), 1):
-        found[i] = kept * found[i - 1] + np.sqrt(1.0 - kept**2) * found[i]
-    result: Floats = found
-    return result
 
 
 def _camera(rng: np.random.Generator, presence: Presence) -> Floats:

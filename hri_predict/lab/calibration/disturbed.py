@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.skeleton import CANONICAL
-from hri_predict.contracts.predictor import Predictor
-from hri_predict.lab.calibration.coverage import as_run, run_zones
+from hri_predict.lab.calibration.coverage import Calibrated, as_run, run_zones
 from hri_predict.lab.calibration.presence import Presence
 from hri_predict.lab.calibration.scores import Scores, score_presence
 from hri_predict.lab.datasets.disturbances import Disturbance, standard
 from hri_predict.lab.evaluation.table import Table, percent
-from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.settings import CoverageSettings
 
 SHIFT_SHARE = 0.5
@@ -48,9 +46,8 @@ class Disturbed:
 
 
 def judge_disturbed(
-    predictor: Predictor,
+    calibrated: Calibrated,
     scores: Sequence[Scores],
-    calibration: Calibration,
     on_part: Callable[[str], None] = lambda _: None,
 ) -> list[Disturbed]:
     """Run every condition of ``disturbances.standard``."""
@@ -60,16 +57,14 @@ def judge_disturbed(
     for disturbance in standard(shift_at_s=SHIFT_SHARE * shortest_s):
         for entry in chosen:
             on_part(f"{disturbance.name}, {entry.name}")
-            one = _one(predictor, entry, calibration, disturbance)
+            one = _one(calibrated, entry, disturbance)
             if one is not None:
                 found.append(one)
     return found
 
 
-def _one(
-    predictor: Predictor, entry: Scores, calibration: Calibration, disturbance: Disturbance
-) -> Disturbed | None:
-    truth = entry.truth
+def _one(calibrated: Calibrated, entry: Scores, disturbance: Disturbance) -> Disturbed | None:
+    truth, predictor = entry.truth, calibrated.predictor
     trunk = list(CANONICAL.parts["torso"])
     moved = disturbance.apply(truth.positions, truth.observed, truth.stamps_ns, trunk)
     seen = Presence(truth.stamps_ns, moved, truth.observed, truth.rate_hz)
@@ -83,19 +78,11 @@ def _one(
     shares = []
     for check in (False, True):
         own = settings.model_copy(update={"self_check": check})
-        coverage = as_run(
-            scores=[scored], calibration=calibration, settings=own, predictor=predictor
-        )
+        coverage = as_run([scored], calibrated, own)
         shares.append(float(coverage.share("body")[step]))
     noticed = None
     if disturbance.kind == "shift":
-        noticed = _noticed_s(
-            predictor=predictor,
-            scored=scored,
-            calibration=calibration,
-            settings=settings,
-            at_s=disturbance.at_s,
-        )
+        noticed = _noticed_s(scored, calibrated, settings, disturbance.at_s)
     return Disturbed(
         condition=disturbance.name,
         recording=entry.name,
@@ -108,18 +95,12 @@ def _one(
 
 
 def _noticed_s(
-    *,
-    predictor: Predictor,
-    scored: Scores,
-    calibration: Calibration,
-    settings: CoverageSettings,
-    at_s: float,
+    scored: Scores, calibrated: Calibrated, settings: CoverageSettings, at_s: float
 ) -> float | None:
     """Seconds from the shift to the first window that is unlike, or wider than it was before."""
     since = (scored.origin_ns - scored.truth.stamps_ns[0]) * 1e-9 - at_s
     before = 1.0
-    runs = run_zones(entry=scored, calibration=calibration, settings=settings, predictor=predictor)
-    for t, (_, trust) in zip(since, runs, strict=True):
+    for t, (_, trust) in zip(since, run_zones(scored, calibrated, settings), strict=True):
         largest = float(trust.widen.max())
         if t >= 0 and (trust.out_of_distribution.any() or largest > before + 1e-9):
             return float(t)

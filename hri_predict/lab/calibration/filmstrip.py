@@ -101,8 +101,8 @@ def _cell(
     body = _body(skeleton, scene.true[at], scene.known[at])
     now = _body(skeleton, scene.true[0], scene.known[0])
     ball = Capsules(now.a, now.b, now.radius + BALL_M_S * scene.shown_ms[at] / 1000)
-    arm = Capsules(robot.a[at], robot.b[at], robot.radius[at])
-    zone = Capsules(scene.zones.a[at], scene.zones.b[at], scene.zones.radius[at])
+    arm = robot[at]
+    zone = scene.zones[at]
     _table(axes, view, arm, level)
     _shape(axes, points, outside(points, view, arm), _ROBOT, fill=_ROBOT, alpha=0.4, zorder=4)
     _shape(axes, points, outside(points, view, zone), _ZONE, fill=_ZONE_FILL, alpha=0.75, zorder=3)

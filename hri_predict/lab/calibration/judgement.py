@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.contracts.predictor import Predictor
-from hri_predict.lab.calibration.coverage import Coverage, as_calibrated, as_run
+from hri_predict.lab.calibration.coverage import Calibrated, Coverage, as_calibrated, as_run
 from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.lab.calibration.sizes import Sizes, measure_sizes
@@ -61,22 +60,20 @@ class ZoneJudgement:
 
 
 def judge_zones(
-    *,
-    predictor: Predictor,
+    calibrated: Calibrated,
     scores: Sequence[Scores],
-    calibration: Calibration,
-    beside: Mapping[str, tuple[Sequence[Scores], Calibration, Predictor]],
+    beside: Mapping[str, tuple[Sequence[Scores], Calibrated]],
     on_part: Callable[[str], None] = lambda _: None,
 ) -> ZoneJudgement:
     """Measure everything.
 
     Args:
-        predictor: see ``scores.score_recordings``.
+        calibrated: the predictor (see ``scores.score_recordings``), and what is measured of it.
         scores: its scores of the recordings.
-        calibration: of this predictor.
         beside: other predictors to compare sizes with, and their scores of the same recordings.
         on_part: called with the name of the next part, for a progress bar.
     """
+    predictor, calibration = calibrated
     coverage: dict[tuple[float, str, str], Coverage] = {}
     for level in LEVELS:
         for of in OFS:
@@ -85,41 +82,28 @@ def judge_zones(
             bare = settings.model_copy(update={"self_check": False})
             found = as_calibrated(scores, calibration, settings, predictor.skeleton)
             coverage[level, of, WAYS[0]] = found
-            coverage[level, of, WAYS[1]] = as_run(
-                scores=scores, calibration=calibration, settings=bare, predictor=predictor
-            )
-            coverage[level, of, WAYS[2]] = as_run(
-                scores=scores, calibration=calibration, settings=settings, predictor=predictor
-            )
+            coverage[level, of, WAYS[1]] = as_run(scores, calibrated, bare)
+            coverage[level, of, WAYS[2]] = as_run(scores, calibrated, settings)
     steps = [round(ms * predictor.rate_hz / 1000) for ms in SIZE_MS]
     steps = [s for s in steps if s <= scores[0].error_m.shape[1]]
+    compared = {calibration.predictor: (scores, calibrated), **beside}
     sizes: dict[str, dict[str, Sizes]] = {of: {} for of in OFS}
     for of in OFS:
         for action in dict.fromkeys(s.action for s in scores):
             on_part(f"sizes, {action}")
             own = [i for i, s in enumerate(scores) if s.action == action]
             methods = {
-                name: ([theirs[i] for i in own], c, p)
-                for name, (theirs, c, p) in {
-                    _name_of(calibration): (scores, calibration, predictor),
-                    **beside,
-                }.items()
+                name: ([theirs[i] for i in own], by) for name, (theirs, by) in compared.items()
             }
             settings = CoverageSettings(level=DEFAULT_LEVEL, of=of)
-            sizes[of][action] = measure_sizes(
-                scores=[scores[i] for i in own], methods=methods, settings=settings, steps=steps
-            )
+            sizes[of][action] = measure_sizes([scores[i] for i in own], methods, settings, steps)
     return ZoneJudgement(
-        predictor=_name_of(calibration),
+        predictor=calibration.predictor,
         calibration=calibration,
         rate_hz=predictor.rate_hz,
         coverage=coverage,
         sizes=sizes,
     )
-
-
-def _name_of(calibration: Calibration) -> str:
-    return calibration.predictor
 
 
 # -- tables -------------------------------------------------------------------------------------

@@ -18,9 +18,10 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.work.workers import Workers
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.lab.calibration.conformal import calibrate
-from hri_predict.lab.calibration.coverage import Coverage, as_calibrated, as_run
+from hri_predict.lab.calibration.coverage import Calibrated, Coverage, as_calibrated, as_run
 from hri_predict.lab.calibration.judgement import HORIZONS_MS
-from hri_predict.lab.calibration.scores import Scores, nearest
+from hri_predict.lab.calibration.scores import Scores
+from hri_predict.lab.datasets.tracks import nearest
 from hri_predict.lab.evaluation.table import Table, plain
 from hri_predict.zones.calibration import OFS, Calibration, Of, identity
 from hri_predict.zones.settings import LEVELS, CoverageSettings
@@ -106,12 +107,7 @@ def leave_out(
                 calibrated_on=len({s.name for s in others}),
                 calibration=made,
                 coverage=coverage,
-                run=as_run(
-                    scores=own,
-                    calibration=made,
-                    settings=CoverageSettings(level=LEVELS[-1]),
-                    predictor=predictor,
-                ),
+                run=as_run(own, Calibrated(predictor, made), CoverageSettings(level=LEVELS[-1])),
                 error_m=_mean([_at_steps(s, s.forecast, predictor.rate_hz) for s in own]),
                 standing_m=_mean([_at_steps(s, s.history[:, -1:], predictor.rate_hz) for s in own]),
             )

@@ -14,12 +14,12 @@ from hri_predict.base.figures import README_INCHES, Figure, write_figure
 from hri_predict.base.looks import PALETTE
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.predictor import Predictor
-from hri_predict.lab.calibration.coverage import Coverage
+from hri_predict.lab.calibration.coverage import Calibrated, Coverage
 from hri_predict.lab.calibration.filmstrip import zone_filmstrip
 from hri_predict.lab.calibration.judgement import WAYS, ZoneJudgement
 from hri_predict.lab.calibration.scene import middle_window, zone_scene
 from hri_predict.lab.calibration.scores import Scores, evidence_of
-from hri_predict.zones.calibration import OFS, Calibration, Of, plain
+from hri_predict.zones.calibration import OFS, Calibration, plain
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import LEVELS, CoverageSettings, HumanLimits
 
@@ -60,7 +60,7 @@ def write_pictures(
     predictor: Predictor,
     scores: Sequence[Scores],
     judged: ZoneJudgement,
-    beside: Mapping[str, tuple[Sequence[Scores], Calibration, Predictor]],
+    beside: Mapping[str, tuple[Sequence[Scores], Calibrated]],
 ) -> list[Path]:
     """Write every picture of an evaluation of zones into a folder.
 
@@ -84,19 +84,15 @@ def write_pictures(
     walks = [i for i, s in enumerate(scores) if s.action.startswith(_WALKING)]
     shown = walks or range(len(scores))
     methods = {judged.predictor: (judged.calibration, [scores[i] for i in shown])}
-    methods |= {name: (c, [theirs[i] for i in shown]) for name, (theirs, c, _) in beside.items()}
+    methods |= {
+        name: (by.calibration, [theirs[i] for i in shown]) for name, (theirs, by) in beside.items()
+    }
     what = f"recordings of {_WALKING}" if walks else "recordings"
     figures["zones_radii.png"] = radii(methods, what, HumanLimits())
     actions = [a for a in _FILMED if a in judged.actions] or list(judged.actions[:2])
     settings = CoverageSettings()
     scenes = [
-        zone_scene(
-            entry=found[0],
-            window=found[1],
-            calibration=judged.calibration,
-            settings=settings,
-            predictor=predictor,
-        )
+        zone_scene(*found, Calibrated(predictor, judged.calibration), settings)
         for action in actions
         if (found := middle_window(scores, action)) is not None
     ]
@@ -312,7 +308,7 @@ def _calibrated(
     ms = 1000 / calibration.rate_hz * np.arange(1, calibration.steps + 1)
     for of, line in zip(OFS, ("--", "-"), strict=True):
         low, mean, high = radius_by_step(
-            calibration=calibration, scores=scores, joint=joint, of=of, level=level
+            calibration, scores, joint, CoverageSettings(level=level, of=of)
         )
         if of == "body" and with_range and np.isfinite(high).all():
             label = f"{name}, whole body: 90 % of all joints and windows"
@@ -323,12 +319,7 @@ def _calibrated(
 
 
 def radius_by_step(
-    *,
-    calibration: Calibration,
-    scores: Sequence[Scores],
-    joint: str,
-    of: Of,
-    level: float,
+    calibration: Calibration, scores: Sequence[Scores], joint: str, settings: CoverageSettings
 ) -> tuple[Floats, Floats, Floats]:
     """Estimated radii of a joint and its other side over the windows of ``scores``, metres.
 
@@ -339,7 +330,7 @@ def radius_by_step(
         (H,) the 5th percentile, the mean and the 95th percentile; NaN where there is no window,
         infinite where one is not calibrated.
     """
-    radii = Radii(calibration, CoverageSettings(level=level, of=of), CANONICAL, calibration.steps)
+    radii = Radii(calibration, settings, CANONICAL, calibration.steps)
     own = [i for i, name in enumerate(CANONICAL.joints) if plain(name) == joint]
     found = [radii.of(s.speed_m_s, evidence_of(s))[..., own] for s in scores]
     if not found:

@@ -120,7 +120,7 @@ def as_tracked(presence: Presence, seed: int) -> tuple[Presence, Ints]:
     stamps, positions = presence.stamps_ns[thinned], presence.positions[thinned]
     shape = positions.shape
     white = rng.uniform(*WHITE_M) * rng.standard_normal(shape)
-    slow = rng.uniform(*SLOW_M) * _wandering(rng, stamps, shape)
+    slow = rng.uniform(*SLOW_M) * ar1(rng, np.diff(stamps) * 1e-9, WANDERS_S, shape)
     observed = presence.observed[thinned] & (rng.random(shape[:2]) >= LOST)
     every = int(rng.choice(EVERY))
     delivered = np.arange(0, len(stamps), every)
@@ -139,13 +139,31 @@ def _rising(stamps: Ints) -> Ints:
     return found
 
 
-def _wandering(rng: np.random.Generator, stamps: Ints, shape: tuple[int, ...]) -> Floats:
-    """(F, J, 3) noise of deviation 1 whose correlation falls by 1/e in ``WANDERS_S``."""
-    found = rng.standard_normal(shape)
-    kept = np.exp(-np.diff(stamps) * 1e-9 / WANDERS_S)
-    for i, share in enumerate(kept, 1):
-        found[i] = share * found[i - 1] + np.sqrt(1.0 - share**2) * found[i]
-    return found
+def ar1(
+    rng: np.random.Generator,
+    dt_s: Floats,
+    lasts_s: float,
+    shape: tuple[int, ...],
+    *,
+    tail: float = np.inf,
+) -> Floats:
+    """Return noise (F, ...) of standard deviation 1 whose correlation falls by 1/e in a time.
+
+    Args:
+        rng: of the noise.
+        dt_s: (F-1,) seconds between captures.
+        lasts_s: that time.
+        shape: F first.
+        tail: degrees of freedom of Student's t, above 2; infinite: the normal distribution.
+    """
+    if np.isfinite(tail):
+        found = rng.standard_t(tail, shape) * np.sqrt((tail - 2.0) / tail)
+    else:
+        found = rng.standard_normal(shape)
+    for i, kept in enumerate(np.exp(-dt_s / lasts_s), 1):
+        found[i] = kept * found[i - 1] + np.sqrt(1.0 - kept**2) * found[i]
+    result: Floats = found
+    return result
 
 
 def of_each(

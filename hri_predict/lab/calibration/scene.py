@@ -6,7 +6,7 @@ the recording's first window on, so that the self-check has seen what came befor
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,13 +15,12 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.settings import Pose
 from hri_predict.base.skeleton import Skeleton
-from hri_predict.contracts.predictor import Forecast, Predictor
-from hri_predict.lab.calibration.coverage import run_zones, snapshot_of
+from hri_predict.contracts.predictor import Forecast
+from hri_predict.lab.calibration.coverage import Calibrated, run_zones, snapshot_of
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.robots.model import RobotSettings, load_robot
 from hri_predict.robots.trajectory import load_trajectory
 from hri_predict.zones.body_zones import ZoneBuilder
-from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
@@ -78,33 +77,11 @@ def _whole(entry: Scores) -> Any:
 
 
 def zone_scene(
-    *,
-    entry: Scores,
-    window: int,
-    calibration: Calibration,
-    settings: CoverageSettings,
-    predictor: Predictor,
+    entry: Scores, window: int, calibrated: Calibrated, settings: CoverageSettings
 ) -> ZoneScene:
     """The zones of one window, as run."""
-    past = replace(
-        entry,
-        **{
-            name: getattr(entry, name)[: window + 1]
-            for name in (
-                "origin_ns",
-                "history",
-                "observed",
-                "forecast",
-                "error_m",
-                "speed_m_s",
-                "residual_m",
-                "past_error_m",
-            )
-        },
-    )
-    _, trust = run_zones(
-        entry=past, calibration=calibration, settings=settings, predictor=predictor
-    )[-1]
+    predictor, calibration = calibrated
+    _, trust = run_zones(entry.only(slice(window + 1)), calibrated, settings)[-1]
     steps, rate_hz = entry.forecast.shape[1], predictor.rate_hz
     radii = Radii(calibration, settings, predictor.skeleton, steps)
     builder = ZoneBuilder(
@@ -133,7 +110,7 @@ def zone_scene(
         true=entry.truth.positions[captures],
         known=entry.truth.observed[captures],
         forecast=path[at],
-        zones=Capsules(capsules.a[0, at], capsules.b[0, at], capsules.radius[0, at]),
+        zones=capsules[0, at],
         widened=bool(trust.widened.any() or trust.out_of_distribution.any()),
     )
 

@@ -8,10 +8,10 @@ interval that ends with the step, because a zone must hold the body during the w
 
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.predictor import Predictor, PredictorSettings, checked
 from hri_predict.lab.calibration.presence import Presence, as_tracked, gap_ns, of_each, of_one
+from hri_predict.lab.datasets.tracks import nearest
 from hri_predict.people.ring_buffer import resample
 from hri_predict.recording.recording import Recording, names_of
 from hri_predict.zones.human_speed import joint_velocities
@@ -67,6 +68,12 @@ class Scores:
     past_error_m: Floats
     truth: Presence
     digest: str | None = None
+
+    def only(self, windows: slice) -> "Scores":
+        """Those of some windows; ``truth`` stays whole."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        parts: dict[str, Any] = {k: v[windows] for k, v in own.items() if isinstance(v, np.ndarray)}
+        return replace(self, **parts)
 
 
 def evidence_of(entry: Scores) -> Evidence:
@@ -297,13 +304,6 @@ def _origins(presence: Presence, rate_hz: float) -> NDArray[np.intp]:
         at = at[stamps[at] >= grid[0]]
     result: NDArray[np.intp] = at[stamps[at] + step_ns <= stamps[-1]]
     return result
-
-
-def nearest(stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Indices of the stamps nearest to some times; the earlier one of two equally near."""
-    after = np.minimum(stamps.searchsorted(times), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    return np.where(stamps[after] - times < times - stamps[before], after, before)
 
 
 def _errors(presence: Presence, index: int, forecast: Floats, rate_hz: float) -> Floats:

@@ -12,10 +12,8 @@ import numpy as np
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import Skeleton
-from hri_predict.contracts.predictor import Predictor
-from hri_predict.lab.calibration.coverage import run_zones
+from hri_predict.lab.calibration.coverage import Calibrated, run_zones
 from hri_predict.lab.calibration.scores import Scores
-from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.reach import BodyReach
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
@@ -50,65 +48,42 @@ def _with_body(volumes: Floats) -> Floats:
 
 
 def measure_sizes(
-    *,
     scores: Sequence[Scores],
-    methods: Mapping[str, tuple[Sequence[Scores], Calibration, Predictor]],
+    methods: Mapping[str, tuple[Sequence[Scores], Calibrated]],
     settings: CoverageSettings,
     steps: Sequence[int],
-    limits: HumanLimits | None = None,
 ) -> Sizes:
     """Volumes around the windows of ``scores``.
 
     Args:
         scores: give the windows; segments with an unseen joint do not count.
-        methods: name -> a predictor's scores of the same recordings, its calibration, and itself.
+        methods: name -> a predictor's scores of the same recordings, and itself, calibrated.
         settings: level and question; with or without the self-check.
         steps: horizon steps.
-        limits: see ``HumanLimits``.
     """
-    skeleton = next(iter(methods.values()))[2].skeleton
-    rate_hz = next(iter(methods.values()))[2].rate_hz
-    reach = BodyReach.of(limits or HumanLimits(), skeleton, rate_hz)
+    (_, first), *_ = methods.values()
+    skeleton, rate_hz = first.predictor.skeleton, first.predictor.rate_hz
+    reach = BodyReach.of(HumanLimits(), skeleton, rate_hz)
     sums: dict[str, Floats] = {}
     counts = np.zeros(len(skeleton.segments))
     for index, entry in enumerate(scores):
         seen = _whole_segments(entry, skeleton)  # (W, S)
         counts += seen.sum(0)
-        last = entry.history[:, -1]
+        centre = np.repeat(entry.history[:, -1:], len(steps), axis=1)
+        spheres = {}
         for speed in BALLS_M_S:
-            radius = speed * np.asarray(steps)[None, :, None] / rate_hz
-            centre = np.repeat(last[:, None], len(steps), axis=1)
-            _add(
-                sums=sums,
-                name=f"{speed:g} m/s",
-                centre=centre,
-                radius=np.broadcast_to(radius, centre.shape[:3]),
-                seen=seen,
-                skeleton=skeleton,
+            grown = speed * np.asarray(steps)[:, None] / rate_hz
+            spheres[f"{speed:g} m/s"] = centre, np.broadcast_to(grown, centre.shape[:3])
+        spheres["physical reach"] = _reached(entry, reach, steps, rate_hz)
+        for name, (own, calibrated) in methods.items():
+            run = [ball for ball, _ in run_zones(own[index], calibrated, settings)]
+            spheres[name] = (
+                np.stack([ball.mid[0][list(steps)] for ball in run]),
+                np.stack([ball.radius[0][list(steps)] for ball in run]),
             )
-        centre, radius = _reached(entry, reach, steps, rate_hz)
-        _add(
-            sums=sums,
-            name="physical reach",
-            centre=centre,
-            radius=radius,
-            seen=seen,
-            skeleton=skeleton,
-        )
-        for name, (own, calibration, predictor) in methods.items():
-            spheres = [
-                b
-                for b, _ in run_zones(
-                    entry=own[index],
-                    calibration=calibration,
-                    settings=settings,
-                    predictor=predictor,
-                    limits=limits,
-                )
-            ]
-            mid = np.stack([b.mid[0][list(steps)] for b in spheres])
-            radius = np.stack([b.radius[0][list(steps)] for b in spheres])
-            _add(sums=sums, name=name, centre=mid, radius=radius, seen=seen, skeleton=skeleton)
+        for name, (mid, radius) in spheres.items():
+            volumes = np.where(seen[:, None], _volumes(mid, radius, skeleton), 0.0)
+            sums[name] = sums.get(name, 0.0) + volumes.sum(0)
     mean = {m: total / np.maximum(counts, 1) for m, total in sums.items()}
     parts = tuple(dict.fromkeys(s.part for s in skeleton.segments))
     of = np.array([parts.index(s.part) for s in skeleton.segments])
@@ -147,22 +122,13 @@ def _whole_segments(entry: Scores, skeleton: Skeleton) -> Bools:
     return result
 
 
-def _add(
-    *,
-    sums: dict[str, Floats],
-    name: str,
-    centre: Floats,
-    radius: Floats,
-    seen: Bools,
-    skeleton: Skeleton,
-) -> None:
-    """Add the volumes of every segment's capsule, (K, S) in all."""
+def _volumes(centre: Floats, radius: Floats, skeleton: Skeleton) -> Floats:
+    """(W, K, S) of every segment's capsule."""
     ends = np.array([(s.joint_a, s.joint_b) for s in skeleton.segments])
     own = np.array([s.radius for s in skeleton.segments])
     length = np.linalg.norm(centre[:, :, ends[:, 0]] - centre[:, :, ends[:, 1]], axis=-1)
     r = np.maximum(radius[:, :, ends[:, 0]], radius[:, :, ends[:, 1]]) + own
-    total = np.where(seen[:, None], capsule_volume(length, r), 0.0).sum(0)
-    sums[name] = sums.get(name, 0.0) + total
+    return capsule_volume(length, r)
 
 
 def capsule_volume(length: Floats, radius: Floats) -> Floats:

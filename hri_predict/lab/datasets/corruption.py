@@ -53,17 +53,17 @@ class Corruption:
         return "a limb never seen" if self.share >= 1 else f"a limb occluded in the last {percent}"
 
     def apply(
-        self, *, history: Floats, observed: Bools, name: str, batch: int, steps: int
+        self, history: Floats, observed: Bools, window: tuple[str, int], steps: int
     ) -> tuple[Floats, Bools]:
         """Return disturbed copies.
 
         Args:
             history: (N, T, 28, 3) metres.
             observed: (N, T, 28).
-            name: name of the recording.
-            batch: number of the batch in it; name and batch seed the generator.
+            window: name of the recording, and number of the batch in it: they seed the generator.
             steps: steps that a share of the newest steps refers to, the same for all predictors.
         """
+        name, batch = window
         rng = np.random.default_rng([self.seed, zlib.crc32(f"{self.kind} {name}".encode()), batch])
         count, total, joints = observed.shape
         if self.kind == "noise":
@@ -77,8 +77,8 @@ class Corruption:
             hidden = np.zeros_like(observed)
             occluded = total if self.share >= 1 else max(1, round(self.share * steps))
             chosen: NDArray[np.int64] = rng.integers(len(LIMBS), size=(count,))
-            for window in range(count):
-                hidden[window, total - occluded :, LIMBS[chosen[window]]] = True
+            for row in range(count):
+                hidden[row, total - occluded :, LIMBS[chosen[row]]] = True
         return history.copy(), observed & ~hidden
 
 

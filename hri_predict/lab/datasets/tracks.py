@@ -1,6 +1,6 @@
 """Recordings as arrays on the trained predictors' skeleton, at the rate they were recorded."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -41,6 +41,25 @@ class Track:
     def max_gap_s(self) -> float:
         """Longest time between captures that is bridged, as in the node's ring buffers."""
         return max(_MAX_GAP_S, 2.5 / self.rate_hz)
+
+    @property
+    def max_gap_ns(self) -> int:
+        """The same in nanoseconds."""
+        return round(1e9 * self.max_gap_s)
+
+    @property
+    def period_ns(self) -> int:
+        """Nominal time between captures."""
+        return round(1e9 / self.rate_hz)
+
+    def only(self, captures: NDArray[np.intp] | slice) -> "Track":
+        """Some captures of it."""
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[captures],
+            positions=self.positions[captures],
+            observed=self.observed[captures],
+        )
 
 
 def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, ...]:
@@ -88,6 +107,13 @@ def _track(recording: Recording, samples: list[tuple[int, Floats, Bools]]) -> Tr
         observed=seen,
         rate_hz=recording.rate_hz,
     )
+
+
+def nearest(stamps: NDArray[np.int64], times: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Index of the capture nearest to each time; the earlier of two."""
+    after = np.minimum(stamps.searchsorted(times), len(stamps) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(stamps[after] - times < times - stamps[before], after, before)
 
 
 @lru_cache(maxsize=1)

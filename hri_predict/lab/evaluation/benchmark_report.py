@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 from hri_predict.lab.evaluation.benchmark import Protocol, Score, mean_over, nominal_ms
 from hri_predict.lab.evaluation.benchmark_result import MEAN, BenchmarkResult, printed_at
@@ -180,12 +180,8 @@ def write_report(result: BenchmarkResult, out: Path, command: str) -> list[Path]
         ".csv": as_csv(result),
         ".json": json.dumps(as_json(result), indent=1) + "\n",
     }
-    try:
+    with OsErrorAs(ConfigError, f"--out {out}: cannot be written", "name another folder"):
         for ending, text in texts.items():
             atomic_write(out / f"{stem}{ending}", text.encode())
         write_figure(error_by_horizon(result), out / f"{stem}.png", dpi=130)
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out}: cannot be written: {error.strerror}; name another folder"
-        ) from error
     return [out / f"{stem}{ending}" for ending in (*texts, ".png")]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 from hri_predict.contracts import registry
 from hri_predict.lab.datasets.splits import VERSION
@@ -244,10 +244,6 @@ def _judgement(path: Path | None) -> Any:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
+    remedy = "its weights were written; fix that and ship again"
+    with OsErrorAs(ConfigError, f"card {path}: cannot be written", remedy):
         atomic_write(path, text.encode())
-    except OSError as error:
-        raise ConfigError(
-            f"card {path}: cannot be written: {error.strerror}; its weights were written; fix "
-            f"that and ship again"
-        ) from error

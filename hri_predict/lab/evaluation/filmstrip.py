@@ -88,14 +88,9 @@ def middle(motions: Sequence[Motion], history_steps: int) -> Scene | None:
     time_s = float(times[left] - motion.stamps_ns[0]) * 1e-9
     for batch in batches(motion, history_steps):
         if left < len(batch.history):
-            window = Batch(
-                motion=motion,
-                index=batch.index,
-                history=batch.history[left : left + 1],
-                observed=batch.observed[left : left + 1],
-                future=batch.future[left : left + 1],
-                known=batch.known[left : left + 1],
-            )
+            one = slice(left, left + 1)
+            arrays: tuple[Any, ...] = batch.history, batch.observed, batch.future, batch.known
+            window = Batch(motion, batch.index, *(array[one] for array in arrays))
             return Scene(motion.name, motion.action, time_s, window)
         left -= len(batch.history)
     return None

@@ -8,7 +8,7 @@ joint-frames of an action's windows; the headline is the mean over five actions 
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -263,21 +263,9 @@ def _check(name: str, predictor: Predictor) -> None:
 def _disturbed(batch: Batch, corruption: Corruption | None) -> Batch:
     if corruption is None:
         return batch
-    history, observed = corruption.apply(
-        history=batch.history,
-        observed=batch.observed,
-        name=batch.motion.name,
-        batch=batch.index,
-        steps=ORIGIN_STEPS,
-    )
-    return Batch(
-        motion=batch.motion,
-        index=batch.index,
-        history=history,
-        observed=observed,
-        future=batch.future,
-        known=batch.known,
-    )
+    seed = batch.motion.name, batch.index
+    history, observed = corruption.apply(batch.history, batch.observed, seed, ORIGIN_STEPS)
+    return replace(batch, history=history, observed=observed)
 
 
 def forecast(predictor: Predictor, batch: Batch) -> Floats:

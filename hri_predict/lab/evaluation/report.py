@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 from hri_predict.lab.evaluation.recordings import MEAN_ACTIONS, RecordingResult, relative_loss
 from hri_predict.lab.evaluation.table import Table
@@ -164,17 +164,13 @@ def write_report(
         "real.csv": as_csv(results),
         "real.json": json.dumps(as_json(results, zones), indent=1) + "\n",
     }
-    try:
+    with OsErrorAs(ConfigError, f"--out {out_dir}: cannot be written", "name another folder"):
         for name, text in texts.items():
             atomic_write(out_dir / name, text.encode())
         # imported after the tables are written, because it needs matplotlib
         from hri_predict.lab.evaluation.plots import write_plots
 
         return [*(out_dir / name for name in texts), *write_plots(results, out_dir)]
-    except OSError as error:
-        raise ConfigError(
-            f"--out {out_dir}: cannot be written: {error.strerror}; name another folder"
-        ) from error
 
 
 def _cells(values: Sequence[float] | np.ndarray) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import UnusableRecordingError
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.lab.datasets.tracks import Track, tracks_of
+from hri_predict.lab.datasets.tracks import Track, nearest, tracks_of
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.recording.opening import opened
@@ -40,34 +40,12 @@ LEAST_RATE_HZ = 1000.0 / HORIZONS_MS[0]
 
 _STEP_NS = round(1e9 / RATE_HZ)
 _LEAST_ORIGINS = 5  # fewer say nothing about a recording
-_MAX_GAP_S = 0.1  # as the node's people stage bridges it
+
+Motion = Track
+"""One person's unbroken presence: a track whose every capture observed some joint."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Motion:
-    """One person's unbroken presence in a recording.
-
-    Attributes:
-        name: the recording's file name without its ending.
-        action: see ``Recording.action``.
-        stamps_ns: (F,) captures in which some joint was observed, strictly increasing.
-        positions: (F, 28, 3) metres, the recording's frame with z up, ``BODY`` joints; 0 where not
-            observed.
-        observed: (F, 28).
-        max_gap_ns: longest gap that the ring buffer bridges.
-        period_ns: nominal time between captures.
-    """
-
-    name: str
-    action: str
-    stamps_ns: NDArray[np.int64]
-    positions: Floats
-    observed: Bools
-    max_gap_ns: int
-    period_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Batch:
     """Windows of one motion.
 
@@ -115,26 +93,14 @@ def read_motions(
                 f"{LEAST_RATE_HZ:.2g} or more"
             )
         for track in tracks_of(recording):
-            motions.extend(_motions(recording, track))
+            motions.extend(_motions(track))
     return motions
 
 
-def _motions(recording: Recording, track: Track) -> Iterator[Motion]:
-    period_s = 1 / recording.rate_hz
-    gap_ns = round(1e9 * max(_MAX_GAP_S, 2.5 * period_s))
+def _motions(track: Track) -> list[Motion]:
     seen = np.flatnonzero(track.observed.any(axis=1))
-    breaks = np.flatnonzero(np.diff(track.stamps_ns[seen]) > gap_ns) + 1
-    for frames in np.split(seen, breaks):
-        if frames.size:
-            yield Motion(
-                name=track.name,
-                action=track.action,
-                stamps_ns=track.stamps_ns[frames],
-                positions=track.positions[frames],
-                observed=track.observed[frames],
-                max_gap_ns=gap_ns,
-                period_ns=round(1e9 * period_s),
-            )
+    breaks = np.flatnonzero(np.diff(track.stamps_ns[seen]) > track.max_gap_ns) + 1
+    return [track.only(frames) for frames in np.split(seen, breaks) if frames.size]
 
 
 def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
@@ -146,10 +112,7 @@ def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
     stamps = motion.stamps_ns
     length = int(stamps[-1] - stamps[0])
     grid = stamps[0] + _STEP_NS * np.arange(ORIGIN_STEPS - 1, length // _STEP_NS + 1)
-    after = np.minimum(stamps.searchsorted(grid), len(stamps) - 1)
-    before = np.maximum(after - 1, 0)
-    nearer = np.where(stamps[after] - grid < grid - stamps[before], after, before)
-    captures = np.unique(stamps[nearer])
+    captures = np.unique(stamps[nearest(stamps, grid)])
     earliest = stamps[0] + (ORIGIN_STEPS - 1) * _STEP_NS - motion.period_ns // 2
     captures = captures[captures >= earliest]
     for steps in reversed(HORIZON_STEPS):
@@ -169,16 +132,9 @@ def batches(motion: Motion, history_steps: int) -> Iterator[Batch]:
     times, reach = origins(motion)
     for index, start in enumerate(range(0, len(times), BATCH)):
         windows = [_window(motion, int(t), history_steps) for t in times[start : start + BATCH]]
-        history, observed, future, known = (np.stack(part) for part in zip(*windows, strict=True))
-        known[:, reach:] = False  # all horizons are evaluated on the same windows
-        yield Batch(
-            motion=motion,
-            index=index,
-            history=history,
-            observed=observed,
-            future=future,
-            known=known,
-        )
+        batch = Batch(motion, index, *(np.stack(part) for part in zip(*windows, strict=True)))
+        batch.known[:, reach:] = False  # all horizons are evaluated on the same windows
+        yield batch
 
 
 def _window(motion: Motion, origin_ns: int, steps: int) -> tuple[Floats, Bools, Floats, Bools]:
@@ -199,34 +155,22 @@ def _window(motion: Motion, origin_ns: int, steps: int) -> tuple[Floats, Bools, 
     end_ns = origin_ns + FUTURE_STEPS * _STEP_NS
     # a capture beyond the end is needed to interpolate up to it: this is the truth, not the input
     ahead = slice(now - 1, int(stamps.searchsorted(end_ns)) + 1)
-    future, known = _interpolated(
-        stamps=stamps[ahead],
-        positions=motion.positions[ahead],
-        observed=motion.observed[ahead],
-        times=origin_ns + _STEP_NS * np.arange(1, FUTURE_STEPS + 1),
-        adjacent_ns=motion.period_ns * 3 // 2,  # adjacent captures, however they jitter
-    )
-    return past.positions, past.observed, future, known
+    times = origin_ns + _STEP_NS * np.arange(1, FUTURE_STEPS + 1)
+    return past.positions, past.observed, *_interpolated(motion.only(ahead), times)
 
 
-def _interpolated(
-    *,
-    stamps: NDArray[np.int64],
-    positions: Floats,
-    observed: Bools,
-    times: NDArray[np.int64],
-    adjacent_ns: int,
-) -> tuple[Floats, Bools]:
+def _interpolated(motion: Motion, times: NDArray[np.int64]) -> tuple[Floats, Bools]:
     """(H, J, 3) at ``times``; known (H, J) where the captures on both sides have the joint."""
-    last = len(stamps) - 1
+    stamps, last = motion.stamps_ns, len(motion.stamps_ns) - 1
     before = np.clip(stamps.searchsorted(times, side="right") - 1, 0, last)
     after = np.clip(stamps.searchsorted(times), 0, last)
     gap = stamps[after] - stamps[before]
+    adjacent_ns = motion.period_ns * 3 // 2  # adjacent captures, however they jitter
     inside = (times <= stamps[last]) & (gap <= adjacent_ns)
     weight = (times - stamps[before]) / np.maximum(gap, 1)
-    start = positions[before]
-    result = start + weight[:, None, None] * (positions[after] - start)
-    known = observed[before] & observed[after] & inside[:, None]
+    start = motion.positions[before]
+    result = start + weight[:, None, None] * (motion.positions[after] - start)
+    known = motion.observed[before] & motion.observed[after] & inside[:, None]
     return np.where(known[..., None], result, 0.0), known
 
 

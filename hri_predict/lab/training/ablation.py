@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
@@ -22,7 +22,7 @@ from hri_predict.lab.evaluation.recordings import judge_one
 from hri_predict.lab.evaluation.windows import RATE_HZ, read_motions
 from hri_predict.lab.training.building import build_network, open_samples
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
-from hri_predict.lab.training.loop import train
+from hri_predict.lab.training.loop import Run
 from hri_predict.lab.training.stopping import told_to_stop
 from hri_predict.lab.training.view import training_view
 from hri_predict.lab.training.windows.augment import AugmentSettings
@@ -80,7 +80,7 @@ def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) ->
     resume = os.path.exists(config.out / "last.pt")  # takes names that are too long
     with training_view(config) as view:
         network = build_network(config, source)
-        result = train(config, source, network, view, resume=resume, stop=stop)
+        result = Run(config, source, network, view, stop=stop).go(resume)
     if result.ending == "interrupted":
         raise KeyboardInterrupt
     return result.weights
@@ -151,9 +151,6 @@ def ablate(config: TrainingConfig) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    try:
+    remedy = "fix that and repeat the same command"
+    with OsErrorAs(ConfigError, f"{path}: cannot be written", remedy):
         atomic_write(path, text.encode())
-    except OSError as error:
-        raise ConfigError(
-            f"{path}: cannot be written: {error.strerror}; fix that and repeat the same command"
-        ) from error

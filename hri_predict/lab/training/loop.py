@@ -113,17 +113,8 @@ class _Progress:
     best: dict[str, Any] | None = field(default=None)
 
 
-def train(
-    config: TrainingConfig,
-    source: SampleSource,
-    network: Network,
-    view: RunObserver,
-    *,
-    resume: bool = False,
-    stop: Callable[[], bool] = lambda: False,
-    processes: Processes | None = None,
-) -> Result:
-    """Train ``network`` on ``source`` as ``config`` says, into the folder ``config.out``.
+class Run:
+    """Trains ``network`` on ``source`` as ``config`` says, into the folder ``config.out``.
 
     The same configuration, data, processes and threads on the same machine give the same bytes,
     whether the run was interrupted or not.
@@ -133,36 +124,24 @@ def train(
         source: training and validation windows.
         network: fresh, from ``build_network``.
         view: observes the run, in the first process alone.
-        resume: continue from the checkpoint in ``config.out``.
         stop: called after each step; true ends the run with a checkpoint.
-        processes: the processes that share the run; ``None``: this one alone.
+        processes: the processes that share the run; default: this one alone.
 
     Raises:
-        ConfigError: the folder holds a run already, or no run or another one to resume; or the
-            disk is full.
-        PredictorError: the loss is not finite.
+        ConfigError: the batch is smaller than the number of processes, or there is no such device.
     """
-    return _Run(
-        config=config,
-        source=source,
-        network=network,
-        view=view,
-        stop=stop,
-        processes=processes or Processes(),
-    ).go(resume)
 
-
-class _Run:
     def __init__(
         self,
-        *,
         config: TrainingConfig,
         source: SampleSource,
         network: Network,
         view: RunObserver,
-        stop: Callable[[], bool],
-        processes: Processes,
+        *,
+        stop: Callable[[], bool] = lambda: False,
+        processes: Processes | None = None,
     ) -> None:
+        processes = processes or Processes()
         if config.train.batch < processes.count:
             raise ConfigError(f"train.batch {config.train.batch}: less than one per process")
         torch.set_num_threads(config.train.threads)
@@ -180,8 +159,14 @@ class _Run:
         self.weights = config.out / f"{config.predictor}.safetensors"
         self._clock = self._saved = time.monotonic()
 
-    def go(self, resume: bool) -> Result:
-        """Run to one of the endings."""
+    def go(self, resume: bool = False) -> Result:
+        """Run to one of the endings; ``resume``: from the checkpoint in ``config.out``.
+
+        Raises:
+            ConfigError: the folder holds a run already, or no run or another one to resume; or the
+                disk is full.
+            PredictorError: the loss is not finite.
+        """
         if resume:
             self._resume()
         elif os.path.exists(self.config.out / "last.pt"):  # takes names that are too long
@@ -252,13 +237,7 @@ class _Run:
         number = -(-progress.step // per_epoch)
         steps = progress.step - (number - 1) * per_epoch
         network = self.optimisation.settle()
-        validation = validate(
-            network=network,
-            entry=self.entry,
-            batches=self.source.validation(),
-            actions=self.source.actions,
-            processes=self.processes,
-        )
+        validation = validate(network, self.entry, self.source, self.processes)
         loss = progress.loss_sum / steps
         # without validation windows (a refit on everything) the newest weights are the best
         best = validation is None or validation.mm < progress.best_mm

@@ -55,32 +55,17 @@ class Optimisation:
             PredictorError: the loss or its gradient is not finite.
         """
         progress = number / self._settings.total_steps
-        factor = learning_rate_factor(number, self._settings)
         self.network.train()
         if self._critic_adam is not None:
             self._critic_adam.zero_grad()
             with self._precision():
                 loss = self.network.critic_loss(window, target, progress)
             if loss is not None:
-                self._descend(
-                    adam=self._critic_adam,
-                    parameters=self._critic,
-                    loss=loss,
-                    share=share,
-                    factor=factor,
-                    number=number,
-                )
+                self._descend(self._critic_adam, self._critic, loss * share, number)
         self._adam.zero_grad()  # also clears the critic's gradients where it did not detach
         with self._precision():
             loss = self.network.loss(window, target, progress)
-        shown = self._descend(
-            adam=self._adam,
-            parameters=self._model,
-            loss=loss,
-            share=share,
-            factor=factor,
-            number=number,
-        )
+        shown = self._descend(self._adam, self._model, loss * share, number)
         if self._average is not None:
             self._average.update_parameters(self.network)
         return shown
@@ -91,17 +76,10 @@ class Optimisation:
         return torch.autocast(self._settings.device, torch.bfloat16, enabled=lower)
 
     def _descend(
-        self,
-        *,
-        adam: torch.optim.AdamW,
-        parameters: list[nn.Parameter],
-        loss: Tensor,
-        share: float,
-        factor: float,
-        number: int,
+        self, adam: torch.optim.AdamW, parameters: list[nn.Parameter], loss: Tensor, number: int
     ) -> Tensor:
-        (loss * share if share != 1.0 else loss).backward()
-        shown = loss.detach() * share
+        loss.backward()
+        shown = loss.detach()
         gradients = [p.grad for p in parameters if p.grad is not None]
         self._processes.add([*gradients, shown])
         norm = torch.nn.utils.get_total_norm(gradients)
@@ -112,6 +90,7 @@ class Optimisation:
                 f"look for wrong positions in the data"
             )
         torch.nn.utils.clip_grads_with_norm_(parameters, self._settings.clip_norm, norm)
+        factor = learning_rate_factor(number, self._settings)
         for group in adam.param_groups:
             group["lr"] = factor * group["full_lr"]
         adam.step()

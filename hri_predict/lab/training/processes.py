@@ -3,7 +3,7 @@
 import contextlib
 import importlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import TracebackType
 
 import torch
@@ -96,12 +96,6 @@ class Processes:
             return batch, 1.0
         size = len(batch.actions)
         part = slice(self.rank * size // self.count, (self.rank + 1) * size // self.count)
-        mine = Samples(
-            history=batch.history[part],
-            observed=batch.observed[part],
-            future=batch.future[part],
-            known=batch.known[part],
-            actions=batch.actions[part],
-        )
+        mine = Samples(**{each.name: getattr(batch, each.name)[part] for each in fields(batch)})
         known = float(batch.known.sum())
         return mine, float(mine.known.sum()) / known if known else 1.0 / self.count

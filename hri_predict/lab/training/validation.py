@@ -1,13 +1,12 @@
 """Quality of a network on validation windows: mean per joint position error, millimetres."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import torch
 
 from hri_predict.lab.training.processes import Processes
-from hri_predict.lab.training.windows.samples import Samples
+from hri_predict.lab.training.windows.samples import SampleSource
 from hri_predict.predictors.neural.network import Network
 
 
@@ -34,27 +33,21 @@ class Validation:
 
 @torch.no_grad()
 def validate(
-    *,
-    network: Network,
-    entry: Network,
-    batches: Iterable[Samples],
-    actions: tuple[str, ...],
-    processes: Processes,
+    network: Network, entry: Network, source: SampleSource, processes: Processes
 ) -> Validation | None:
-    """Evaluate ``network`` on ``batches``; ``None`` if they contain nothing known.
+    """Evaluate ``network`` on validation windows; ``None`` if they contain nothing known.
 
     Args:
         network: in evaluation mode, on any device.
         entry: a network on the CPU with the same rest pose; brings windows into body frames.
-        batches: validation windows; the processes take turns.
-        actions: names of the actions that the batches' indices stand for.
+        source: gives the windows; the processes take turns.
         processes: the processes that share the work; all get the same result.
     """
-    device = network.rest.device
+    device, actions = network.rest.device, source.actions
     horizon = network.shape.horizon_steps
     error = torch.zeros(len(actions), horizon, dtype=torch.float64)
     count = torch.zeros_like(error)
-    for turn, batch in enumerate(batches):
+    for turn, batch in enumerate(source.validation()):
         if turn % processes.count != processes.rank:
             continue
         window, target = batch.entered(entry)

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.lab.training.config import TrainingConfig
 from hri_predict.lab.training.loop import Epoch
 
@@ -120,9 +120,6 @@ def _log(config: TrainingConfig, step: int) -> Any:
         return None
     # values logged after the checkpoint are logged again
     purge = step // config.train.steps_per_epoch + 1 if step else None
-    try:
-        return SummaryWriter(str(config.out / "log"), purge_step=purge)
-    except OSError as error:
-        raise ConfigError(
-            f"{config.out / 'log'}: cannot be written: {error.strerror}; choose another 'out'"
-        ) from error
+    log = config.out / "log"
+    with OsErrorAs(ConfigError, f"{log}: cannot be written", "choose another 'out'"):
+        return SummaryWriter(str(log), purge_step=purge)

@@ -25,6 +25,7 @@ from hri_predict.operation.alerting.sender import (
     tls_context,
 )
 from hri_predict.operation.alerting.settings import (
+    CaFile,
     HookSettings,
     Host,
     SecretFile,
@@ -53,9 +54,7 @@ class MailHook(HookSettings):
         "starttls",
         description="encryption; with none no password is sent, except to this machine",
     )
-    ca_file: str | None = Field(
-        None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
-    )
+    ca_file: CaFile = None
     sender: Address = Field(description="address that the mail comes from")
     recipients: list[Address] = Field(
         min_length=1, max_length=20, description="addresses that the mail goes to"

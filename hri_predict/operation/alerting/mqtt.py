@@ -28,6 +28,7 @@ from hri_predict.operation.alerting.sender import (
     tls_context,
 )
 from hri_predict.operation.alerting.settings import (
+    CaFile,
     HookSettings,
     Host,
     SecretFile,
@@ -62,9 +63,7 @@ class MqttHook(HookSettings):
     host: Host = Field(description="the broker's name or address")
     port: int | None = Field(None, ge=1, le=65535, description="default: 8883 with TLS, else 1883")
     tls: bool = Field(True, description="encrypt, and check the broker's certificate")
-    ca_file: str | None = Field(
-        None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
-    )
+    ca_file: CaFile = None
     topic: str | None = Field(
         None,
         min_length=1,

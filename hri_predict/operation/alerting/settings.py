@@ -119,6 +119,10 @@ SecretFile = Annotated[
         min_length=1, description="file that contains it; relative to the configuration's folder"
     ),
 ]
+CaFile = Annotated[
+    str | None,
+    Field(min_length=1, description="certificates (PEM) to trust, in place of the system's"),
+]
 SecretVariable = Annotated[
     str | None,
     Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable with it"),

@@ -22,7 +22,7 @@ from hri_predict.operation.alerting.sender import (
     said,
     tls_context,
 )
-from hri_predict.operation.alerting.settings import HookSettings, Host, is_loopback
+from hri_predict.operation.alerting.settings import CaFile, HookSettings, Host, is_loopback
 from hri_predict.operation.alerting.text import ascii_word, one_line
 
 _PORTS = {"udp": 514, "tcp": 601, "tls": 6514}
@@ -48,9 +48,7 @@ class SyslogHook(HookSettings):
     port: int | None = Field(None, ge=1, le=65535, description="default: 514, tcp 601, tls 6514")
     path: str | None = Field(None, min_length=1, description="with unix: the socket, as /dev/log")
     facility: Facility = Field("local0", description="syslog facility of all lines")
-    ca_file: str | None = Field(
-        None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
-    )
+    ca_file: CaFile = None
     rate_per_minute: int = Field(
         60,
         ge=1,

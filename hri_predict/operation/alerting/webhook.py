@@ -26,6 +26,7 @@ from hri_predict.operation.alerting.sender import (
     tls_context,
 )
 from hri_predict.operation.alerting.settings import (
+    CaFile,
     HookSettings,
     SecretFile,
     SecretVariable,
@@ -51,9 +52,7 @@ class WebhookHook(HookSettings):
     token_env: SecretVariable = None
     sign_key_file: SecretFile = None
     sign_key_env: SecretVariable = None
-    ca_file: str | None = Field(
-        None, min_length=1, description="certificates (PEM) to trust, in place of the system's"
-    )
+    ca_file: CaFile = None
 
     @model_validator(mode="before")
     @classmethod

@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
-from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.base.errors import ConfigError, OsErrorAs, RecordingError
 from hri_predict.base.files import demand_kind
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.node.listeners import Tick
@@ -173,7 +173,7 @@ class Evidence(Items):
     def _begin(self) -> str:
         config = hashlib.sha256(self._info.config.encode()).hexdigest()
         start: dict[str, Any] = {"kind": "start", "at": self._now(), "config_sha256": config}
-        try:
+        with OsErrorAs(ConfigError, f"evidence.folder {self.folder}", "name another folder"):
             demand_kind(self.folder, folder=True)
             self.folder.mkdir(parents=True, exist_ok=True)
             self._only = _alone(self.folder)
@@ -185,10 +185,6 @@ class Evidence(Items):
                 last = _newest_left(self.folder)
             self._sizes = chain.sizes(self.folder, [_plain(name) for name in self._robots])
             return chain.append(self.folder, start, last)
-        except OSError as error:
-            raise ConfigError(
-                f"evidence.folder {self.folder}: {error.strerror}; name another folder"
-            ) from error
 
     def _begins(self, event: Event) -> None:
         with self._lock:

@@ -19,7 +19,7 @@ from typing import Any, TextIO
 from pydantic import Field
 
 from hri_predict.base.clock import Clock
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import demand_kind
 from hri_predict.base.settings import Settings
 from hri_predict.operation.alerting.alert import Alert, ZoneAlert, as_data, more
@@ -314,10 +314,8 @@ def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:
     if settings.file is None:
         return None
     path = base_dir / settings.file
-    try:
+    with OsErrorAs(ConfigError, f"alerts.file {path}", "name another file"):
         demand_kind(path)
         if not path.parent.is_dir():
             raise OSError(errno.ENOENT, f"the folder {path.parent} does not exist")
-    except OSError as error:
-        raise ConfigError(f"alerts.file {path}: {error.strerror}; name another file") from error
     return path

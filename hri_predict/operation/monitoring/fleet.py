@@ -216,7 +216,7 @@ class Fleet:
         return RobotRow(
             robot=advice.robot,
             level=_name(advice),
-            reason=reason_beside(advice.level, advice.reason),
+            reason=reason_beside(advice),
             speed_limit_m_s=limit,
             separation_m=separation,
         )

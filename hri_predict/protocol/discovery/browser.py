@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from zeroconf import BadTypeInNameException, DNSQuestionType, ServiceBrowser, ServiceInfo, Zeroconf
 
-from hri_predict.base.errors import DiscoveryError, nearest
+from hri_predict.base.errors import DiscoveryError, OsErrorAs, nearest
 from hri_predict.protocol.discovery.services import (
     KINDS,
     LOOPBACK,
@@ -107,15 +107,11 @@ class _Ports(NamedTuple):
 @contextlib.contextmanager
 def _ports(interfaces: Sequence[str]) -> Iterator[_Ports]:
     with contextlib.ExitStack() as opened:
-        try:
+        where = ", ".join(interfaces)
+        remedy = "name addresses of this machine"
+        with OsErrorAs(DiscoveryError, f"cannot search on {where}", remedy):
             own = opened.enter_context(Zeroconf(interfaces=list(interfaces), unicast=True))
             shared = opened.enter_context(Zeroconf(interfaces=list(interfaces)))
-        except OSError as error:
-            where = ", ".join(interfaces)
-            raise DiscoveryError(
-                f"cannot search on {where}: {error.strerror or error}; "
-                "name addresses of this machine"
-            ) from error
         yield _Ports(own, shared)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.recording.folder.settings import RecordSettings
 from hri_predict.recording.mcap.clocks import Reading
 from hri_predict.recording.mcap.file import McapFile
@@ -143,13 +143,9 @@ class Folder:
     ) -> None:
         self._folder, self._cell, self._settings, self._free = folder, cell, settings, free
         self.removed = 0
-        try:
+        with OsErrorAs(ConfigError, f"record.folder {folder}", "name another folder"):
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = self._locked()
-        except OSError as error:
-            raise ConfigError(
-                f"record.folder {folder}: {error.strerror}; name another folder"
-            ) from error
 
     @property
     def name(self) -> Path:

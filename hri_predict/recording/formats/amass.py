@@ -11,8 +11,7 @@ reads joints that were computed and saved in addition to the parameters or inste
 | ``joint_names`` | (J,) | left out: SMPL's names in its order, if J is one of ``BODIES`` |
 """
 
-import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,12 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import RecordingError
+from hri_predict.recording.bounded import names_in_zip
 from hri_predict.recording.formats.npz import RATES, rate_of, read_arrays, texts
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, recording_of_one
+from hri_predict.recording.wanted import Wanted
 
 JOINTS = ("joints", "Jtr")
 PARAMETERS = ("poses", "trans", "betas", "root_orient", "pose_body", "body_pose")
@@ -42,24 +43,12 @@ them."""
 
 def is_amass(path: Path) -> bool:
     """Whether an archive has keys of this kind, and none of the data pack."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = {name.removesuffix(".npy") for name in archive.namelist()}
-    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
-        return False
+    names = {name.removesuffix(".npy") for name in names_in_zip(path) or ()}
     return bool(names & {*JOINTS, *PARAMETERS}) and not names & {"positions_world", "positions"}
 
 
-def read_amass(
-    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
-) -> Recording:
-    """Read the joints of such an archive.
-
-    Args:
-        path: the file.
-        person: the id for the body.
-        unit_m: metres per unit; default 1.
-        axes: the file's axes that are forward, left and up; default [x, y, z].
+def read_amass(path: Path, wanted: Wanted) -> Recording:
+    """Read the joints of such an archive; in metres, x forward and z up if nothing else is wanted.
 
     Raises:
         RecordingError: it is damaged, has other shapes, or has only the body model's parameters.
@@ -79,17 +68,10 @@ def read_amass(
             f"recording {path}: '{key}' is {raw.dtype} of shape {raw.shape}; expected numbers of "
             f"shape (frames, joints, 3)"
         )
-    joint_map = map_of_names(_names(path, arrays, raw.shape[1]))
-    joint_map = joint_map.with_units(1.0 if unit_m is None else unit_m)
-    joint_map = joint_map if axes is None else joint_map.with_axes(axes)
-    return recording_of_one(
-        path=path,
-        kind="amass",
-        joint_map=joint_map,
-        raw=raw.astype(np.float64),
-        rate_hz=rate_of(path, arrays, "mocap_framerate"),
-        person=person,
-    )
+    joint_map = wanted.of_file(map_of_names(_names(path, arrays, raw.shape[1])), 1.0)
+    rate_hz = rate_of(path, arrays, "mocap_framerate")
+    values = raw.astype(np.float64)
+    return recording_of_one(path, "amass", joint_map, values, rate_hz=rate_hz, person=wanted.person)
 
 
 def _names(path: Path, arrays: Mapping[str, Any], count: int) -> list[str]:

@@ -22,21 +22,17 @@ from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_rate, noted, recording_of
 from hri_predict.recording.rig import map_of_rig
 from hri_predict.recording.shared_affix import without_shared
+from hri_predict.recording.wanted import Wanted
 
 _ABSURD = 1e6  # degrees: no rig counts thousands of turns; its sine would be noise
 _AT_ONCE = 4096  # frames; bounds the memory of the rotations
 
 
-def read_bvh(
-    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
-) -> Recording:
+def read_bvh(path: Path, wanted: Wanted) -> Recording:
     """Read a BVH file; common joint names are known, see ``check_known``.
 
-    Args:
-        path: the file.
-        person: the id for the body; bodies of further roots get the next ids.
-        unit_m: metres per unit of the file; default 0.01, centimetres (BVH does not say).
-        axes: the file's axes that are forward, left and up; default y up (BVH does not say).
+    Bodies of further roots get the next ids. BVH states neither units nor axes: without a wish,
+    they are centimetres, and y up.
 
     Raises:
         RecordingError: the file is truncated, empty, or not BVH.
@@ -49,18 +45,10 @@ def read_bvh(
     rate_hz = 1.0 / max(bvh.frame_time_s, 1e-100)  # avoids an overflow; the rate is refused below
     check_rate(path, "'Frame Time'", rate_hz)
     check_joints(path, len(bvh.values), 1, len(bvh.nodes))
-    joint_map = _map(names)
-    joint_map = joint_map if unit_m is None else joint_map.with_units(unit_m)
-    joint_map = joint_map if axes is None else joint_map.with_axes(axes)
-    ids = [(person + k) % (MAX_ID + 1) for k in range(len(columns))]
-    recording = recording_of(
-        path=path,
-        kind="bvh",
-        joint_map=joint_map,
-        raw=forward_kinematics(bvh)[:, columns],
-        rate_hz=rate_hz,
-        ids=ids,
-    )
+    joint_map = wanted.of_file(_map(names), None)
+    ids = [(wanted.person + k) % (MAX_ID + 1) for k in range(len(columns))]
+    points = forward_kinematics(bvh)[:, columns]
+    recording = recording_of(path, "bvh", joint_map, points, rate_hz=rate_hz, ids=ids)
     roots = [node.name for node in bvh.nodes if node.parent < 0]
     if len(roots) > 1:
         bvh.notes.extend(f"'{root}' is person {n}" for root, n in zip(roots, ids, strict=True))

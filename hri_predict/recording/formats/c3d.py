@@ -33,6 +33,7 @@ from hri_predict.recording.frames import Written, frames_of
 from hri_predict.recording.labels import joined_labels, split_labels
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_rate, converted_by, noted, recording_of
+from hri_predict.recording.wanted import Wanted
 
 MM_PER_M = 1000.0
 MAX_POINTS, MAX_LABEL = 65535, 127
@@ -65,17 +66,11 @@ class _Layout:
         return (4 * self.points + self.analog) * self.word
 
 
-def read_c3d(
-    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
-) -> Recording:
+def read_c3d(path: Path, wanted: Wanted) -> Recording:
     """Read the points of a C3D file; ``Anna:LWrist`` is a marker of the person Anna.
 
-    Args:
-        path: the file.
-        person: id of the first person whose labels give no number.
-        unit_m: metres per unit; the default comes from POINT:UNITS.
-        axes: the file's axes that are forward, left and up; by default, up is POINT:Y_SCREEN, or z
-            if the file does not state it.
+    ``wanted.person`` is the first id for people whose labels give no number. Without a wish, units
+    are POINT:UNITS, and up is POINT:Y_SCREEN, or z if the file does not state it.
 
     Raises:
         RecordingError: the file is not C3D, is truncated or damaged, or has no points.
@@ -93,26 +88,17 @@ def read_c3d(
         ) from error
     labels = parameters.texts("POINT", "LABELS")[: layout.points]
     labels += [f"*{k + 1}" for k in range(len(labels), layout.points)]
-    markers = split_labels(
-        labels,
-        person,
-        [label for kind in NO_POSITIONS for label in parameters.texts("POINT", kind)],
-    )
+    left_out = [label for kind in NO_POSITIONS for label in parameters.texts("POINT", kind)]
+    markers = split_labels(labels, wanted.person, left_out)
     check_joints(path, layout.frames, *markers.columns.shape)
     rate_hz = parameters.number("POINT", "RATE", 0.0) or parameters.header_float(data, 20)
     check_rate(path, "POINT:RATE", rate_hz)
-    unit_m = _unit(path, parameters) if unit_m is None else unit_m
-    axes = _axes(parameters) if axes is None else axes
-    joint_map = map_of_names(markers.joints).with_units(unit_m).with_axes(axes)
+    unit_m = _unit(path, parameters) if wanted.unit_m is None else None
+    axes = _axes(parameters) if wanted.axes is None else None
+    joint_map = wanted.of_file(map_of_names(markers.joints), unit_m, axes)
     points, zeros = _points(data, parameters, layout)
-    recording = recording_of(
-        path=path,
-        kind="c3d",
-        joint_map=joint_map,
-        raw=markers.people(points),
-        rate_hz=rate_hz,
-        ids=markers.ids,
-    )
+    people = markers.people(points)
+    recording = recording_of(path, "c3d", joint_map, people, rate_hz=rate_hz, ids=markers.ids)
     at_zero = f"{zeros} points at exactly 0, 0, 0 are not observed" if zeros else ""
     return noted(noted(noted(recording, markers.note), stale), at_zero)
 

@@ -49,6 +49,7 @@ from hri_predict.recording.frames import Written
 from hri_predict.recording.labels import MAX_ID, numbered
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_gaps, check_rate
+from hri_predict.recording.wanted import Wanted
 
 MIN_CONFIDENCE = 0.3
 """A joint with less is unobserved, as by default in live sources."""
@@ -61,16 +62,11 @@ _FLAGS |= {"false": 0.0, "no": 0.0, "nottracked": 0.0, "not tracked": 0.0}
 _UNIX = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"), (-math.inf, "s"))
 
 
-def read_csv(
-    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
-) -> Recording:
-    """Read a table of joints.
+def read_csv(path: Path, wanted: Wanted) -> Recording:
+    """Read a table of joints; in metres, x forward and z up if nothing else is wanted.
 
-    Args:
-        path: the file.
-        person: the id where the table has no column for it; the first id for people with names.
-        unit_m: metres per unit; default 1.
-        axes: the table's axes that are forward, left and up; default [x, y, z].
+    ``wanted.person`` is the id where the table has no column for it, and the first id for people
+    with names.
 
     Raises:
         RecordingError: it is not such a table; one line names the row and column.
@@ -82,13 +78,12 @@ def read_csv(
         header_line, header = next(rows, (1, []))
         columns = columns_of(path, header)
         body = text.split("\n", header_line)[-1]
-        table = _Table(path, columns, person, Numbers(body))
+        table = _Table(path, columns, wanted.person, Numbers(body))
         for number, row in watched(rows, READING, body.count("\n")):
             table.take(number, row)
     except csv.Error as error:
         raise RecordingError(f"recording {path}: not a CSV table ({error})") from error
-    joint_map = map_of_names(list(columns.joints)).with_units(1.0 if unit_m is None else unit_m)
-    return table.recording(joint_map if axes is None else joint_map.with_axes(axes))
+    return table.recording(wanted.of_file(map_of_names(list(columns.joints)), 1.0))
 
 
 def is_recording(path: Path) -> bool:

@@ -30,6 +30,7 @@ from hri_predict.recording.bounded import decoded
 from hri_predict.recording.frames import Written, frames_of_one
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, check_rate, recording_of_one
+from hri_predict.recording.wanted import Wanted
 
 # Exceptions that a damaged archive or header can raise.
 _BROKEN: tuple[type[Exception], ...] = (OSError, EOFError, ValueError, KeyError, SyntaxError)
@@ -44,7 +45,7 @@ _KEYS |= set(RATES)
 MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
 
-def read_npz(path: Path, person: int) -> Recording:
+def read_npz(path: Path, wanted: Wanted) -> Recording:
     """Read a recording in one of the three layouts.
 
     A frame whose ``world_ok`` is false (its root rotation is an artefact) becomes a scene in which
@@ -54,7 +55,7 @@ def read_npz(path: Path, person: int) -> Recording:
     Raises:
         RecordingError: the file is truncated, is empty, or has another layout.
     """
-    arrays = read_arrays(path, _KEYS)
+    arrays, person = read_arrays(path, _KEYS), wanted.person
     if "positions_world" in arrays:
         return _whole_body(path, arrays, person)
     if "positions" in arrays and "parents" in arrays:
@@ -126,14 +127,7 @@ def _whole_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording
     positions[..., 1] -= floor_m  # y is up
     positions[ok == 0] = np.nan
     begin = min(int(first), len(positions))
-    recording = _recording(
-        path=path,
-        kind="cmu",
-        joint_map=joint_map,
-        positions=positions[begin:],
-        arrays=arrays,
-        person=person,
-    )
+    recording = _recording(path, "cmu", joint_map, positions[begin:], of=(arrays, person))
     return replace(recording, floor_m=floor_m)
 
 
@@ -149,14 +143,7 @@ def _any_body(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
     positions[..., 2] -= floor_m  # z is up
     positions[~_flags(path, arrays, "valid", shape=positions.shape[:2], default=True)] = np.nan
     positions[_flags(path, arrays, "jump", shape=positions.shape[:2], default=False)] = np.nan
-    recording = _recording(
-        path=path,
-        kind="motion",
-        joint_map=map_of_names(names),
-        positions=positions,
-        arrays=arrays,
-        person=person,
-    )
+    recording = _recording(path, "motion", map_of_names(names), positions, of=(arrays, person))
     return replace(recording, floor_m=floor_m)
 
 
@@ -186,31 +173,22 @@ def _arms(path: Path, arrays: Mapping[str, Any], person: int) -> Recording:
         )
     positions = _positions(path, arrays["positions"], len(names))
     positions = positions[:, [names.index(n) for n in joint_map.source_joints]]
-    return _recording(
-        path=path,
-        kind="assembly",
-        joint_map=joint_map,
-        positions=positions,
-        arrays=arrays,
-        person=person,
-    )
+    return _recording(path, "assembly", joint_map, positions, of=(arrays, person))
 
 
 def _recording(
-    *,
     path: Path,
     kind: str,
     joint_map: JointMap,
     positions: Floats,
-    arrays: Mapping[str, Any],
-    person: int,
+    *,
+    of: tuple[Mapping[str, Any], int],
 ) -> Recording:
     if len(positions) == 0:
         raise RecordingError(f"recording {path}: is empty (no frames); choose another")
+    arrays, person = of
     rate_hz = rate_of(path, arrays, "fps")
-    return recording_of_one(
-        path=path, kind=kind, joint_map=joint_map, raw=positions, rate_hz=rate_hz, person=person
-    )
+    return recording_of_one(path, kind, joint_map, positions, rate_hz=rate_hz, person=person)
 
 
 def _positions(path: Path, array: Any, joints: int) -> Floats:

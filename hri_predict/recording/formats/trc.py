@@ -22,22 +22,18 @@ from hri_predict.recording.frames import Written, frames_of
 from hri_predict.recording.labels import joined_labels, split_labels
 from hri_predict.recording.naming import map_of_names
 from hri_predict.recording.recording import Recording, converted_by, noted, recording_of
+from hri_predict.recording.wanted import Wanted
 
 AXES = ("x", "-z", "y")  # forward, left, up
 HEADER_LINES = 5
 MM_PER_M = 1000.0
 
 
-def read_trc(
-    path: Path, person: int, unit_m: float | None = None, axes: Sequence[str] | None = None
-) -> Recording:
+def read_trc(path: Path, wanted: Wanted) -> Recording:
     """Read a TRC file; ``Anna:LWrist`` is a marker of the person Anna.
 
-    Args:
-        path: the file.
-        person: the id for people whose labels give no number.
-        unit_m: metres per unit; the default comes from the file.
-        axes: the file's axes that are forward, left and up; default ``AXES``.
+    ``wanted.person`` is the first id for people whose labels give no number. Without a wish, units
+    are the file's, and axes ``AXES``.
 
     Raises:
         RecordingError: the file is not TRC, is truncated or empty, or a cell is not a number.
@@ -61,23 +57,23 @@ def read_trc(
     if not rows:
         raise RecordingError(f"recording {path}: truncated (no frames); export it again")
     promised = _value(path, header, "NumFrames", numbers)
-    scale = METRES_PER_UNIT.get(header.get("Units", "").lower()) if unit_m is None else unit_m
-    if scale is None:
+    scale = METRES_PER_UNIT.get(header.get("Units", "").lower())
+    if scale is None and wanted.unit_m is None:
         raise RecordingError(
             f"recording {path}: its 'Units' are {header.get('Units', '')[:20]!r}; expected one of "
             f"{', '.join(METRES_PER_UNIT)}; {converted_by(path, '--units mm')} (if it is in mm)"
         )
-    markers = split_labels(labels, person)
+    markers = split_labels(labels, wanted.person)
     check_joints(path, len(rows), *markers.columns.shape)
     table = _table(path, rows, len(labels), numbers)
     points = markers.people(table[:, 2:].reshape(len(rows), len(labels), 3))
-    joint_map = map_of_names(markers.joints).with_units(scale).with_axes(axes or AXES)
+    joint_map = wanted.of_file(map_of_names(markers.joints), scale, AXES)
     times = frame_times(path, table[:, 0], table[:, 1], nominal_hz)
     recording = recording_of(
-        path=path,
-        kind="trc",
-        joint_map=joint_map,
-        raw=points,
+        path,
+        "trc",
+        joint_map,
+        points,
         rate_hz=times.rate_hz,
         ids=markers.ids,
         stamps_ns=times.stamps_ns,

@@ -26,7 +26,6 @@ from hri_predict.recording.mcap.format import (
 from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.mcap.schemas import advice_topic
 from hri_predict.recording.mcap.to_dict import advice_to_dict, status_to_dict
-from hri_predict.risk.types import Grounds
 from hri_predict.zones.types import Zones
 
 Counters = Callable[[], Mapping[str, Any]]
@@ -121,14 +120,10 @@ class Items(Listener):
     def on_tick(self, tick: Tick) -> None:
         """A tick is over; what it computed is recorded, in shadow mode too."""
         now_ns, assessment = tick.now_ns, tick.assessment
-        scene = tick.snapshot.reasons if tick.snapshot is not None else ()
-        reasons = (*scene, *(assessment.reasons if assessment is not None else ()))
-        named = assessment.named_zones if assessment is not None else ()
-        self._put("/status", now_ns, status_to_dict, tick.status, now_ns, reasons, named)
-        grounds = assessment.grounds if assessment is not None else ()
+        about = tick.reasons, tick.named_zones
+        self._put("/status", now_ns, status_to_dict, tick.status, now_ns, *about)
         for advice in tick.advices:
-            robot = self._robot(advice.robot)
-            why: Grounds | None = grounds[advice.robot] if advice.robot < len(grounds) else None
+            robot, why = self._robot(advice.robot), tick.grounds(advice.robot)
             topic = advice_topic(robot[0])
             self._put(topic, now_ns, advice_to_dict, advice, now_ns, robot, why)
         snapshot, forecast = tick.snapshot, tick.forecast

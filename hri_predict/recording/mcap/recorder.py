@@ -17,7 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from hri_predict.base.errors import RecordingError
+from hri_predict.base.errors import OsErrorAs, RecordingError
 from hri_predict.recording.mcap.clocks import STEP_NS, Clocks, Reading, VirtualClocks
 from hri_predict.recording.mcap.file import McapFile
 from hri_predict.recording.mcap.info import RecordingInfo
@@ -98,16 +98,12 @@ class Recorder(Items):
         Raises:
             RecordingError: it cannot be created.
         """
-        try:
+        what, remedy = f"recording {self._place.name}", "name another file or folder"
+        with OsErrorAs(RecordingError, f"{what}: cannot be written", remedy):
             if why := self._place.why_not(None):
                 self._fails(why, 0)
             else:
                 self._begin()
-        except OSError as error:
-            raise RecordingError(
-                f"recording {self._place.name}: cannot be written: {error.strerror}; "
-                f"name another file or folder"
-            ) from error
 
     def close(self) -> None:
         """Write waiting messages, finish the file and close it. Safe to call twice.

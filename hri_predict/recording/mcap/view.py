@@ -69,10 +69,9 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
         ]
         people += [(lost.id, lost.positions, True) for lost in tick.snapshot.lost]
     zones: list[tuple[int, Floats, Floats]] = []
-    grounds: tuple[Grounds, ...] = ()
+
     if tick.assessment is not None:
         there = tick.assessment.zones
-        grounds = tick.assessment.grounds
         if there.ids:
             step = int(np.searchsorted(there.times_s, SHOWN_S).clip(0, len(there.times_s) - 1))
             zones = [(id_, *_ends(there.capsules, (p, step))) for p, id_ in enumerate(there.ids)]
@@ -80,7 +79,7 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
     pairs: list[tuple[str, Floats, Level, str]] = []
     for advice in tick.advices:
         name = robots[advice.robot] if advice.robot < len(robots) else str(advice.robot)
-        why = grounds[advice.robot] if advice.robot < len(grounds) else Grounds()
+        why = tick.grounds(advice.robot) or Grounds()
         known = why.capsules
         ends, radius = _ends(known, ...) if known is not None else (None, None)
         limit = advice.speed_limit_m_s or 0.0
@@ -88,15 +87,7 @@ def seen(tick: Tick, robots: tuple[str, ...], lifetime_s: float) -> Seen:
         shown.append((name, ends, radius, advice.level, label))
         if why.pair is not None:
             between = np.stack(nearest_points(*why.pair))
-            apart = apart_text(
-                pair_m=why.pair_m,
-                needed_m=why.pair_needed_m,
-                speed_m_s=why.speed_m_s,
-                level=advice.level,
-                reason=advice.reason,
-                detail=advice.detail,
-            )
-            pairs.append((name, between, advice.level, apart))
+            pairs.append((name, between, advice.level, apart_text(advice, why)))
     return Seen(people, zones, shown, lifetime_s, pairs)
 
 

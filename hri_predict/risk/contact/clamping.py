@@ -75,11 +75,7 @@ class Clamping:
         people, segments = np.nonzero(touched.any(axis=(0, 3)))
         if not ((self.fixtures or others) and people.size):
             return result
-        some = Capsules(
-            zones.a[people, :, segments],
-            zones.b[people, :, segments],
-            zones.radius[people, :, segments],
-        )
+        some = zones[people, :, segments]
         pushed = np.maximum(travel.max(1), 0.0)  # (V,)
         reaches = motion.clearance_m + pushed[:, None, None]
         beside = self._gaps(some, others).min(1) < reaches  # (V, n, F + R)

@@ -114,13 +114,14 @@ class ContactJudge:
         curve = self._robot.curve
         rungs = curve.max_speed_m_s * np.arange(RUNGS + 1) / RUNGS
         speeds = np.append(rungs, motion.speed_m_s)
-        zones = _after_now(bodies.zones.capsules, len(motion.times_s))
+        # without entry 0, the bodies as captured, and without what is past the robot's stop
+        zones = bodies.zones.capsules[:, 1 : len(motion.times_s)]
         travel = self._travel_m(motion, speeds)
         needed = [motion.clearance_m + margin for margin in self._margins_m]
         who = _within(zones, motion.capsules, float(travel.max()) + needed[-1])
         if len(who) > MAX_BESIDE:
             return None
-        zones = Capsules(zones.a[who], zones.b[who], zones.radius[who])
+        zones = zones[who]
         near = _near_m(zones, motion.capsules, travel, needed[-1])
         clamps = self._clamping.clamps(
             motion=motion,
@@ -142,12 +143,8 @@ class ContactJudge:
         person, segment, link = self._deciding(found, rungs, limits[0], people)
         now = bodies.zones.capsules
         pair_m = capsule_distance(
-            Capsules(
-                now.a[person, 0, segment], now.b[person, 0, segment], now.radius[person, 0, segment]
-            ),
-            Capsules(
-                motion.capsules.a[link], motion.capsules.b[link], motion.capsules.radius[link]
-            ),
+            now[person, 0, segment],
+            motion.capsules[link],
         )
         return replace(
             people,
@@ -223,9 +220,8 @@ class ContactJudge:
             close = (found.near_m[row].min(-1) < enough) & ~found.bears[row]
             people, segments = np.nonzero(close)
             steps = int(until[i])
-            least[i] = _least_m(
-                zones, (people, segments, steps), _part(robot, i, steps), at_most=enough
-            )
+            course = robot[i, 1 : steps + 1]
+            least[i] = _least_m(zones, (people, segments, steps), course, at_most=enough)
         creeping = [found.creeping_m(row) for row in at[: len(levels)]]
         known = np.minimum(least[: len(levels)], creeping)
         limits = [
@@ -246,11 +242,6 @@ class ContactJudge:
             return people.person, people.segment, people.link
         n, s, c = np.unravel_index(int(near.argmin()), near.shape)
         return int(found.who[n]), int(s), int(c)
-
-
-def _after_now(zones: Capsules, times: int) -> Capsules:
-    """Without entry 0, the bodies as captured, and without what is past the robot's stop."""
-    return Capsules(zones.a[:, 1:times], zones.b[:, 1:times], zones.radius[:, 1:times])
 
 
 def _limit(rungs: Floats, least: Floats, needed_m: float) -> float:
@@ -326,9 +317,3 @@ def _axis(
 ) -> tuple[tuple[Floats, Floats, Floats], tuple[Floats, Floats, Floats]]:
     along = b - a
     return (a[..., 0], a[..., 1], a[..., 2]), (along[..., 0], along[..., 1], along[..., 2])
-
-
-def _part(robot: Capsules, course: int, steps: int) -> Capsules:
-    """One course's capsules after now, until it stands."""
-    until = slice(1, steps + 1)
-    return Capsules(robot.a[course, until], robot.b[course, until], robot.radius[course, until])

@@ -20,9 +20,9 @@ def pair_of(
     if link < 0:
         return None
     zones, pair = bodies.zones.capsules, (people.person, 0, people.segment)
-    body = Capsules(zones.a[pair], zones.b[pair], zones.radius[pair])
+    body = zones[pair]
     robot = motion.capsules
-    return body, Capsules(robot.a[link], robot.b[link], robot.radius[link])
+    return body, robot[link]
 
 
 def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:

@@ -22,6 +22,12 @@ class NearestInTime:
     segment: Ints
     link: Ints
 
+    def __getitem__(self, some: slice) -> "NearestInTime":
+        """Some of the steps."""
+        return NearestInTime(
+            self.distance[some], self.person[some], self.segment[some], self.link[some]
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Courses:
@@ -72,7 +78,7 @@ class BodiesInTime:
             robots: (C,) capsules each.
             steps: for each robot, how many of the K steps are wanted.
         """
-        places = [Capsules(r.a[None], r.b[None], r.radius[None]) for r in robots]
+        places = [r[None] for r in robots]
         step, place = np.empty((2, sum(steps)), np.int64)
         end = 0
         for i, count in enumerate(steps):
@@ -143,24 +149,12 @@ def _one_by_one(robots: Sequence[Capsules]) -> Capsules:
                 parts[i] = np.concatenate([each, *[each[:, :1]] * missing], axis=1)
         return np.concatenate(parts)
 
-    return Capsules(
-        joined([r.a for r in robots]),
-        joined([r.b for r in robots]),
-        joined([r.radius for r in robots]),
-    )
+    return Capsules(*(joined([getattr(r, part) for r in robots]) for part in ("a", "b", "radius")))
 
 
 def _parted(found: NearestInTime, counts: Sequence[int]) -> list[NearestInTime]:
     ends = list(accumulate(counts))
-    return [
-        NearestInTime(
-            found.distance[start:end],
-            found.person[start:end],
-            found.segment[start:end],
-            found.link[start:end],
-        )
-        for start, end in zip([0, *ends], ends, strict=False)
-    ]
+    return [found[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
 def _flat(capsules: Capsules, places: int, links: int) -> Capsules:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,48 +25,75 @@ from hri_predict.robots.stopping import StoppingCurve
 from hri_predict.zones.body_zones import BodyZones
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Braking:
+    """One robot's way to a stop.
+
+    Attributes:
+        speed_m_s: of its fastest point now.
+        stopping: T_s and S_s at that speed.
+        curve: its stopping curve.
+        reaction_s: T_r from the capture.
+        clearance_m: C + Z_d + Z_r.
+        margins_m: for the limits.
+    """
+
+    speed_m_s: float
+    stopping: tuple[float, float]
+    curve: StoppingCurve
+    reaction_s: float
+    clearance_m: float
+    margins_m: Sequence[float]
+
+    @classmethod
+    def of(cls, robot: RobotConstants, motion: RobotMotion, age_s: float) -> "Braking":
+        """Of a robot that moves, from the capture on."""
+        return cls(
+            speed_m_s=motion.speed_m_s,
+            stopping=(motion.stopping_s, motion.stopping_m),
+            curve=robot.curve,
+            reaction_s=robot.reaction_s(age_s),
+            clearance_m=motion.clearance_m,
+            margins_m=robot.risk.margins_m,
+        )
+
+
 def judge_iso(
-    *,
+    robot: Braking,
     distance_m: float,
-    speed_m_s: float,
-    stopping: tuple[float, float],
-    curve: StoppingCurve,
-    reaction_s: float,
-    clearance_m: float,
-    margins_m: Sequence[float],
+    *,
     who: tuple[int, int, int] = (-1, -1, -1),
     human_m_s: float = 0.0,
 ) -> Finding:
     """Judge one distance by the protective separation distance.
 
     Args:
+        robot: how it would stop.
         distance_m: between body as captured and robot now.
-        speed_m_s: of the robot's fastest point now.
-        stopping: T_s and S_s at that speed.
-        curve: the robot's stopping curve.
-        reaction_s: T_r from the capture.
-        clearance_m: C + Z_d + Z_r.
-        margins_m: for the limits.
         who: person, segment and robot capsule of that distance.
         human_m_s: speed of a person who is faster than the standard assumes; else 0.
     """
     needed = protective_distance(
-        speed_m_s, reaction_s, *stopping, intrusion_m=clearance_m, human_m_s=human_m_s
+        robot.speed_m_s,
+        robot.reaction_s,
+        *robot.stopping,
+        intrusion_m=robot.clearance_m,
+        human_m_s=human_m_s,
     ).total
     slack = distance_m - needed
     at_rest_m, fits = permitted.by_standard(
-        curve.arrays,
-        reaction_s,
-        (clearance_m, float(human_m_s)),
-        distance_m - np.array(margins_m, np.float64),
+        robot.curve.arrays,
+        robot.reaction_s,
+        (robot.clearance_m, float(human_m_s)),
+        distance_m - np.array(robot.margins_m, np.float64),
     )
     return Finding(
         separation_m=distance_m,
-        predicted_m=distance_m - (needed - clearance_m),
+        predicted_m=distance_m - (needed - robot.clearance_m),
         slack_m=slack,
         near=distance_m < at_rest_m,
-        breach_s=closing_s(slack, speed_m_s),
-        limits=curve.highest(fits),
+        breach_s=closing_s(slack, robot.speed_m_s),
+        limits=robot.curve.highest(fits),
         person=who[0],
         segment=who[1],
         link=who[2],
@@ -74,16 +101,7 @@ def judge_iso(
 
 
 def judge_receding(
-    *,
-    found: Finding,
-    recedes: Callable[[Floats], Bools],
-    speed_m_s: float,
-    stopping_s: float,
-    curve: StoppingCurve,
-    reaction_s: float,
-    clearance_m: float,
-    margins_m: Sequence[float],
-    human_m_s: float = 0.0,
+    robot: Braking, found: Finding, recedes: Callable[[Floats], Bools], human_m_s: float
 ) -> Finding:
     """Let a robot that recedes from all people be as fast as the people alone permit.
 
@@ -92,32 +110,28 @@ def judge_receding(
     permitted only together with every slower one, and warnings regard any direction.
 
     Args:
+        robot, human_m_s: as for ``judge_iso``.
         found: as ``judge_iso`` found it.
         recedes: (L,) speeds -> (L,) whether the robot recedes until it stands.
-        speed_m_s, stopping_s: of the robot now, T_s.
-        curve, reaction_s, clearance_m, margins_m, human_m_s: as for ``judge_iso``.
     """
+    curve, clearance_m = robot.curve, robot.clearance_m
     levels = speed_levels(curve.max_speed_m_s, min(found.limits[:2]))
-    away = recedes(np.array([speed_m_s, *levels]))
+    away = recedes(np.array([robot.speed_m_s, *levels]))
     if not away.any():
         return found
-    times = reaction_s + np.append(stopping_s, np.interp(levels, curve.speed_m_s, curve.time_s))
-    come = permitted.person_travel(times, clearance_m, human_m_s)
+    later_s = np.append(robot.stopping[0], np.interp(levels, curve.speed_m_s, curve.time_s))
+    come = permitted.person_travel(robot.reaction_s + later_s, clearance_m, human_m_s)
     left = np.where(away, found.separation_m - come, -np.inf)
     limits = [
         directed_limit(levels, left[1:], clearance_m + margin, limit)
-        for margin, limit in zip(margins_m[:2], found.limits[:2], strict=True)
+        for margin, limit in zip(robot.margins_m[:2], found.limits[:2], strict=True)
     ]
     result = replace(found, limits=(*limits, *found.limits[2:]))
     if not away[0]:
         return result
     slack = float(left[0]) - clearance_m
-    return replace(
-        result,
-        predicted_m=float(left[0]),
-        slack_m=slack,
-        breach_s=closing_s(slack, speed_m_s),
-    )
+    breach_s = closing_s(slack, robot.speed_m_s)
+    return replace(result, predicted_m=float(left[0]), slack_m=slack, breach_s=breach_s)
 
 
 def judge_fixed(
@@ -183,16 +197,14 @@ def by_standard(
         if human_m_s > 0 and (who is None or person in who):
             segments = np.flatnonzero(beyond_m_s[person] > 0)
             groups.append((np.array([person]), segments, human_m_s))
-    found = []
+    found, braking = [], Braking.of(robot, motion, bodies.age_s)
     for people, some, human_m_s in groups:
         near = standing
         if near is None or human_m_s > 0:
             near = _nearest_now(bodies.zones.capsules, motion, people, some)
-        alone = at_distance(
-            robot,
-            motion,
+        alone = judge_iso(
+            braking,
             float(near.distance[0]),
-            bodies.age_s,
             who=(int(near.person[0]), int(near.segment[0]), int(near.link[0])),
             human_m_s=human_m_s,
         )
@@ -223,8 +235,9 @@ def by_circle(
     human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)
     near = _nearest_now(zones, motion)
     who = int(near.person[0]), int(near.segment[0]), int(near.link[0])
-    found = at_distance(robot, motion, float(near.distance[0]), bodies.age_s, who=who)
-    now = Capsules(zones.a[:, 0], zones.b[:, 0], zones.radius[:, 0])
+    braking = Braking.of(robot, motion, bodies.age_s)
+    found = judge_iso(braking, float(near.distance[0]), who=who)
+    now = zones[:, 0]
     from_base = horizontal_distance(now, motion.model.base_at(motion.q))  # (P, S)
     if motion.model.mobile is not None:  # where the circle is, is uncertain, too
         from_base -= motion.clearance_m - robot.risk.clearance_m
@@ -239,29 +252,6 @@ def by_circle(
         max_speed_m_s=robot.max_speed_m_s,
         margins_m=robot.risk.margins_m,
         speed_m_s=motion.speed_m_s,
-    )
-
-
-def at_distance(
-    robot: RobotConstants,
-    motion: RobotMotion,
-    distance_m: float,
-    age_s: float,
-    *,
-    who: tuple[int, int, int] = (-1, -1, -1),
-    human_m_s: float = 0.0,
-) -> Finding:
-    """``judge_iso`` of one robot and one distance, by a capture of ``age_s``."""
-    return judge_iso(
-        distance_m=distance_m,
-        speed_m_s=motion.speed_m_s,
-        stopping=(motion.stopping_s, motion.stopping_m),
-        curve=robot.curve,
-        reaction_s=robot.reaction_s(age_s),
-        clearance_m=motion.clearance_m,
-        margins_m=robot.risk.margins_m,
-        who=who,
-        human_m_s=human_m_s,
     )
 
 
@@ -287,17 +277,7 @@ def _receding(
         until = motion.place + part * (farthest_end - motion.place)
         return ends <= until + 1e-12
 
-    return judge_receding(
-        found=found,
-        recedes=recedes,
-        speed_m_s=motion.speed_m_s,
-        stopping_s=motion.stopping_s,
-        curve=robot.curve,
-        reaction_s=robot.reaction_s(bodies.age_s),
-        clearance_m=motion.clearance_m,
-        margins_m=robot.risk.margins_m,
-        human_m_s=human_m_s,
-    )
+    return judge_receding(Braking.of(robot, motion, bodies.age_s), found, recedes, human_m_s)
 
 
 def _nearest_now(
@@ -316,7 +296,7 @@ def _nearest_now(
     some = np.ix_(who, np.zeros(1, np.intp), segments)
     robot = motion.capsules
     near = nearest_in_time(
-        Capsules(zones.a[some], zones.b[some], zones.radius[some]),
-        Capsules(robot.a[None], robot.b[None], robot.radius[None]),
+        zones[some],
+        robot[None],
     )
     return replace(near, person=who[near.person], segment=segments[near.segment])

@@ -31,7 +31,7 @@ def outlooks(
     in any direction, as they move on. One search for two robots costs about as much as for one.
     """
     standing = bodies.standing([m.capsules for m in motions], [len(m.times_s) for m in motions])
-    later = [_later(near) for near in standing]
+    later = [near[1:] for near in standing]  # without the bodies as captured
     ways = [
         each.any_way(near, motion.is_foreseen)
         for each, near, motion in zip(judging, later, motions, strict=True)
@@ -47,13 +47,3 @@ def outlooks(
         for robot, (each, near) in enumerate(zip(judging, standing, strict=True))
     ]
     return [Outlook(*each) for each in zip(standing, findings, strict=True)]
-
-
-def _later(nearest: NearestInTime) -> NearestInTime:
-    """Without entry 0, the bodies as captured."""
-    return NearestInTime(
-        nearest.distance[..., 1:],
-        nearest.person[..., 1:],
-        nearest.segment[..., 1:],
-        nearest.link[..., 1:],
-    )

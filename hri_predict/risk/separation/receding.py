@@ -26,10 +26,10 @@ def receding_steps(people: Capsules, robot: Capsules) -> int:
         finite ends it.
     """
     steps = len(robot.radius)
-    before = link_distances(people, _part(robot, 0, 1))
+    before = link_distances(people, robot[0:1])
     done = 0
     for until in (2, steps):  # most approaching links show it in the first step
-        after = link_distances(people, _part(robot, done + 1, until))
+        after = link_distances(people, robot[done + 1 : until])
         grows = np.diff(after, axis=0, prepend=before) >= -FALLS_M
         falls = np.flatnonzero(~grows.all(axis=(1, 2)))
         if falls.size:
@@ -42,13 +42,5 @@ def receding_steps(people: Capsules, robot: Capsules) -> int:
 
 def link_distances(people: Capsules, robot: Capsules) -> Floats:
     """(K, C, P) distance of each robot capsule (K, C) to each person (P, S)."""
-    a = Capsules(people.a, people.b, people.radius)
-    b = Capsules(
-        robot.a[:, :, None, None], robot.b[:, :, None, None], robot.radius[:, :, None, None]
-    )
-    distance: Floats = capsule_distance(a, b).min(-1)
+    distance: Floats = capsule_distance(people, robot[:, :, None, None]).min(-1)
     return distance
-
-
-def _part(robot: Capsules, start: int, stop: int) -> Capsules:
-    return Capsules(robot.a[start:stop], robot.b[start:stop], robot.radius[start:stop])

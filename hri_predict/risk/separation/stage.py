@@ -299,7 +299,7 @@ class Separation:
             return by_standard(constants, motion, bodies, standing=standing, by_motion=False)
         relaxed = by_standard(constants, motion, bodies, who=assumed, by_motion=False)
         zones = bodies.zones.capsules
-        some = Capsules(zones.a[others], zones.b[others], zones.radius[others])
+        some = zones[others]
         toward = bodies.toward
         if toward is not None:
             toward = toward.of(others[others < len(toward.extra)])

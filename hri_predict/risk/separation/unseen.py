@@ -7,7 +7,7 @@ from hri_predict.risk.areas import FieldOfView, approach_m
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.in_time import DistanceCourse, TimeByTime
 from hri_predict.risk.separation.nearest import NearestInTime
-from hri_predict.risk.separation.now import at_distance
+from hri_predict.risk.separation.now import Braking, judge_iso
 from hri_predict.risk.terms import Finding
 from hri_predict.robots.motion import RobotMotion
 
@@ -32,7 +32,7 @@ def beside_view(
     """
     distance_m = float(view.distance_outside(motion.capsules).min()) - margin_m
     if judging is None:
-        return at_distance(robot, motion, distance_m, age_s)
+        return judge_iso(Braking.of(robot, motion, age_s), distance_m)
     come_m = approach_m(motion.times_s[1:] + age_s)
     come_ahead_m = come_m + margin_m
 

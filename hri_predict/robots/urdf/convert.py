@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hri_predict.base.errors import ConfigError, RobotError
+from hri_predict.base.errors import ConfigError, OsErrorAs, RobotError
 from hri_predict.base.files import atomic_write
 from hri_predict.base.settings import validated
 from hri_predict.robots.file import RobotFile, StoppingFile, read_robot_file, size_problem
@@ -156,10 +156,8 @@ def write(found: Converted, out: Path, margin_m: float) -> None:
     """
     if os.path.lexists(out):
         raise RobotError(f"--out {out}: exists already; name another, or remove it")
-    try:
+    with OsErrorAs(RobotError, f"--out {out}: cannot be written"):
         atomic_write(out, _text(found, 1000 * margin_m).encode())
-    except OSError as error:
-        raise RobotError(f"--out {out}: cannot be written: {error.strerror}") from error
 
 
 def _text(found: Converted, margin_mm: float) -> str:

@@ -164,23 +164,15 @@ def alone(config: Config) -> Config:
     Doors, named zones and the sensor's field of view say where people are expected. Latches wait
     for a person who presses a button.
     """
-    node, source = config.node, config.source
-    changes: dict[str, Any] = {
-        "people": node.people.model_copy(update={"exits": [], "entrances": None}),
-        "risk": node.risk.model_copy(update={"latch": []}),
-        "zones": [],
-    }
-    seen: dict[str, Any] = {
-        "field_of_view": None,
-        "sees_free_space": False,
-        "shadows": [],
-        "viewpoints": [],
-    }
-    return replace(
-        config.aside().quiet(),
-        node=node.model_copy(update=changes),
-        source=source.model_copy(update=seen | {"faults": []}),
+    node = config.node
+    source: dict[str, Any] = {"field_of_view": None, "sees_free_space": False, "shadows": []}
+    source |= {"viewpoints": [], "faults": []}
+    empty = config.with_node(
+        people=node.people.model_copy(update={"exits": [], "entrances": None}),
+        risk=node.risk.model_copy(update={"latch": []}),
+        zones=[],
     )
+    return replace(empty, source=config.source.model_copy(update=source))
 
 
 def robot_of(config: Config, name: str | None) -> int:

@@ -5,7 +5,7 @@ stepped as in ``hri-predict run --speed max``. People, predictor and zones are p
 ``MotionTicks``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from hri_predict.base.arrays import Floats
@@ -20,7 +20,7 @@ from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.people.people import People
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.predictors.thread_runner import PredictionRunner
-from hri_predict.protocol.messages import Advice, Level, Message, Status
+from hri_predict.protocol.messages import Level, Message
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.engine import RiskEngine
 from hri_predict.risk.types import Assessment
@@ -30,7 +30,6 @@ from hri_predict.run.config import Config
 from hri_predict.run.runtime import step_all
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_predict.zones.body_zones import BodyZones
-from hri_predict.zones.types import Zones
 from hri_sim.controllers.cell import MockCell
 from hri_sim.referee import Bodies as BodiesNow
 from hri_sim.referee import Tally, TruePeople
@@ -102,9 +101,7 @@ def run_episode(
     source = ApproachSource(cell_settings(config), config.base_dir)
     transports = mock.transports()
     links = tuple(
-        assemble.build_link(
-            settings=link, config=config, clock=clock, transport=transports[link.name]
-        )
+        assemble.build_link(config, link, clock, transport=transports[link.name])
         for link in config.links
     )
     trackers = cell.trackers(clock)
@@ -232,19 +229,10 @@ class _QuietPublisher(Publisher):
     """Leaves out messages that no simulated controller uses."""
 
     def publish(
-        self,
-        *,
-        now_ns: int,
-        status: Status,
-        advices: Sequence[Advice],
-        zones: Zones | None,
-        forecast: Forecast | None,
-        snapshot: PeopleSnapshot | None,
+        self, tick: Tick, leaves_out: Callable[[type[Message]], bool] = lambda _: True
     ) -> list[Message]:
         """Post advice, status and schema."""
-        return super().publish(
-            now_ns=now_ns, status=status, advices=advices, zones=None, forecast=None, snapshot=None
-        )
+        return super().publish(tick, lambda _: True)
 
 
 class _Watch(Listener):

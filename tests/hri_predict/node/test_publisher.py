@@ -9,6 +9,7 @@ import pytest
 from hri_predict.base.geometry import Capsules
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.predictor import Forecast
+from hri_predict.node.listeners import Tick
 from hri_predict.node.publisher import Publisher
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.messages import (
@@ -48,6 +49,13 @@ def make(*robots, shadow=False):
     return Publisher(links, [frozenset(r) for r in robots], PREDICTOR, shadow), links
 
 
+def tick_of(zones=None, **parts: Any) -> Tick:
+    assessment: Any = None if zones is None else SimpleNamespace(zones=zones)
+    return Tick(
+        **({"now_ns": 0, "status": STATUS, "advices": ADVICES, "assessment": assessment} | parts)
+    )
+
+
 def zones_of(segments, people=(7,), steps=5):
     """A capsule whose every number tells who, when and which segment it is."""
     p, k, s = np.meshgrid(people, range(steps), range(len(segments)), indexing="ij")
@@ -74,14 +82,7 @@ def test_schema_is_told_at_the_start_and_once_a_second(rate_hz):
     period = 1_000 * MS // rate_hz
     at = []
     for tick in range(3 * rate_hz + 1):
-        publisher.publish(
-            now_ns=tick * period,
-            status=STATUS,
-            advices=ADVICES,
-            zones=None,
-            forecast=None,
-            snapshot=None,
-        )
+        publisher.publish(tick_of(now_ns=tick * period))
         at += [tick * period // MS] * len(link.of(Schema))
         link.messages.clear()
     assert at == [0, 1000, 2000, 3000]
@@ -89,17 +90,13 @@ def test_schema_is_told_at_the_start_and_once_a_second(rate_hz):
 
 def test_schema_is_the_protocols_own():
     publisher, (link,) = make({0})
-    publisher.publish(
-        now_ns=0, status=STATUS, advices=ADVICES, zones=None, forecast=None, snapshot=None
-    )
+    publisher.publish(tick_of())
     assert link.of(Schema) == [Schema(SCHEMA_VERSION, SCHEMA_HASH)]
 
 
 def test_advice_goes_to_the_links_of_that_robot_alone_and_status_to_all():
     publisher, links = make({0}, {1}, {0, 1}, set())
-    told = publisher.publish(
-        now_ns=0, status=STATUS, advices=ADVICES, zones=None, forecast=None, snapshot=None
-    )
+    told = publisher.publish(tick_of())
     assert [[m.robot for m in link.of(Advice)] for link in links] == [[0], [1], [0, 1], []]
     assert all(link.of(Status) == [STATUS] for link in links)
     assert [m for m in told if isinstance(m, Advice)] == ADVICES
@@ -109,14 +106,7 @@ def test_advice_and_status_come_before_what_is_bulky():
     publisher, (link,) = make({0, 1})
     forecast = Forecast(np.zeros((1, 10, len(JOINTS), 3)), None)
     zones = zones_of(CANONICAL.segment_names)
-    publisher.publish(
-        now_ns=0,
-        status=STATUS,
-        advices=ADVICES,
-        zones=zones,
-        forecast=forecast,
-        snapshot=snapshot(),
-    )
+    publisher.publish(tick_of(zones=zones, forecast=forecast, snapshot=snapshot()))
     kinds = [type(m).__name__ for m in link.messages]
     assert kinds[:4] == ["Advice", "Advice", "Status", "Schema"]
     assert set(kinds[4:]) == {"Zone", "Pose"}
@@ -128,14 +118,7 @@ def test_segments_keep_their_numbers_when_parts_are_absent():
     here = [n for n in names if not any(leg in n for leg in legs)]
     assert 0 < len(here) < len(names)
     publisher, (link,) = make({0})
-    publisher.publish(
-        now_ns=0,
-        status=STATUS,
-        advices=ADVICES,
-        zones=zones_of(here),
-        forecast=None,
-        snapshot=snapshot(),
-    )
+    publisher.publish(tick_of(zones=zones_of(here), snapshot=snapshot()))
     for zone in link.of(Zone):
         assert [names[c.segment] for c in zone.capsules] == here
         for i, capsule in enumerate(zone.capsules):
@@ -147,14 +130,7 @@ def test_segments_keep_their_numbers_when_parts_are_absent():
 def test_zones_are_first_middle_and_last_of_everybody():
     publisher, (link,) = make({0})
     zones = zones_of(CANONICAL.segment_names, people=(7, 3), steps=9)
-    publisher.publish(
-        now_ns=0,
-        status=STATUS,
-        advices=ADVICES,
-        zones=zones,
-        forecast=None,
-        snapshot=snapshot((7,)),
-    )
+    publisher.publish(tick_of(zones=zones, snapshot=snapshot((7,))))
     told = {(z.person, z.step): z for z in link.of(Zone)}
     assert sorted(told) == [(3, 0), (3, 4), (3, 8), (7, 0), (7, 4), (7, 8)]
     assert told[7, 0].horizon_s == 0.0  # the body at its capture, 20 ms ago
@@ -167,14 +143,7 @@ def test_zones_are_first_middle_and_last_of_everybody():
 def test_poses_carry_their_persons_capture_and_time():
     publisher, (link,) = make({0})
     positions = np.random.default_rng(1).normal(size=(2, 10, len(JOINTS), 3))
-    publisher.publish(
-        now_ns=0,
-        status=STATUS,
-        advices=ADVICES,
-        zones=None,
-        forecast=Forecast(positions, None),
-        snapshot=snapshot((7, 3)),
-    )
+    publisher.publish(tick_of(forecast=Forecast(positions, None), snapshot=snapshot((7, 3))))
     told = {(z.person, z.step): z for z in link.of(Pose)}
     assert sorted({step for _, step in told}) == [1, 6, 10]  # step 0 is the capture itself
     for (person, step), pose in told.items():
@@ -189,14 +158,7 @@ def test_in_shadow_mode_links_hear_unknown_and_nothing_of_people():
     publisher, (link,) = make({0, 1}, shadow=True)
     forecast = Forecast(np.zeros((1, 10, len(JOINTS), 3)), None)
     zones = zones_of(CANONICAL.segment_names)
-    told = publisher.publish(
-        now_ns=0,
-        status=STATUS,
-        advices=ADVICES,
-        zones=zones,
-        forecast=forecast,
-        snapshot=snapshot(),
-    )
+    told = publisher.publish(tick_of(zones=zones, forecast=forecast, snapshot=snapshot()))
     assert told == link.messages
     for advice in link.of(Advice):
         assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.SHADOW_MODE)
@@ -209,12 +171,5 @@ def test_nobody_here_gives_no_zones_and_no_poses():
     publisher, (link,) = make({0})
     forecast = Forecast(np.zeros((0, 10, len(JOINTS), 3)), None)
     zones = zones_of(CANONICAL.segment_names, people=())
-    publisher.publish(
-        now_ns=0,
-        status=STATUS,
-        advices=ADVICES,
-        zones=zones,
-        forecast=forecast,
-        snapshot=snapshot(()),
-    )
+    publisher.publish(tick_of(zones=zones, forecast=forecast, snapshot=snapshot(())))
     assert {type(m) for m in link.messages} == {Advice, Status, Schema}

@@ -1,7 +1,8 @@
 import pytest
 
-from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import CLEARED, RISING, Reason
+from hri_predict.risk.types import Grounds
 from hri_predict.risk.wording import (
     NO_LINK,
     NOTE,
@@ -12,11 +13,27 @@ from hri_predict.risk.wording import (
 )
 
 
+def apart(
+    pair_m: float | None,
+    needed_m: float | None,
+    *,
+    speed_m_s: float = 0.0,
+    level: Level = Level.STOP,
+    reason: Reason = Reason.PERSON_NEAR,
+    detail: str = "",
+) -> str:
+    slack_m = None if pair_m is None or needed_m is None else pair_m - needed_m
+    why = Grounds(speed_m_s=speed_m_s, pair_m=pair_m, slack_m=slack_m)
+    return apart_text(Advice(robot=0, level=level, reason=reason, detail=detail), why)
+
+
 def test_at_clear_a_reason_is_a_note_and_holds_nothing_up() -> None:
-    assert reason_beside(Level.CLEAR, Reason.PERSON_FAST) == NOTE + Reason.PERSON_FAST.text
-    assert reason_beside(Level.SLOW, Reason.PERSON_FAST) == Reason.PERSON_FAST.text
-    assert reason_beside(Level.CLEAR, Reason.NONE) == Reason.NONE.text
-    assert clears_beside(Level.CLEAR, Reason.PERSON_FAST, "", 0.1) == ""
+    fast = Advice(robot=0, level=Level.CLEAR, reason=Reason.PERSON_FAST)
+    assert reason_beside(fast) == NOTE + Reason.PERSON_FAST.text
+    slow = Advice(robot=0, level=Level.SLOW, reason=Reason.PERSON_FAST)
+    assert reason_beside(slow) == Reason.PERSON_FAST.text
+    assert reason_beside(Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE)) == Reason.NONE.text
+    assert clears_beside(fast, 0.1) == ""
 
 
 NAMED = [reason for reason in Reason if "risk.band_m" in reason.clears_when]
@@ -24,9 +41,9 @@ NAMED = [reason for reason in Reason if "risk.band_m" in reason.clears_when]
 
 @pytest.mark.parametrize("reason", NAMED or [Reason.PERSON_NEAR])
 def test_the_band_is_said_in_metres_as_configured(reason: Reason) -> None:
-    said = clears_beside(Level.STOP, reason, "", 0.05)
-    assert "by 0.05 m (risk.band_m)" in said
-    assert clears_beside(Level.STOP, reason, "", None) == reason.clears_when  # not known: its key
+    advice = Advice(robot=0, level=Level.STOP, reason=reason)
+    assert "by 0.05 m (risk.band_m)" in clears_beside(advice, 0.05)
+    assert clears_beside(advice, None) == reason.clears_when  # not known: its key
 
 
 @pytest.mark.parametrize(
@@ -44,39 +61,18 @@ def test_the_band_is_said_in_metres_as_configured(reason: Reason) -> None:
 def test_a_distance_says_what_it_suffices_for(
     needed_m: float, speed_m_s: float, level: Level, said: str
 ) -> None:
-    text = apart_text(
-        pair_m=0.65,
-        needed_m=needed_m,
-        speed_m_s=speed_m_s,
-        level=level,
-        reason=Reason.PERSON_NEAR,
-        detail="",
-    )
-    assert text == f"0.65 m, {said}"
+    assert apart(0.65, needed_m, speed_m_s=speed_m_s, level=level) == f"0.65 m, {said}"
 
 
 @pytest.mark.parametrize("reason", [Reason.LATCHED, Reason.ROBOT_NOT_AUTOMATIC, Reason.MUTED])
 def test_what_distance_does_not_decide_asks_for_no_more_of_it(reason: Reason) -> None:
-    text = apart_text(
-        pair_m=3.0, needed_m=0.6, speed_m_s=0.0, level=Level.STOP, reason=reason, detail=""
-    )
-    assert text == "3.00 m, to spare 2.40 m at 0.00 m/s"
+    assert apart(3.0, 0.6, reason=reason) == "3.00 m, to spare 2.40 m at 0.00 m/s"
 
 
 def test_what_is_not_known_is_not_said() -> None:
-    def of(pair_m: float | None, needed_m: float | None) -> str:
-        return apart_text(
-            pair_m=pair_m,
-            needed_m=needed_m,
-            speed_m_s=0.0,
-            level=Level.STOP,
-            reason=Reason.PERSON_NEAR,
-            detail="",
-        )
-
-    assert of(None, None) == "?"
-    assert of(0.5, None) == "0.50 m"
-    assert of(-0.1, None) == "0.00 m"
+    assert apart(None, None) == "?"
+    assert apart(0.5, None) == "0.50 m"
+    assert apart(-0.1, None) == "0.00 m"
 
 
 def test_a_degraded_node_always_says_why() -> None:
@@ -98,16 +94,11 @@ def test_once_the_cause_has_cleared_no_more_distance_is_asked_for(
     detail: str, level: Level, said: str
 ) -> None:
     detail = f"arm: {detail}; clears when it is so"
-    text = apart_text(
-        pair_m=1.36,
-        needed_m=0.52,
-        speed_m_s=0.0,
-        level=level,
-        reason=Reason.PERSON_NEAR,
-        detail=detail,
-    )
+    text = apart(1.36, 0.52, level=level, detail=detail)
     assert said in text
     assert "needed" not in text
-    clears = clears_beside(level, Reason.PERSON_NEAR, detail, 0.1)
+    clears = clears_beside(
+        Advice(robot=0, level=level, reason=Reason.PERSON_NEAR, detail=detail), 0.1
+    )
     assert "farther" not in clears
     assert "captures" in clears

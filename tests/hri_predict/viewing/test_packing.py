@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from hri_predict.base.geometry import Capsules, capsule_distance
-from hri_predict.protocol.messages import Level, NodeState
+from hri_predict.protocol.messages import Advice, Level, NodeState
 from hri_predict.protocol.reasons import Reason
-from hri_predict.viewing.packing import STEPS, pair_facts, state_facts, steps_of
+from hri_predict.risk.types import Grounds
+from hri_predict.viewing.packing import STEPS, robot_facts, state_facts, steps_of
 from hri_predict.viewing.picture import pack, unpack
 from tests.hri_predict.viewing.staged import pictures
 
@@ -55,14 +56,16 @@ def test_the_separation_line_is_as_long_as_said(near):
 
 
 def test_whoever_stands_there_is_told_the_deciding_part_while_a_person_decides():
-    def near(level: Level, reason: Reason, who: str = "person 1's left hand") -> str:
-        return pair_facts(level, reason, "", pair_m=0.671, who=who, link="forearm")["near"]
+    def near(level: Level, reason: Reason, person: int | None = 1) -> str:
+        why = Grounds(person=person, segment="left_hand", pair_m=0.671)
+        advice = Advice(robot=0, level=level, reason=reason)
+        return robot_facts("arm", advice, why, link="forearm", band_m=None)["near"]
 
     said = "person 1's left hand, 0.67 m from the forearm"
     assert near(Level.STOP, Reason.PERSON_NEAR) == said
     assert near(Level.CLEAR, Reason.PERSON_NEAR) == ""
     assert near(Level.STOP, Reason.ROBOT_NOT_AUTOMATIC) == ""
-    assert near(Level.STOP, Reason.PERSON_NEAR, who="") == ""
+    assert near(Level.STOP, Reason.PERSON_NEAR, person=None) == ""
 
 
 def test_the_band_is_the_configured_one():

@@ -17,7 +17,7 @@ import numpy as np
 
 import hri_predict as hri
 from hri_predict.base.skeleton import CANONICAL
-from hri_predict.lab.calibration.coverage import as_run
+from hri_predict.lab.calibration.coverage import Calibrated, as_run
 from hri_predict.lab.calibration.depth_tracker import DepthTracker
 from hri_predict.lab.calibration.noise import See, as_recorded, scores_seen
 from hri_predict.lab.calibration.presence import Presence
@@ -122,9 +122,7 @@ def main() -> None:
                 row(f"{level} radius, times", (found["after"][4] / found["before"][4])[steps], 3)
                 for version, used in versions.items():
                     settings = CoverageSettings(level=level)
-                    coverage = as_run(
-                        scores=some, calibration=used, settings=settings, predictor=predictor
-                    )
+                    coverage = as_run(some, Calibrated(predictor, used), settings)
                     row(f"{level} {version}, self-check", 100 * coverage.share("joint")[steps])
 
 

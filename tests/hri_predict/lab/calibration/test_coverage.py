@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.conformal import calibrate
-from hri_predict.lab.calibration.coverage import Coverage, as_calibrated, as_run, run_zones
+from hri_predict.lab.calibration.coverage import (
+    Calibrated,
+    Coverage,
+    as_calibrated,
+    as_run,
+    run_zones,
+)
 from hri_predict.lab.calibration.scores import Presence, score_presence, score_recordings
 from hri_predict.predictors.baselines import (
     ConstantVelocity,
@@ -188,9 +194,7 @@ def test_where_nothing_is_cut_zones_as_run_hold_what_their_radii_hold(scored, ra
     # who stays where the forecast is still: a ball about a point, and so no larger than its radius
     scores, calibration = scored(zero(), 0.15, rate_hz)
     radii = as_calibrated(scores, calibration, CUT, CANONICAL)
-    run = as_run(
-        scores=scores, calibration=calibration, settings=CUT, predictor=zero(), limits=UNBOUNDED
-    )
+    run = as_run(scores, Calibrated(zero(), calibration), CUT, UNBOUNDED)
     for of in ("joint", "body"):
         assert np.array_equal(run.known[of], radii.known[of])
         assert np.array_equal(run.held[of], radii.held[of])
@@ -198,9 +202,7 @@ def test_where_nothing_is_cut_zones_as_run_hold_what_their_radii_hold(scored, ra
     assert share[0] == 1.0  # 0.04 m
     assert 0.0 < share[5] < 1.0
     assert (run.widened, run.unlike) == (0.0, 0.0)
-    for balls, _ in run_zones(
-        entry=scores[0], calibration=calibration, settings=CUT, predictor=zero(), limits=UNBOUNDED
-    ):
+    for balls, _ in run_zones(scores[0], Calibrated(zero(), calibration), CUT, UNBOUNDED):
         assert balls.radius[0, 1:] == pytest.approx(0.15)
 
 
@@ -214,7 +216,7 @@ def test_past_errors_are_the_same_live_as_in_the_scores(scored, rate_hz):
     entry = score_presence(constant(), "walking_9", "walking", presence)
     assert entry is not None
     _, calibration = scored(constant(), 0.15)
-    ran = run_zones(entry=entry, calibration=calibration, settings=CHECKED, predictor=constant())
+    ran = run_zones(entry, Calibrated(constant(), calibration), CHECKED)
     live = np.concatenate([trust.error_m for _, trust in ran])
     # metres to 1e-15, interpolated and subtracted in the same order but for the age in seconds,
     # of which 1e-9 times a speed of a few m/s is the most
@@ -227,9 +229,7 @@ def test_past_errors_are_the_same_live_as_in_the_scores(scored, rate_hz):
 def test_about_a_forecast_that_moves_zones_are_somewhat_larger(scored):
     scores, calibration = scored(constant(), 0.15)
     radii = as_calibrated(scores, calibration, CUT, CANONICAL)
-    run = as_run(
-        scores=scores, calibration=calibration, settings=CUT, predictor=constant(), limits=UNBOUNDED
-    )
+    run = as_run(scores, Calibrated(constant(), calibration), CUT, UNBOUNDED)
     for of in ("joint", "body"):
         assert (run.held[of] >= radii.held[of]).all()
         assert (run.held[of] > radii.held[of]).any()
@@ -239,11 +239,9 @@ def test_about_a_forecast_that_moves_zones_are_somewhat_larger(scored):
 def test_the_cut_loses_nobody_who_keeps_the_limits(scored):
     # radii of 2 m would hold everybody, and what bodies can do is less than that, and does so, too
     scores, calibration = scored(constant(), 2.0)
-    run = as_run(scores=scores, calibration=calibration, settings=CUT, predictor=constant())
+    run = as_run(scores, Calibrated(constant(), calibration), CUT)
     assert run.share("joint") == pytest.approx(np.ones(STEPS))
-    balls, _ = run_zones(
-        entry=scores[0], calibration=calibration, settings=CUT, predictor=constant()
-    )[0]
+    balls, _ = run_zones(scores[0], Calibrated(constant(), calibration), CUT)[0]
     assert (balls.radius[0, 1] < 0.5).all()
 
 
@@ -253,36 +251,16 @@ def test_out_for_a_moment_is_out_for_that_step_alone(make_recording, scored):
     positions[100] += 1.0  # 1.0 s, at 100 Hz
     scores = score_recordings(zero(), [make_recording(positions, 100.0)])
     origin = int(np.flatnonzero(scores[0].origin_ns == 800_000_000)[0])
-    alone = replace(
-        scores[0],
-        **{
-            name: getattr(scores[0], name)[origin : origin + 1]
-            for name in (
-                "origin_ns",
-                "history",
-                "observed",
-                "forecast",
-                "error_m",
-                "speed_m_s",
-                "residual_m",
-            )
-        },
-    )
-    run = as_run(
-        scores=[alone], calibration=calibration, settings=CUT, predictor=zero(), limits=UNBOUNDED
-    )
+    alone = scores[0].only(slice(origin, origin + 1))
+    run = as_run([alone], Calibrated(zero(), calibration), CUT, UNBOUNDED)
     assert run.held["body"][0].tolist() == [step != 4 for step in range(STEPS)]
     assert run.held["joint"][0].tolist() == [COUNT * (step != 4) for step in range(STEPS)]
 
 
 def test_the_self_check_widens_what_falls_short(scored):
     scores, calibration = scored(zero(), 0.15)
-    off = as_run(
-        scores=scores, calibration=calibration, settings=CUT, predictor=zero(), limits=UNBOUNDED
-    )
-    on = as_run(
-        scores=scores, calibration=calibration, settings=CHECKED, predictor=zero(), limits=UNBOUNDED
-    )
+    off = as_run(scores, Calibrated(zero(), calibration), CUT, UNBOUNDED)
+    on = as_run(scores, Calibrated(zero(), calibration), CHECKED, UNBOUNDED)
     assert on.widened > 0.2
     assert (on.held["joint"] >= off.held["joint"]).all()
     assert on.share("joint")[-1] > off.share("joint")[-1] + 0.1
@@ -291,17 +269,10 @@ def test_the_self_check_widens_what_falls_short(scored):
 def test_who_is_unlike_all_is_counted(scored):
     scores, calibration = scored(zero(), 0.15)
     calibration.ranges["speed_m_s"].update(dict.fromkeys(calibration.joints, 0.2))
-    on = as_run(
-        scores=scores, calibration=calibration, settings=CHECKED, predictor=zero(), limits=UNBOUNDED
-    )
+    on = as_run(scores, Calibrated(zero(), calibration), CHECKED, UNBOUNDED)
     assert on.unlike == 1.0  # all go at 1 m/s
     assert on.share("joint") == pytest.approx(np.ones(STEPS))  # 2 m/s hold them
-    assert (
-        as_run(
-            scores=scores, calibration=calibration, settings=CUT, predictor=zero(), limits=UNBOUNDED
-        ).unlike
-        == 0.0
-    )
+    assert as_run(scores, Calibrated(zero(), calibration), CUT, UNBOUNDED).unlike == 0.0
 
 
 # -- residual, live and from scores ---------------------------------------------------------------
@@ -319,7 +290,7 @@ def test_the_residual_of_scores_is_the_live_one(make_recording, scored, rate_hz,
     positions[:, WRIST] += np.random.default_rng(5).normal(0, 0.05, (frames, 3))
     recording = make_recording(positions, rate_hz, observed=observed)
     entry = score_recordings(constant(), [recording])[0]
-    run = run_zones(entry=entry, calibration=calibration, settings=CHECKED, predictor=constant())
+    run = run_zones(entry, Calibrated(constant(), calibration), CHECKED)
     live = np.array([t.residual_m[0] for _, t in run])
     assert np.isfinite(live).sum() > 0.7 * len(live)
     for balls, _ in run:  # every window rests on eight steps, so that radii are claimed

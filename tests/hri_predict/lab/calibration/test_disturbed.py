@@ -5,6 +5,7 @@ import pytest
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.conformal import calibrate
+from hri_predict.lab.calibration.coverage import Calibrated
 from hri_predict.lab.calibration.disturbed import as_json, judge_disturbed, tables
 from hri_predict.lab.calibration.scores import score_recordings
 from hri_predict.predictors.baselines import ConstantVelocity, ConstantVelocitySettings
@@ -33,7 +34,7 @@ def found(make_recording):
         rate_hz=25.0,
         skeleton=CANONICAL,
     )
-    return judge_disturbed(predictor, scores[5:], made)
+    return judge_disturbed(Calibrated(predictor, made), scores[5:])
 
 
 def by_condition(found, start):

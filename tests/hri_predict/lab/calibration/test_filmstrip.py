@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.lab.calibration.coverage import Calibrated
+
 pytest.importorskip("matplotlib")
 
 from hri_predict.base.geometry import Capsules
@@ -88,11 +90,10 @@ def calibration_of(scores, predictor):
 def scene(scored):
     entry, window = found_window(scored, "walking")
     return zone_scene(
-        entry=entry,
-        window=window,
-        calibration=calibration_of(scored, constant()),
-        settings=CoverageSettings(),
-        predictor=constant(),
+        entry,
+        window,
+        Calibrated(constant(), calibration_of(scored, constant())),
+        CoverageSettings(),
     )
 
 
@@ -149,11 +150,7 @@ def test_moments_beyond_the_horizon_are_left_out(make_recording):
     scores = score_recordings(short, found)
     entry, window = found_window(scores, "walking")
     scene = zone_scene(
-        entry=entry,
-        window=window,
-        calibration=calibration_of(scores, short),
-        settings=CoverageSettings(),
-        predictor=short,
+        entry, window, Calibrated(short, calibration_of(scores, short)), CoverageSettings()
     )
     assert scene.shown_ms == (0, 200, 400)
     figure = zone_filmstrip([scene], CANONICAL, "kalman", "99 %")
@@ -248,11 +245,10 @@ def test_arms_alone_are_a_picture(make_recording):
     scores = score_recordings(constant(), found)
     entry, window = found_window(scores, "arms")
     scene = zone_scene(
-        entry=entry,
-        window=window,
-        calibration=calibration_of(scores, constant()),
-        settings=CoverageSettings(),
-        predictor=constant(),
+        entry,
+        window,
+        Calibrated(constant(), calibration_of(scores, constant())),
+        CoverageSettings(),
     )
     side, _ = views(scene, CANONICAL)
     assert side.origin[2] == 0.0  # no foot is seen: the room's floor

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from hri_predict.lab.calibration.coverage import Calibrated
+from hri_predict.zones.settings import CoverageSettings
+
 pytest.importorskip("matplotlib")
 
 from PIL import Image
@@ -153,7 +156,7 @@ def test_radii_are_the_mean_and_the_range_over_windows(make_recording):
     scores.speed_m_s[:10] = 0.5  # but for ten windows
     slow, still = 10, len(scores.speed_m_s) - 10
     low, mean, high = radius_by_step(
-        calibration=calibrated(), scores=[scores], joint="hand", of="body", level=0.99
+        calibrated(), [scores], "hand", CoverageSettings(level=0.99, of="body")
     )
     steps = np.arange(1, STEPS + 1)
     assert mean == pytest.approx((still * 0.01 + slow * 0.02) * steps / (still + slow))
@@ -164,9 +167,9 @@ def test_radii_are_the_mean_and_the_range_over_windows(make_recording):
 def test_a_speed_without_radii_leaves_no_mean(make_recording):
     scores = standing(make_recording)
     bare = calibrated(classes=[1])
-    found = radius_by_step(calibration=bare, scores=scores, joint="hand", of="body", level=0.99)
+    found = radius_by_step(bare, scores, "hand", CoverageSettings(level=0.99, of="body"))
     assert np.isinf(found).all()
-    none = radius_by_step(calibration=bare, scores=[], joint="hand", of="body", level=0.99)
+    none = radius_by_step(bare, [], "hand", CoverageSettings(level=0.99, of="body"))
     assert np.isnan(none).all()
 
 
@@ -207,7 +210,7 @@ def test_every_picture_is_written(tmp_path, make_recording):
         coverage=coverage,
         sizes={},
     )
-    beside = {"kalman": (scores, calibrated(0.02), predictor())}
+    beside = {"kalman": (scores, Calibrated(predictor(), calibrated(0.02)))}
     files = write_pictures(
         out=tmp_path, predictor=predictor(), scores=scores, judged=judged, beside=beside
     )

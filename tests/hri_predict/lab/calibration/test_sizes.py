@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.lab.calibration.conformal import calibrate
+from hri_predict.lab.calibration.coverage import Calibrated
 from hri_predict.lab.calibration.scores import score_recordings
 from hri_predict.lab.calibration.sizes import Sizes, capsule_volume, measure_sizes
 from hri_predict.predictors.baselines import ZeroVelocity, ZeroVelocitySettings
@@ -50,11 +51,10 @@ def sizes_with(scores, zero, radius_m):
         skeleton=CANONICAL,
     )
     tables = {of: np.full_like(table, radius_m) for of, table in made.estimated.items()}
-    methods = {
-        "own": (scores, replace(made, estimated=tables, limits=None, scale=scale_of()), zero)
-    }
+    flat = replace(made, estimated=tables, limits=None, scale=scale_of())
+    methods = {"own": (scores, Calibrated(zero, flat))}
     settings = CoverageSettings(self_check=False)
-    return measure_sizes(scores=scores, methods=methods, settings=settings, steps=(5, 10))
+    return measure_sizes(scores, methods, settings, (5, 10))
 
 
 def test_a_capsule_is_a_cylinder_and_a_ball():

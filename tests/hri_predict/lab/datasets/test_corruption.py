@@ -16,7 +16,7 @@ def history():
 
 def apply(corruption, history, observed=None, name="walking_1", batch=0):
     seen = np.ones(history.shape[:3], bool) if observed is None else observed
-    return corruption.apply(history=history, observed=seen, name=name, batch=batch, steps=15)
+    return corruption.apply(history, seen, (name, batch), 15)
 
 
 @pytest.mark.parametrize("corruption", standard(), ids=lambda c: c.name)

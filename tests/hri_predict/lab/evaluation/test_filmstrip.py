@@ -28,8 +28,7 @@ def wave(name: str, seconds: float = 4.0, seen=slice(None)) -> Motion:
         stamps_ns=steps * STEP_NS,
         positions=rest + swing,
         observed=observed,
-        max_gap_ns=100_000_000,
-        period_ns=STEP_NS,
+        rate_hz=25.0,
     )
 
 

@@ -42,7 +42,6 @@ def motion(duration_s: float, rate_hz: float, name: str = "walking_1", seed: int
     positions = positions + stamps[:, None, None] * 1e-9 * VELOCITY
     if seed is not None:
         positions = np.random.default_rng(seed).normal(size=positions.shape).cumsum(axis=0)
-    period = round(1e9 / rate_hz)
     seen = np.ones((frames, JOINTS), bool)
     action = name.rpartition("_")[0]
     return Motion(
@@ -51,8 +50,7 @@ def motion(duration_s: float, rate_hz: float, name: str = "walking_1", seed: int
         stamps_ns=stamps,
         positions=positions,
         observed=seen,
-        max_gap_ns=100_000_000,
-        period_ns=period,
+        rate_hz=rate_hz,
     )
 
 

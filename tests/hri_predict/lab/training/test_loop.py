@@ -141,7 +141,7 @@ def run(out, options=None, resume=False, source=None, stop=None, **train):
     network = Small(SHAPE, Options(**config.options))
     network.rest.copy_(source.rest())
     more = {} if stop is None else {"stop": stop}
-    result = loop.train(config, source, network, view, resume=resume, **more)
+    result = loop.Run(config, source, network, view, **more).go(resume)
     return network, result, view
 
 
@@ -338,7 +338,7 @@ with Processes.join() as processes:
     torch.manual_seed(processes.rank)  # the first process's weights are everybody's
     network = case.Small(case.SHAPE, case.Options())
     network.rest.copy_(case.Walkers().rest())
-    loop.train(config, case.Walkers(), network, view, processes=processes)
+    loop.Run(config, case.Walkers(), network, view, processes=processes).go()
     if processes.rank == 0:
         torch.save(view.losses, Path(sys.argv[2]) / "losses.pt")
     else:

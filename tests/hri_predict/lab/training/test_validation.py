@@ -1,5 +1,7 @@
 """What validation counts."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 
@@ -34,13 +36,8 @@ def test_validation_is_a_mean_over_actions_of_what_is_known():
     network = Still(
         Shape(skeleton=BODY, history_steps=4, horizon_steps=3, rate_hz=25.0, framed=True)
     )
-    found = validate(
-        network=network,
-        entry=network,
-        batches=[batch, batch],
-        actions=("walking", "standing"),
-        processes=Processes(),
-    )
+    source = SimpleNamespace(validation=lambda: [batch, batch], actions=("walking", "standing"))
+    found = validate(network, network, source, Processes())
     assert found is not None
     assert found.actions_mm == {"walking": pytest.approx(100), "standing": pytest.approx(400)}
     assert found.mm == pytest.approx(250)

@@ -11,6 +11,7 @@ from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.link import Received
 from hri_predict.contracts.predictor import Forecast
 from hri_predict.contracts.scene import Person, Scene
+from hri_predict.node.listeners import Tick
 from hri_predict.protocol.messages import (
     Advice,
     Level,
@@ -43,10 +44,10 @@ def scene(k: int, people: int = 1, sees_room: bool = True) -> Scene:
     return Scene(1_000_000 * k + 17, 3 * k, sees_room, tuple(found))
 
 
-def tick(k: int, people: int = 1) -> Any:
+def tick(k: int, people: int = 1) -> Tick:
     rng = np.random.default_rng(100 + k)
     ids = tuple(range(10, 10 + people))
-    snapshot = SimpleNamespace(
+    snapshot: Any = SimpleNamespace(
         now_ns=40_000_000 * k,
         ids=ids,
         capture_ns=np.full(people, 40_000_000 * k - 5),
@@ -62,7 +63,8 @@ def tick(k: int, people: int = 1) -> Any:
     )
     names = tuple(f"segment{i}" for i in range(17))
     zones = Zones(ids, names, np.linspace(0.0, 1.0, 26), capsules)
-    return SimpleNamespace(
+    assessment: Any = SimpleNamespace(zones=zones, reasons=(), named_zones=(), grounds=())
+    return Tick(
         now_ns=40_000_000 * k,
         status=Status(
             node_state=NodeState.RUNNING, reason=Reason.NONE, people=people, predictor=1, cycle=k
@@ -78,7 +80,7 @@ def tick(k: int, people: int = 1) -> Any:
         ),
         snapshot=snapshot,
         forecast=Forecast(rng.normal(size=(people, 25, 21, 3)), None),
-        assessment=SimpleNamespace(zones=zones, reasons=(), named_zones=(), grounds=()),
+        assessment=assessment,
     )
 
 

@@ -102,6 +102,8 @@ def test_any_mcap_reader_finds_every_topic(tmp_path: Path) -> None:
     assert found["/sent"][1] == {"link": "can", "id": 0x123, "data": "AAECAwQFBgc="}
     forecast, zones = found["/forecast"][2], found["/zones"][1]
     tick = _tick(2)
+    assert tick.forecast is not None
+    assert tick.assessment is not None
     assert forecast["steps"] == [4, 9, 14, 19, 24]
     np.testing.assert_allclose(
         forecast["positions"], tick.forecast.positions[:, forecast["steps"]], atol=5.1e-4

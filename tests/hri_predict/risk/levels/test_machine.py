@@ -11,7 +11,7 @@ from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
 from hri_predict.risk.levels.machine import LevelMachine
-from hri_predict.risk.separation.now import judge_iso
+from hri_predict.risk.separation.now import Braking, judge_iso
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 from hri_predict.robots.stopping import StoppingCurve
@@ -261,8 +261,7 @@ def walk(start_m: float, person_m_s: float, noise_m: float, seed: int) -> list[L
     for capture in range(600):
         walked_s = max(0.0, capture * PERIOD_S - 4.0)
         distance = start_m + person_m_s * min(walked_s, 12.0) + rng.normal(0.0, noise_m)
-        finding = judge_iso(
-            distance_m=max(distance, 0.0),
+        braking = Braking(
             speed_m_s=speed,
             stopping=CURVE.at(speed),
             curve=CURVE,
@@ -270,6 +269,7 @@ def walk(start_m: float, person_m_s: float, noise_m: float, seed: int) -> list[L
             clearance_m=0.06,
             margins_m=DEFAULTS.margins_m,
         )
+        finding = judge_iso(braking, max(distance, 0.0))
         demand = demand_of(finding, DEFAULTS, MAX, Reason.PERSON_APPROACHING)
         advised = machine.update(demand, capture, round(capture * PERIOD_S * 1e9))
         change = min(max(limit - speed, -3.0 * PERIOD_S), 3.0 * PERIOD_S)

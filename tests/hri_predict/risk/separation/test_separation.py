@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.risk.permitted import by_standard, person_travel
-from hri_predict.risk.separation.now import judge_iso
+from hri_predict.risk.separation.now import Braking, judge_iso
 from hri_predict.risk.terms import protective_distance
 from hri_predict.robots.stopping import StoppingCurve
 from tests.hri_predict.risk.separation.curves import constant
@@ -133,8 +133,7 @@ def test_a_stopping_table_that_is_no_number_is_refused():
 @given(st.floats(0, 3), st.floats(0, 1), speeds)
 def test_iso_nearer_is_never_faster(d, nearer, v):
     curve, margins = constant(5.0), (0.0, 0.1, 0.5)
-    far = judge_iso(
-        distance_m=d,
+    braking = Braking(
         speed_m_s=v,
         stopping=curve.at(v),
         curve=curve,
@@ -142,15 +141,7 @@ def test_iso_nearer_is_never_faster(d, nearer, v):
         clearance_m=0.05,
         margins_m=margins,
     )
-    near = judge_iso(
-        distance_m=d - nearer,
-        speed_m_s=v,
-        stopping=curve.at(v),
-        curve=curve,
-        reaction_s=0.3,
-        clearance_m=0.05,
-        margins_m=margins,
-    )
+    far, near = judge_iso(braking, d), judge_iso(braking, d - nearer)
     assert all(a <= b for a, b in zip(near.limits, far.limits, strict=True))
     assert near.slack_m <= far.slack_m
     assert near.near >= far.near
