@@ -41,10 +41,11 @@ from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.keyed import Keyed, key_of
 from hri_predict.protocol.profile4 import Profile4Receiver
 from hri_predict.protocol.registers import STATE, packed
-from hri_predict.protocol.ros.bodies import POSE_ARRAY, READERS
+from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.frame_tree import FrameTree
 from hri_predict.protocol.ros.messages import TF_MESSAGE
-from hri_predict.protocol.ros.placing import PeopleReader
+from hri_predict.protocol.ros.placing import READERS, PeopleReader
+from hri_predict.protocol.ros.tracked import IDS_LIST
 from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
@@ -294,16 +295,19 @@ def _ros2(kind: str) -> Target:
     from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
 
     made, body = Maker(), np.ones((2, 3))
-    if kind == POSE_ARRAY:
-        messages = [made.poses(body), made.poses(body[:0])]
-    else:
-        messages = [made.markers({1: body}), made.marker_array([])]
-    frames = made.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT))
+    messages = {
+        POSE_ARRAY: [made.poses(body), made.poses(body[:0])],
+        MARKER_ARRAY: [made.markers({1: body}), made.marker_array([])],
+        IDS_LIST: [made.tracked("a"), made.tracked()],
+    }[kind]
+    frames = made.transforms(
+        ("map", "camera", (0.0, 0.0, 2.0), UPRIGHT), ("camera", "low_a", (1.0, 0.0, 0.0), UPRIGHT)
+    )
     tree = FrameTree()
     decoder = Ros2Decoder(
         kind=kind,
         topics=["/people"],
-        reader=PeopleReader(2, "map", tree),
+        reader=PeopleReader(["low", "high"], "map", tree),
         tree=tree,
         counters=SourceCounters(),
         sees_room=True,

@@ -8,6 +8,7 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.messages import TF_MESSAGE, Release, typestore
+from hri_predict.protocol.ros.tracked import IDS_LIST
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -77,6 +78,17 @@ class Maker:
                 "visualization_msgs/msg/MeshFile", filename="", data=empty
             )
         return self._make(name, **{key: given[key] for key in self._names(name)})
+
+    def tracked(self, *ids: str, at_ns: int = 1) -> Any:
+        """``IdsList`` of the bodies that ROS4HRI tracks."""
+        return self._make(IDS_LIST, header=self.header("", at_ns), ids=list(ids))
+
+    def body(self, name: str, joints: dict[str, Sequence[float]], at_ns: int = 1) -> Any:
+        """``TFMessage`` of a body's frames: places in ``camera``, by the frame's first word."""
+        edges = [
+            ("camera", f"{joint}_{name}", tuple(xyz), UPRIGHT) for joint, xyz in joints.items()
+        ]
+        return self.transforms(*edges, at_ns=at_ns)
 
     def transforms(
         self, *edges: tuple[str, str, tuple[float, ...], tuple[float, ...]], at_ns: int = 1

@@ -1,0 +1,108 @@
+"""Builds packages of ROS 2 messages that the package index lacks, from their .msg text.
+
+ROS's own generators, which the wheels bring, write C and Python; the compiler makes the module that
+rclpy loads. So publishers and the node use real types, of Fast DDS alone.
+"""
+
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Mapping
+from pathlib import Path
+
+TF2 = {"TFMessage": "geometry_msgs/TransformStamped[] transforms"}
+HRI = {"IdsList": "std_msgs/Header header\nstring[] ids"}
+PACKAGES: dict[str, Mapping[str, str]] = {"tf2_msgs": TF2, "hri_msgs": HRI}
+USED = ("std_msgs", "geometry_msgs", "builtin_interfaces")
+KINDS = ("generator_c", "generator_py", "typesupport_c", "typesupport_fastrtps_c")
+RUNTIME = (
+    "rosidl_runtime_c", "rosidl_typesupport_fastrtps_c", "rosidl_typesupport_fastrtps_cpp",
+    "rosidl_typesupport_c", "rmw", "rcutils", "fastcdr",
+)  # fmt: skip
+
+
+def missing() -> str:
+    """Why packages cannot be built here; "" if they can."""
+    if shutil.which("g++") is None:
+        return "needs g++"
+    if not (Path(sysconfig.get_path("include")) / "Python.h").is_file():
+        return "needs Python's headers"
+    if not (Path(sys.prefix) / "include" / "rosidl_runtime_c").is_dir():
+        return "needs the headers of the wheels of ROS 2"
+    return ""
+
+
+def build(folder: Path) -> None:
+    """Build all packages into a folder, which then belongs on the path of Python."""
+    for package in PACKAGES:
+        subprocess.run(
+            [sys.executable, "-m", __name__, package, str(folder)],
+            env=_environment(),
+            check=True,
+            capture_output=True,
+            timeout=120,
+        )
+
+
+def _environment() -> dict[str, str]:
+    import os
+
+    root = Path(__file__).parents[4]
+    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    return os.environ | {"AMENT_PREFIX_PATH": sys.prefix, "PYTHONPATH": os.pathsep.join(paths)}
+
+
+def _generate(package: str, folder: Path) -> None:
+    """Write the sources; the generators are called as their commands do."""
+    from rosidl_adapter.msg import convert_msg_to_idl
+    from rosidl_generator_c.cli import GenerateC
+    from rosidl_generator_py.cli import GeneratePython
+    from rosidl_typesupport_c.cli import GenerateCTypesupport
+    from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
+
+    source, idl = folder / "source" / package, folder / "idl" / package
+    (source / "msg").mkdir(parents=True)
+    files = []
+    for name, text in PACKAGES[package].items():
+        (source / "msg" / f"{name}.msg").write_text(text)
+        convert_msg_to_idl(source, package, Path("msg") / f"{name}.msg", idl / "msg")
+        files.append(f"{idl}:msg/{name}.idl")
+    include, out = [str(Path(sys.prefix) / "share")], folder / package
+    out.mkdir()
+    only = {"typesupport_implementations": ["rosidl_typesupport_fastrtps_c"]}
+    own = {"typesupport_implementations": ["rosidl_typesupport_c"]}
+    for generator in (
+        GenerateC("c"),
+        GenerateFastRTPSCTypesupport("fastrtps_c"),
+        GenerateCTypesupport("c", **only),
+        GeneratePython("py", **own),
+    ):
+        generator.generate(package, files, include, out)
+
+
+def _compile(package: str, folder: Path) -> None:
+    import numpy as np
+
+    prefix, out = Path(sys.prefix), folder / package
+    includes = [folder, prefix / "include", *(prefix / "include").iterdir(),
+                sysconfig.get_path("include"), np.get_include()]  # fmt: skip
+    libraries = [f"{used}__rosidl_{kind}" for used in USED for kind in KINDS]
+    sources = [*out.rglob("*.c"), *out.rglob("*.cpp")]
+    objects = []
+    for source in sources:
+        compiler = "gcc" if source.suffix == ".c" else "g++"
+        objects.append(str(source.with_suffix(f"{source.suffix}.o")))
+        flags = [f"-I{path}" for path in includes]
+        command = [compiler, "-c", "-fPIC", "-O0", "-w", *flags, str(source), "-o", objects[-1]]
+        subprocess.run(command, check=True)
+    target = out / f"{package}_s__rosidl_typesupport_c.so"
+    links = [f"-l{name}" for name in (*libraries, *RUNTIME)]
+    subprocess.run(
+        ["g++", "-shared", "-o", str(target), *objects, f"-L{prefix / 'lib'}", *links], check=True
+    )
+
+
+if __name__ == "__main__":
+    _generate(sys.argv[1], Path(sys.argv[2]).absolute())
+    _compile(sys.argv[1], Path(sys.argv[2]).absolute())
