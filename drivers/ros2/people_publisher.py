@@ -1,8 +1,8 @@
 """Publishes a test person on a ROS 2 topic: to try the node's ``kind: ros2``, or to start from.
 
-Needs ROS 2 (Jazzy or later) alone; ``--message ros4hri`` also hri_msgs and tf2_msgs. Stamp each
-capture with the time at which the camera looked, and publish every capture, also when no one is
-there.
+Needs ROS 2 (Jazzy or later) alone; ``--message ros4hri`` also hri_msgs and tf2_msgs,
+``--message zed`` also zed_msgs. Stamp each capture with the time at which the camera looked, and
+publish every capture, also when no one is there.
 """
 
 import argparse
@@ -29,6 +29,11 @@ FRAMES = {  # of REP-155, by the joints above
     10: "r_elbow", 11: "r_wrist", 13: "l_hip", 14: "l_knee", 15: "l_ankle", 17: "r_hip",
     18: "r_knee", 19: "r_ankle",
 }  # fmt: skip
+BODY_34 = {  # keypoints of ZED, by the joints above; the ears are beside the head
+    0: 0, 1: 1, 2: 3, 3: 26, 5: 5, 6: 6, 7: 7, 8: 9, 9: 12, 10: 13, 11: 14, 12: 16,
+    13: 18, 14: 19, 15: 20, 16: 21, 17: 22, 18: 23, 19: 24, 20: 25,
+}  # fmt: skip
+LEFT_EAR, RIGHT_EAR, EAR_M = 29, 31, 0.075
 LOOSE = {6: 0.4, 7: 0.8, 8: 1.0, 10: -0.4, 11: -0.8, 12: -1.0}  # of joints: share of the swing
 CLOCKS = {
     "utc": time.time_ns,
@@ -145,7 +150,42 @@ class Ros4hri:
         return made
 
 
-SENDERS: dict[str, Any] = {"pose_array": OneTopic, "marker_array": OneTopic, "ros4hri": Ros4hri}
+class Zed:
+    """Bodies of 34 keypoints, as the ZED ROS 2 wrapper publishes them."""
+
+    def __init__(self, node: Node, wanted: argparse.Namespace) -> None:
+        from zed_msgs.msg import Object, ObjectsStamped
+
+        self._kinds = Object, ObjectsStamped
+        self._frame, self._state = wanted.frame, wanted.tracking_state
+        self._publisher = node.create_publisher(ObjectsStamped, wanted.topic, 10)
+
+    def send(self, people: list[list[tuple[float, float, float]]], stamp_ns: int) -> None:
+        """Publish one capture."""
+        one, objects = self._kinds
+        message = objects()
+        for number, person in enumerate(people):
+            body = one(label=f"Body_{number}", label_id=number, confidence=90.0, body_format=1)
+            body.tracking_available = body.skeleton_available = True
+            body.tracking_state = self._state
+            keypoints = body.skeleton_3d.keypoints
+            for keypoint in keypoints[:34]:
+                keypoint.kp = [math.nan] * 3
+            for joint, index in BODY_34.items():
+                keypoints[index].kp = [float(v) for v in person[joint]]
+            x, y, z = map(float, person[3])
+            keypoints[LEFT_EAR].kp, keypoints[RIGHT_EAR].kp = [x, y + EAR_M, z], [x, y - EAR_M, z]
+            message.objects.append(body)
+        stamped([message], self._frame, stamp_ns)
+        self._publisher.publish(message)
+
+
+SENDERS: dict[str, Any] = {
+    "pose_array": OneTopic,
+    "marker_array": OneTopic,
+    "ros4hri": Ros4hri,
+    "zed": Zed,
+}
 
 
 def arguments() -> argparse.Namespace:
@@ -163,6 +203,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--left", type=float, default=0.0, help="metres to the left of (2, 0)")
     parser.add_argument("--part", choices=["list", "frames"], help="of ros4hri, this alone")
     parser.add_argument("--prefix", default="", help="of the frames of ros4hri")
+    parser.add_argument("--tracking-state", type=int, default=1, help="of zed; 1: OK")
     parser.add_argument("--best-effort", action="store_true", help="QoS; default: reliable")
     return parser.parse_args()
 

@@ -46,6 +46,7 @@ from hri_predict.protocol.ros.frame_tree import FrameTree
 from hri_predict.protocol.ros.messages import TF_MESSAGE
 from hri_predict.protocol.ros.placing import READERS, PeopleReader
 from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
@@ -299,15 +300,18 @@ def _ros2(kind: str) -> Target:
         POSE_ARRAY: [made.poses(body), made.poses(body[:0])],
         MARKER_ARRAY: [made.markers({1: body}), made.marker_array([])],
         IDS_LIST: [made.tracked("a"), made.tracked()],
+        OBJECTS: [made.objects({1: np.ones((18, 3))}), made.objects({})],
     }[kind]
     frames = made.transforms(
         ("map", "camera", (0.0, 0.0, 2.0), UPRIGHT), ("camera", "low_a", (1.0, 0.0, 0.0), UPRIGHT)
     )
-    tree = FrameTree()
+    tree, names = FrameTree(), ["low", "high"]
+    if kind == OBJECTS:
+        names = [f"k{k}" for k in range(18)]
     decoder = Ros2Decoder(
         kind=kind,
         topics=["/people"],
-        reader=PeopleReader(["low", "high"], "map", tree),
+        reader=PeopleReader(names, "map", tree),
         tree=tree,
         counters=SourceCounters(),
         sees_room=True,

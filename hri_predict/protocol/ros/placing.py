@@ -19,11 +19,13 @@ from hri_predict.protocol.ros.bodies import (
 )
 from hri_predict.protocol.ros.frame_tree import FrameTree, UnknownFrame, plain_frame
 from hri_predict.protocol.ros.tracked import IDS_LIST, ROOT, Numbers, of_ids_list
+from hri_predict.protocol.ros.zed import OBJECTS, of_objects
 
 READERS: dict[str, Callable[[Any, Sequence[str]], Bodies]] = {
     POSE_ARRAY: of_pose_array,
     MARKER_ARRAY: of_marker_array,
     IDS_LIST: of_ids_list,
+    OBJECTS: of_objects,
 }
 """Types of messages that place people, and how each is read: a message, and the joints' names."""
 

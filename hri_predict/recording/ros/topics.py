@@ -9,6 +9,7 @@ from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.protocol.ros.bodies import IDS_PER_BODY, MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.placing import READERS
 from hri_predict.protocol.ros.tracked import IDS_LIST, ROOT
+from hri_predict.protocol.ros.zed import OBJECTS, keypoints_of
 from hri_predict.recording.ros.bag import Bag, open_bag
 
 NO_ORDER = ("bvh", "ros4hri")
@@ -107,6 +108,8 @@ def looked_at(message: Any, kind: str) -> tuple[int, str]:
         return len(message.poses), message.header.frame_id
     if kind == IDS_LIST:
         return 0, f"{ROOT}_{message.ids[0]}" if message.ids else ""
+    if kind == OBJECTS:
+        return keypoints_of(message), message.header.frame_id
     joints = {marker.id % IDS_PER_BODY for marker in message.markers if marker.action == 0}
     return (max(joints) + 1, message.markers[0].header.frame_id) if joints else (0, "")
 
@@ -116,6 +119,8 @@ def _suggested(kind: str, joints: int) -> tuple[str, ...]:
     if kind == IDS_LIST:
         return ("ros4hri",)
     exact = maps_with(joints) if joints else ()
+    if kind == OBJECTS:
+        return tuple(name for name in exact if name.startswith("zed"))
     if exact or kind == MARKER_ARRAY:
         return exact
     return next((maps_with(joints // n) for n in range(2, 9) if not joints % n

@@ -29,6 +29,7 @@ COUNTS = {
     "ros4hri": 14,
     "smpl22": 22,
     "xsens23": 23,
+    "zed18": 18,
     "zed34": 34,
     "zed38": 38,
 }
@@ -58,13 +59,14 @@ INDICES = [
     ("xsens23", "T12", 3),
     ("xsens23", "LeftUpperArm", 12),
     ("xsens23", "LeftToe", 22),
+    ("zed18", "LEFT_ANKLE", 13),
     ("zed34", "LEFT_HIP", 18),
     ("zed34", "HEAD", 26),
     ("zed34", "RIGHT_HEEL", 33),
     ("zed38", "LEFT_BIG_TOE", 24),
     ("zed38", "RIGHT_HAND_MIDDLE_4", 35),
 ]
-CAMERA_LIKE = ("azure_kinect32", "body25", "coco17", "mediapipe33", "zed34", "zed38")
+CAMERA_LIKE = ("azure_kinect32", "body25", "coco17", "mediapipe33", "zed18", "zed34", "zed38")
 
 
 def test_all_shipped_maps_load_with_their_joint_counts():

@@ -17,7 +17,7 @@ from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.bodies import Bodies, Body, MessageError
 from hri_predict.protocol.ros.frame_tree import FrameTree
-from hri_predict.protocol.ros.messages import TF_MESSAGE, typestore
+from hri_predict.protocol.ros.messages import TF_MESSAGE, of_cdr, typestore
 from hri_predict.protocol.ros.placing import NotYet, PeopleReader
 
 MAX_BYTES = 1 << 20
@@ -196,7 +196,7 @@ class Ros2Decoder:
         if len(heard.content) > MAX_BYTES:
             raise MessageError(f"a message of more than {MAX_BYTES} bytes; send fewer joints")
         try:
-            return self._store.deserialize_cdr(heard.content, kind)
+            return of_cdr(self._store, heard.content, kind)
         except Exception as error:  # rosbags raises many kinds on damaged bytes
             raise MessageError(f"not a {kind}: damaged, or of another release of ROS") from error
 

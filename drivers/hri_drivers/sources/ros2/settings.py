@@ -9,8 +9,14 @@ from hri_drivers.wires.ros2_settings import Ros2Settings, TopicName
 from hri_predict.base.quantities.safe_side import Safety
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 
-KINDS = {"pose_array": POSE_ARRAY, "marker_array": MARKER_ARRAY, "ros4hri": IDS_LIST}
+KINDS = {
+    "pose_array": POSE_ARRAY,
+    "marker_array": MARKER_ARRAY,
+    "ros4hri": IDS_LIST,
+    "zed": OBJECTS,
+}
 
 
 class Ros2SourceSettings(Ros2Settings, LiveSettings):
@@ -20,10 +26,11 @@ class Ros2SourceSettings(Ros2Settings, LiveSettings):
     topics: Annotated[list[TopicName], Field(min_length=1, max_length=16)] = Field(
         description="topic of all people, or one topic for each person"
     )
-    message: Literal["pose_array", "marker_array", "ros4hri"] = Field(
+    message: Literal["pose_array", "marker_array", "ros4hri", "zed"] = Field(
         "pose_array",
         description="geometry_msgs/PoseArray; visualization_msgs/MarkerArray as Azure Kinect's "
-        "driver publishes it; or hri_msgs/IdsList of bodies whose frames are in /tf",
+        "driver publishes it; hri_msgs/IdsList of bodies whose frames are in /tf; or "
+        "zed_msgs/ObjectsStamped",
     )
     frame: str = Field(
         min_length=1,

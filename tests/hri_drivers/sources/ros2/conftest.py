@@ -30,12 +30,11 @@ def domain() -> int:
 
 
 @pytest.fixture(scope="session")
-def other_messages(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Packages that the wheels lack, for this process and for publishers."""
+def other_messages() -> Iterator[Path]:
+    """Packages that the wheels lack, for this process and for publishers; built only once."""
     if why := generated.missing():
         pytest.skip(why)
-    folder = tmp_path_factory.mktemp("messages")
-    generated.build(folder)
+    folder = generated.build()
     sys.path.insert(0, str(folder))
     before = os.environ.get("PYTHONPATH")
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(folder), before]))

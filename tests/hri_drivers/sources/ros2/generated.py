@@ -4,16 +4,24 @@ ROS's own generators, which the wheels bring, write C and Python; the compiler m
 rclpy loads. So publishers and the node use real types, of Fast DDS alone.
 """
 
+import hashlib
+import os
 import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
+from hri_predict.protocol.ros.tracked import IDS_LIST_TEXT
+from hri_predict.protocol.ros.zed import TEXTS
+
+ROOT = Path(__file__).parents[4]
 TF2 = {"TFMessage": "geometry_msgs/TransformStamped[] transforms"}
-HRI = {"IdsList": "std_msgs/Header header\nstring[] ids"}
-PACKAGES: dict[str, Mapping[str, str]] = {"tf2_msgs": TF2, "hri_msgs": HRI}
+HRI = {"IdsList": IDS_LIST_TEXT}
+ZED = {n.rpartition("/")[2]: text for n, text in TEXTS.items() if not n.endswith("Before")}
+PACKAGES: dict[str, Mapping[str, str]] = {"tf2_msgs": TF2, "hri_msgs": HRI, "zed_msgs": ZED}
 USED = ("std_msgs", "geometry_msgs", "builtin_interfaces")
 KINDS = ("generator_c", "generator_py", "typesupport_c", "typesupport_fastrtps_c")
 RUNTIME = (
@@ -33,23 +41,27 @@ def missing() -> str:
     return ""
 
 
-def build(folder: Path) -> None:
-    """Build all packages into a folder, which then belongs on the path of Python."""
+def build() -> Path:
+    """Build all packages, unless that was done before; the folder belongs on the path of Python."""
+    key = hashlib.sha256(repr((PACKAGES, sys.prefix, sys.version)).encode()).hexdigest()[:16]
+    done = ROOT / "build" / "ros2-messages" / key
+    if done.is_dir():
+        return done
+    done.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(dir=done.parent))
     for package in PACKAGES:
         subprocess.run(
             [sys.executable, "-m", __name__, package, str(folder)],
             env=_environment(),
             check=True,
             capture_output=True,
-            timeout=120,
         )
+    folder.rename(done)
+    return done
 
 
 def _environment() -> dict[str, str]:
-    import os
-
-    root = Path(__file__).parents[4]
-    paths = [str(root), *filter(None, [os.environ.get("PYTHONPATH")])]
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"AMENT_PREFIX_PATH": sys.prefix, "PYTHONPATH": os.pathsep.join(paths)}
 
 

@@ -13,6 +13,7 @@ from hri_predict.protocol.ros.frame_tree import FrameTree
 from hri_predict.protocol.ros.messages import TF_MESSAGE
 from hri_predict.protocol.ros.placing import PeopleReader
 from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
 from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
@@ -36,7 +37,7 @@ class Cell:
         self.decoder = Ros2Decoder(
             kind=kind,
             topics=list(topics),
-            reader=PeopleReader(NAMES, "map", tree),
+            reader=PeopleReader(options.pop("names", NAMES), "map", tree),
             tree=tree,
             counters=self.counters,
             sees_room=options.pop("sees_room", True),
@@ -291,20 +292,21 @@ def test_poses_of_a_camera_that_moves_wait_for_its_transform():
 
 CDR = MAKER.cdr(MAKER.poses(BODY, "map", UTC), POSE_ARRAY)
 MARKERS = MAKER.cdr(MAKER.markers({1: BODY}, "map", UTC), MARKER_ARRAY)
+ZED = MAKER.cdr(MAKER.objects({1: np.ones((18, 3))}, at_ns=UTC), OBJECTS)
 IDS = MAKER.cdr(MAKER.tracked("abc", at_ns=UTC), IDS_LIST)
 BODIES = MAKER.cdr(MAKER.body("abc", {"low": BODY[0]}, UTC), TF_MESSAGE)
 FRAMES = MAKER.cdr(MAKER.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT)), TF_MESSAGE)
 
 
 @given(
-    st.sampled_from([POSE_ARRAY, MARKER_ARRAY, IDS_LIST]),
+    st.sampled_from([POSE_ARRAY, MARKER_ARRAY, IDS_LIST, OBJECTS]),
     st.lists(
         st.tuples(
             st.sampled_from([0, 1, TF, TF_STATIC]),
             st.one_of(
                 st.binary(max_size=60),
                 st.tuples(
-                    st.sampled_from([CDR, MARKERS, IDS, BODIES, FRAMES]),
+                    st.sampled_from([CDR, MARKERS, IDS, ZED, BODIES, FRAMES]),
                     st.integers(0, 400),
                     st.binary(min_size=1, max_size=8),
                 ).map(lambda cut: cut[0][: cut[1]] + cut[2] + cut[0][cut[1] + len(cut[2]) :]),
@@ -314,7 +316,7 @@ FRAMES = MAKER.cdr(MAKER.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT))
     ),
 )
 def test_any_bytes_are_refused_or_a_scene_of_numbers(kind, units):
-    cell = Cell(kind=kind)
+    cell = Cell(kind=kind, names=[f"k{k}" for k in range(18)] if kind == OBJECTS else NAMES)
     for topic, content in units:
         for scene in cell.feed(Heard(topic, GID, NO_SEQUENCE, content).packed()):
             for person in scene.people:

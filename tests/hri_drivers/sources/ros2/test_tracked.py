@@ -12,6 +12,7 @@ pytest.importorskip("rosbags", reason="needs the extra bags")
 pytestmark = [
     pytest.mark.long,
     pytest.mark.realtime,
+    pytest.mark.timeout(900),  # the messages are built by a compiler, once
     pytest.mark.usefixtures("other_messages"),
 ]
 CAMERA_FRAME = Path(__file__).with_name("camera_frame.py")
