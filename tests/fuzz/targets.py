@@ -24,13 +24,13 @@ from hri_drivers.links.rtde.packets import framed as framed_packet
 from hri_drivers.sources.mvn.codec import StreamSplitter
 from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
 from hri_drivers.sources.ros2.decoder import Ros2Decoder
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_drivers.sources.scene_json.codec import LineSplitter, SceneReader
 from hri_drivers.sources.scene_json.json_source import JsonDecoder
 from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
 from hri_drivers.sources.sent import SentScene
+from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_predict.base.errors import LinkError
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.contracts.source import SourceCounters

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from hri_drivers.sources.ros2.captures import Captures
-from hri_drivers.sources.ros2.heard import TF, TF_STATIC, Heard
-from hri_drivers.sources.ros2.publishers import Publishers
 from hri_drivers.sources.sent import SentPerson, SentScene
+from hri_drivers.wires.ros2_heard import TF, TF_STATIC, Heard
+from hri_drivers.wires.ros2_publishers import Publishers
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.bodies import Bodies, Body, MessageError
 from hri_predict.protocol.ros.frame_tree import FrameTree

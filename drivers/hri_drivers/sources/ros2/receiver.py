@@ -16,9 +16,9 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
 from hri_drivers.wires.ros2 import SpinningNode
+from hri_drivers.wires.ros2_heard import TF, TF_STATIC, Heard
 from hri_predict.base.errors import SourceError
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.messages import TF_MESSAGE
@@ -121,7 +121,7 @@ class Ros2Receiver:
         queue = self._transforms if index in (TF, TF_STATIC) else self._people
 
         def hear(content: bytes, info: dict[str, Any]) -> None:
-            unit = Heard(index, _gid(info), _sequence(info), bytes(content)).packed()
+            unit = Heard.from_ros(index, content, info).packed()
             with self._arrived:
                 queue.append(unit)
                 self._arrived.notify_all()
@@ -197,14 +197,3 @@ def _transforms_type(*, needed: bool) -> Any:
         if needed:
             raise
         return None
-
-
-def _gid(info: dict[str, Any]) -> bytes:
-    stated = info.get("publisher_gid") or {}
-    data = bytes(stated.get("data", b"")) if isinstance(stated, dict) else bytes(stated)
-    return (data + NO_GID)[: len(NO_GID)]
-
-
-def _sequence(info: dict[str, Any]) -> int:
-    stated = info.get("publication_sequence_number")
-    return NO_SEQUENCE if stated is None else int(stated)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.sources.ros2.decoder import MAX_BYTES, MAX_WAITING, Ros2Decoder
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
+from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.frame_tree import FrameTree
