@@ -59,14 +59,12 @@ class Bodies:
         frame: name of the frame; "" where the message has no header.
         people: each with another id.
         by_frames: whether ``/tf`` alone places them, each by frames of its own.
-        trouble: one line about people who could not be placed; "" if there are none.
     """
 
     stamp_ns: int | None
     frame: str
     people: tuple[Body, ...]
     by_frames: bool = False
-    trouble: str = ""
 
 
 def of_pose_array(message: Any, names: Sequence[str]) -> Bodies:

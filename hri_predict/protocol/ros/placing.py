@@ -68,16 +68,14 @@ class PeopleReader:
     def place(self, bodies: Bodies, *, waits: bool = False) -> Bodies:
         """Parsed people, in metres in ``frame``.
 
-        A person whom ``/tf`` alone places, and who has no frame there, has no joint that was seen.
-
         Args:
             bodies: of ``parse``.
             waits: whether transforms may still come.
 
         Raises:
             NotYet: one of them is needed; only with ``waits``.
-            MessageError: the message's frame is not connected to ``frame``; one line with the
-                remedy.
+            MessageError: the message's frame is not connected to ``frame``, or a body has no frame
+                that is; one line with the remedy.
         """
         if bodies.stamp_ns is None:  # without a header: nobody in any frame
             return bodies
@@ -88,13 +86,8 @@ class PeopleReader:
                 for p in bodies.people
             )
             return replace(bodies, frame=self._frame, people=people)
-        placed = [self._by_frames(body, bodies.stamp_ns, waits) for body in bodies.people]
-        return replace(
-            bodies,
-            frame=self._frame,
-            people=tuple(body for body, _ in placed),
-            trouble=next((why for _, why in placed if why), ""),
-        )
+        people = tuple(self._by_frames(p, bodies.stamp_ns, waits) for p in bodies.people)
+        return replace(bodies, frame=self._frame, people=people)
 
     def _matrix(self, frame: str, stamp_ns: int, waits: bool) -> Floats:
         if not frame:
@@ -108,8 +101,8 @@ class PeopleReader:
                 f"/tf_static, or correct 'frame'"
             ) from None
 
-    def _by_frames(self, body: Body, stamp_ns: int, waits: bool) -> tuple[Body, str]:
-        """The joints at the origins of their frames, and why there are none."""
+    def _by_frames(self, body: Body, stamp_ns: int, waits: bool) -> Body:
+        """The joints at the origins of their frames; those without one were not seen."""
         moment = self._tree.at(self._frame, stamp_ns, moving=f"_{body.name}")
         positions: Floats = np.full((len(self._joints), 3), np.nan)
         why = self._at_its_sensor(body.name, stamp_ns)
@@ -120,10 +113,9 @@ class PeopleReader:
                 if waits and error.later:
                     raise NotYet(str(error)) from None
                 why = why or str(error)
-        found = replace(body, id=self._numbers.of(body.name), positions=positions)
-        if np.isfinite(positions).any():
-            return found, ""
-        return found, f"body '{body.name}' has no place: {why}"
+        if np.isnan(positions).all():
+            raise MessageError(f"body '{body.name}' has no place: {why}")
+        return replace(body, id=self._numbers.of(body.name), positions=positions)
 
     def _at_its_sensor(self, name: str, stamp_ns: int) -> str:
         """Why a body's place was not measured: trackers without depth leave it at the sensor."""

@@ -55,9 +55,7 @@ def read_bag(path: Path, wanted: Wanted) -> Recording:
         raise RecordingError(
             f"recording {path}: topic {people[0].topic} has no message that can be used{why}"
         )
-    notes = _notes(frame, refused)
-    notes += [f"{n} messages: {why}" for why, n in _troubles(found).most_common(2)]
-    return _recording(path, joint_map, found, notes=notes)
+    return _recording(path, joint_map, found, notes=_notes(frame, refused))
 
 
 def _map(path: Path, wanted: Wanted, topic: str) -> JointMap:
@@ -179,10 +177,6 @@ def _person(number: int, raw: Floats, joint_map: JointMap) -> Person:
     positions = joint_map.to_metres_z_up(raw)
     seen = np.asarray((np.abs(positions) <= MAX_COORDINATE_M).all(axis=1))  # false for NaN
     return Person(number, np.where(seen[:, None], positions, np.nan), seen)
-
-
-def _troubles(found: list[Read]) -> Counter[str]:
-    return Counter(bodies.trouble for _, bodies in found if bodies.trouble)
 
 
 def _notes(frame: str, refused: Counter[str]) -> list[str]:

@@ -177,9 +177,6 @@ class Ros2Decoder:
         if stamp_ns is None:
             return None
         topic = self._topics[waiting.topic]
-        if capture.trouble:
-            self._counters.incomplete += 1
-            self._counters.note(f"{topic}: {capture.trouble}")
         if waiting.contradicted:
             self._counters.note(f"{topic}: two publishers; stop one of them")
             capture = Bodies(stamp_ns=stamp_ns, frame="", people=())

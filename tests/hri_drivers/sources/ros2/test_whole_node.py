@@ -51,6 +51,7 @@ class Sender:
     """Whether the frames of ros4hri are sent, and the list."""
     lists: bool = True
     shift_ns: int = 0
+    stamped: bool = True
     frame: str = ""
     prefix: str = ""
     people: int = 1
@@ -65,7 +66,7 @@ class Sender:
         """The messages of capture ``k``."""
         if not self.now:
             return []
-        at_ns = UTC + k * PERIOD_NS + self.shift_ns
+        at_ns = (UTC + k * PERIOD_NS + self.shift_ns) * self.stamped
         found = [self._unit(0, ONE, self._people(at_ns, k, self.people))] if self.lists else []
         if self.other_people is not None:
             found.append(self._unit(0, OTHER, self._people(at_ns + MS, k, self.other_people)))
@@ -202,15 +203,14 @@ def watch(monkeypatch):
 def test_the_healthy_cell_says_clear(watch, message):
     levels, counters = watch(message)
     assert levels.between(3.0, ENDS_S - 0.1) == {Level.CLEAR}
-    assert counters.malformed == 0
-    assert counters.incomplete <= 1  # the first list comes before the first frames
+    assert counters.malformed <= 1  # the first list comes before the first frames
 
 
 FAULTS = {
     "unplugged": {"now": False},
     "wrong frame": {"frame": "lidar"},
     "earlier stamps": {"shift_ns": -1000 * S},
-    "stamps of zero": {"shift_ns": -UTC - 10**6 * S},
+    "stamps of zero": {"stamped": False},
     "delayed 0.5 s": {"delay_ns": S // 2},
     "two publishers, one sees no one": {"other_people": 0},
 }
