@@ -130,8 +130,8 @@ class JointStateReader:
             robot=self.robot,
             mode=RobotMode.AUTOMATIC if self._settings.automatic else RobotMode.UNKNOWN,
             counter=self._counter,
-            positions=_picked(topic, "position", message.position, message.name, order),
-            velocities=_picked(topic, "velocity", message.velocity, message.name, order),
+            positions=_picked("position", message.position, message.name, order),
+            velocities=_picked("velocity", message.velocity, message.name, order),
         )
 
     def _message(self, content: bytes) -> Any:
@@ -162,11 +162,11 @@ class JointStateReader:
 
 
 def _picked(
-    topic: str, what: str, values: Sequence[float], names: Sequence[str], order: Sequence[int]
+    what: str, values: Sequence[float], names: Sequence[str], order: Sequence[int]
 ) -> tuple[float, ...]:
     if len(values) != len(names):
         raise ValueError(
-            f"{topic}: {len(values)} values of {what} for {len(names)} names; let the publisher "
+            f"{len(values)} values of {what} for {len(names)} names; let the publisher "
             f"send both position and velocity"
         )
     return tuple(float(values[k]) for k in order)
