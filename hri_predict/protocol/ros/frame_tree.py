@@ -249,7 +249,8 @@ class Moment:
             raise UnknownFrame(f"no transform connects '{source}' to '{self._target}'")
         matrix = self._of_above(way[known])
         for child in reversed(way[:known]):
-            matrix = self._found[child] = matrix @ self._in_parent(child)
+            below: Floats = matrix @ self._in_parent(child)
+            matrix = self._found[child] = below
         return matrix
 
     def _of_above(self, frame: str) -> Floats:

@@ -130,8 +130,8 @@ class JointStateReader:
             robot=self.robot,
             mode=RobotMode.AUTOMATIC if self._settings.automatic else RobotMode.UNKNOWN,
             counter=self._counter,
-            positions=_picked("position", message.position, message.name, order),
-            velocities=_picked("velocity", message.velocity, message.name, order),
+            positions=_picked(f"{topic}: position", message.position, message.name, order),
+            velocities=_picked(f"{topic}: velocity", message.velocity, message.name, order),
         )
 
     def _message(self, content: bytes) -> Any:
@@ -166,7 +166,7 @@ def _picked(
 ) -> tuple[float, ...]:
     if len(values) != len(names):
         raise ValueError(
-            f"{len(values)} values of {what} for {len(names)} names; let the publisher "
+            f"{what} has {len(values)} values for {len(names)} names; let the publisher "
             f"send both position and velocity"
         )
     return tuple(float(values[k]) for k in order)

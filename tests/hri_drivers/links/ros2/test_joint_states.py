@@ -121,8 +121,11 @@ def test_other_joints_on_the_topic_are_ignored_whoever_publishes_them():
     [
         ({"names": ["pan", "elbow"]}, "has no joint 'lift'; correct 'joint_states.names'"),
         ({"names": ["a", "b"]}, "has no joint 'pan'; correct 'joint_states.names'"),
-        ({"velocity": ()}, "0 values of velocity for 2 names; let the publisher send both"),
-        ({"position": (1.0,)}, "1 values of position for 2 names"),
+        (
+            {"velocity": ()},
+            "/joint_states: velocity has 0 values for 2 names; let the publisher send both",
+        ),
+        ({"position": (1.0,)}, "/joint_states: position has 1 values for 2 names"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(content, words):
