@@ -123,7 +123,7 @@ def test_other_joints_on_the_topic_are_ignored_whoever_publishes_them():
         ({"names": ["a", "b"]}, "has no joint 'pan'; correct 'joint_states.names'"),
         (
             {"velocity": ()},
-            "/joint_states: velocity has 0 values for 2 names; let the publisher send both",
+            "/joint_states: velocity has 0 values for 2 names; let the",
         ),
         ({"position": (1.0,)}, "/joint_states: position has 1 values for 2 names"),
     ],
