@@ -1,6 +1,7 @@
 """Publishes a test person on a ROS 2 topic: to try the node's ``kind: ros2``, or to start from.
 
-Needs ROS 2 (Jazzy or later) alone. Stamp each capture with the time at which the camera looked, and
+Needs ROS 2 (Jazzy or later) alone; ``--message ros4hri`` also hri_msgs and tf2_msgs,
+``--message zed`` also zed_msgs. Stamp each capture with the time at which the camera looked, and
 publish every capture, also when no one is there.
 """
 
@@ -8,9 +9,10 @@ import argparse
 import math
 import random
 import time
+from typing import Any
 
 import rclpy
-from geometry_msgs.msg import Pose, PoseArray
+from geometry_msgs.msg import Pose, PoseArray, TransformStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from visualization_msgs.msg import Marker, MarkerArray
@@ -22,6 +24,16 @@ STANDING = [  # the joints of configs/skeletons/canonical.yaml; x forward, y lef
     (0, 0.1, 0.93), (0, 0.1, 0.5), (0, 0.1, 0.1), (0.15, 0.1, 0.02),
     (0, -0.1, 0.93), (0, -0.1, 0.5), (0, -0.1, 0.1), (0.15, -0.1, 0.02),
 ]  # fmt: skip
+FRAMES = {  # of REP-155, by the joints above
+    0: "body", 3: "head", 5: "l_shoulder", 6: "l_elbow", 7: "l_wrist", 9: "r_shoulder",
+    10: "r_elbow", 11: "r_wrist", 13: "l_hip", 14: "l_knee", 15: "l_ankle", 17: "r_hip",
+    18: "r_knee", 19: "r_ankle",
+}  # fmt: skip
+BODY_34 = {  # keypoints of ZED, by the joints above; the ears are beside the head
+    0: 0, 1: 1, 2: 3, 3: 26, 5: 5, 6: 6, 7: 7, 8: 9, 9: 12, 10: 13, 11: 14, 12: 16,
+    13: 18, 14: 19, 15: 20, 16: 21, 17: 22, 18: 23, 19: 24, 20: 25,
+}  # fmt: skip
+LEFT_EAR, RIGHT_EAR, EAR_M = 29, 31, 0.075
 LOOSE = {6: 0.4, 7: 0.8, 8: 1.0, 10: -0.4, 11: -0.8, 12: -1.0}  # of joints: share of the swing
 CLOCKS = {
     "utc": time.time_ns,
@@ -69,18 +81,118 @@ def marker_array(people: list[list[tuple[float, float, float]]]) -> MarkerArray:
     return message
 
 
-def stamped(message: PoseArray | MarkerArray, frame: str, stamp_ns: int) -> None:
-    """Give the message its frame and stamp; those of markers are their own."""
-    for owner in [message] if isinstance(message, PoseArray) else message.markers:
-        owner.header.frame_id = frame
+def stamped(owners: list[Any], frame: str, stamp_ns: int) -> None:
+    """Give each owner of a header its frame, if it has none, and its stamp."""
+    for owner in owners:
+        owner.header.frame_id = owner.header.frame_id or frame
         owner.header.stamp.sec, owner.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+
+
+class OneTopic:
+    """People in one message."""
+
+    def __init__(self, node: Node, wanted: argparse.Namespace) -> None:
+        self._frame = wanted.frame
+        self._poses = wanted.message == "pose_array"
+        best = ReliabilityPolicy.BEST_EFFORT if wanted.best_effort else ReliabilityPolicy.RELIABLE
+        kind = PoseArray if self._poses else MarkerArray
+        qos = QoSProfile(depth=10, reliability=best)
+        self._publisher = node.create_publisher(kind, wanted.topic, qos)
+
+    def send(self, people: list[list[tuple[float, float, float]]], stamp_ns: int) -> None:
+        """Publish one capture; markers have headers of their own."""
+        message = pose_array(people) if self._poses else marker_array(people)
+        stamped([message] if self._poses else message.markers, self._frame, stamp_ns)
+        self._publisher.publish(message)
+
+
+class Ros4hri:
+    """The list of bodies, and their frames: ``body_ID`` by the tracker, and then the others."""
+
+    def __init__(self, node: Node, wanted: argparse.Namespace) -> None:
+        from hri_msgs.msg import IdsList
+        from tf2_msgs.msg import TFMessage
+
+        self._kinds = IdsList, TFMessage
+        self._wanted = wanted
+        self._ids = node.create_publisher(IdsList, wanted.topic, 1)
+        self._tf = node.create_publisher(TFMessage, "/tf", 100)
+
+    def send(self, people: list[list[tuple[float, float, float]]], stamp_ns: int) -> None:
+        """Publish one capture."""
+        ids_list, transforms = self._kinds
+        part, frame = self._wanted.part, self._wanted.frame
+        edges = [
+            edge for number, person in enumerate(people) for edge in self._edges(number, person)
+        ]
+        stamped(edges, frame, stamp_ns)
+        if part != "list":
+            roots = [edge for edge in edges if edge.header.frame_id == frame]
+            self._tf.publish(transforms(transforms=roots))
+        if part != "frames":
+            message = ids_list(ids=[f"p{number}" for number in range(len(people))])
+            stamped([message], frame, stamp_ns)
+            self._ids.publish(message)
+        if part != "list":
+            limbs = [edge for edge in edges if edge.header.frame_id != frame]
+            self._tf.publish(transforms(transforms=limbs))
+
+    def _edges(self, number: int, person: list[tuple[float, float, float]]) -> list[Any]:
+        made = []
+        for joint, name in FRAMES.items():
+            edge = TransformStamped(child_frame_id=f"{self._wanted.prefix}{name}_p{number}")
+            edge.header.frame_id = f"{self._wanted.prefix}body_p{number}" if joint else ""
+            from_place = person[0] if joint else (0.0, 0.0, 0.0)
+            shift = edge.transform.translation
+            pairs = zip(person[joint], from_place, strict=True)
+            shift.x, shift.y, shift.z = (float(a - b) for a, b in pairs)
+            made.append(edge)
+        return made
+
+
+class Zed:
+    """Bodies of 34 keypoints, as the ZED ROS 2 wrapper publishes them."""
+
+    def __init__(self, node: Node, wanted: argparse.Namespace) -> None:
+        from zed_msgs.msg import Object, ObjectsStamped
+
+        self._kinds = Object, ObjectsStamped
+        self._frame, self._state = wanted.frame, wanted.tracking_state
+        self._publisher = node.create_publisher(ObjectsStamped, wanted.topic, 10)
+
+    def send(self, people: list[list[tuple[float, float, float]]], stamp_ns: int) -> None:
+        """Publish one capture."""
+        one, objects = self._kinds
+        message = objects()
+        for number, person in enumerate(people):
+            body = one(label=f"Body_{number}", label_id=number, confidence=90.0, body_format=1)
+            body.tracking_available = body.skeleton_available = True
+            body.tracking_state = self._state
+            keypoints = body.skeleton_3d.keypoints
+            for keypoint in keypoints[:34]:
+                keypoint.kp = [math.nan] * 3
+            for joint, index in BODY_34.items():
+                keypoints[index].kp = [float(v) for v in person[joint]]
+            x, y, z = map(float, person[3])
+            keypoints[LEFT_EAR].kp, keypoints[RIGHT_EAR].kp = [x, y + EAR_M, z], [x, y - EAR_M, z]
+            message.objects.append(body)
+        stamped([message], self._frame, stamp_ns)
+        self._publisher.publish(message)
+
+
+SENDERS: dict[str, Any] = {
+    "pose_array": OneTopic,
+    "marker_array": OneTopic,
+    "ros4hri": Ros4hri,
+    "zed": Zed,
+}
 
 
 def arguments() -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description="Publish a test person on a ROS 2 topic.")
     parser.add_argument("--topic", default="/people")
-    parser.add_argument("--message", choices=["pose_array", "marker_array"], default="pose_array")
+    parser.add_argument("--message", choices=list(SENDERS), default="pose_array")
     parser.add_argument("--frame", default="map")
     parser.add_argument("--rate", type=float, default=30.0, help="messages per second")
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after this time")
@@ -88,6 +200,10 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--joints", type=int, default=len(STANDING), help="leave out the others")
     parser.add_argument("--clock", choices=list(CLOCKS), default="utc", help="clock of the stamps")
     parser.add_argument("--shift", type=float, default=0.0, help="seconds to add to the stamps")
+    parser.add_argument("--left", type=float, default=0.0, help="metres to the left of (2, 0)")
+    parser.add_argument("--part", choices=["list", "frames"], help="of ros4hri, this alone")
+    parser.add_argument("--prefix", default="", help="of the frames of ros4hri")
+    parser.add_argument("--tracking-state", type=int, default=1, help="of zed; 1: OK")
     parser.add_argument("--best-effort", action="store_true", help="QoS; default: reliable")
     return parser.parse_args()
 
@@ -97,19 +213,14 @@ def main() -> None:
     wanted = arguments()
     rclpy.init()
     node = Node("people_publisher")
-    best = ReliabilityPolicy.BEST_EFFORT if wanted.best_effort else ReliabilityPolicy.RELIABLE
-    kind, make = (
-        (PoseArray, pose_array) if wanted.message == "pose_array" else (MarkerArray, marker_array)
-    )
-    publisher = node.create_publisher(kind, wanted.topic, QoSProfile(depth=10, reliability=best))
+    sender = SENDERS[wanted.message](node, wanted)
     start, sent = time.monotonic(), 0
     try:
         while time.monotonic() - start < wanted.seconds:
             at_ns = CLOCKS[wanted.clock]() + round(wanted.shift * 1e9)
             seconds = time.monotonic() - start
-            message = make([moving(seconds, k)[: wanted.joints] for k in range(wanted.people)])
-            stamped(message, wanted.frame, at_ns)
-            publisher.publish(message)
+            people = [moving(seconds, k)[: wanted.joints] for k in range(wanted.people)]
+            sender.send([[(x, y + wanted.left, z) for x, y, z in p] for p in people], at_ns)
             sent += 1
             time.sleep(max(0.0, start + sent / wanted.rate - time.monotonic()))
     except KeyboardInterrupt:

@@ -24,13 +24,13 @@ from hri_drivers.links.rtde.packets import framed as framed_packet
 from hri_drivers.sources.mvn.codec import StreamSplitter
 from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
 from hri_drivers.sources.ros2.decoder import Ros2Decoder
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_drivers.sources.scene_json.codec import LineSplitter, SceneReader
 from hri_drivers.sources.scene_json.json_source import JsonDecoder
 from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
 from hri_drivers.sources.sent import SentScene
+from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_predict.base.errors import LinkError
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.contracts.source import SourceCounters
@@ -41,10 +41,12 @@ from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.keyed import Keyed, key_of
 from hri_predict.protocol.profile4 import Profile4Receiver
 from hri_predict.protocol.registers import STATE, packed
-from hri_predict.protocol.ros.bodies import POSE_ARRAY, READERS
+from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.frame_tree import FrameTree
 from hri_predict.protocol.ros.messages import TF_MESSAGE
-from hri_predict.protocol.ros.placing import PeopleReader
+from hri_predict.protocol.ros.placing import READERS, PeopleReader
+from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 from hri_predict.protocol.serial import SerialReceiver
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
@@ -294,16 +296,22 @@ def _ros2(kind: str) -> Target:
     from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
 
     made, body = Maker(), np.ones((2, 3))
-    if kind == POSE_ARRAY:
-        messages = [made.poses(body), made.poses(body[:0])]
-    else:
-        messages = [made.markers({1: body}), made.marker_array([])]
-    frames = made.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT))
-    tree = FrameTree()
+    messages = {
+        POSE_ARRAY: [made.poses(body), made.poses(body[:0])],
+        MARKER_ARRAY: [made.markers({1: body}), made.marker_array([])],
+        IDS_LIST: [made.tracked("a"), made.tracked()],
+        OBJECTS: [made.objects({1: np.ones((18, 3))}), made.objects({})],
+    }[kind]
+    frames = made.transforms(
+        ("map", "camera", (0.0, 0.0, 2.0), UPRIGHT), ("camera", "low_a", (1.0, 0.0, 0.0), UPRIGHT)
+    )
+    tree, names = FrameTree(), ["low", "high"]
+    if kind == OBJECTS:
+        names = [f"k{k}" for k in range(18)]
     decoder = Ros2Decoder(
         kind=kind,
         topics=["/people"],
-        reader=PeopleReader(2, "map", tree),
+        reader=PeopleReader(names, "map", tree),
         tree=tree,
         counters=SourceCounters(),
         sees_room=True,

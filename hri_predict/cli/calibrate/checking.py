@@ -21,7 +21,6 @@ from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
 
 if TYPE_CHECKING:
-    from hri_predict.contracts.predictor import Predictor
     from hri_predict.lab.calibration.coverage import Calibrated
     from hri_predict.lab.calibration.scores import Scores
     from hri_predict.zones.calibration import Calibration

@@ -1,5 +1,7 @@
 """Bodies in one ROS message, in the message's own frame, metres (REP-103).
 
+``hri_msgs/IdsList`` and ``zed_msgs/ObjectsStamped`` have files of their own: ``tracked``, ``zed``.
+
 ``geometry_msgs/PoseArray``: the joints of one person after the other, in the joint map's order;
 people are numbered by their place. Orientations are not used.
 
@@ -9,7 +11,7 @@ whose id is the body's number times 100 plus the joint's
 are not joints. Deleted markers are not there.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,10 +36,17 @@ class MessageError(ValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One person: number, 0..65535, and (J, 3) metres, NaN where a joint was not seen."""
+    """One person.
+
+    Attributes:
+        id: number, 0..65535.
+        positions: (J, 3) metres, NaN where a joint was not seen.
+        name: ending of the names of the person's frames in ``/tf``; "" without such frames.
+    """
 
     id: int
     positions: Floats
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -49,37 +58,40 @@ class Bodies:
             header: an empty ``MarkerArray``.
         frame: name of the frame; "" where the message has no header.
         people: each with another id.
+        by_frames: whether ``/tf`` alone places them, each by frames of its own.
     """
 
     stamp_ns: int | None
     frame: str
     people: tuple[Body, ...]
+    by_frames: bool = False
 
 
-def of_pose_array(message: Any, joints: int) -> Bodies:
-    """Bodies of a ``PoseArray`` of people with this number of joints.
+def of_pose_array(message: Any, names: Sequence[str]) -> Bodies:
+    """Bodies of a ``PoseArray`` of people with these joints.
 
     Raises:
         MessageError: another number of joints, or too many people.
     """
+    joints = len(names)
     count, rest = divmod(len(message.poses), joints)
     if rest:
         raise MessageError(
             f"{len(message.poses)} poses are not a multiple of the {joints} joints of the joint "
             f"map; correct 'joint_map'"
         )
-    _check_people(count)
+    check_people(count)
     places = [(p.position.x, p.position.y, p.position.z) for p in message.poses]
     points = np.array(places, np.float64).reshape(count, joints, 3)
     return Bodies(
-        stamp_ns=_stamp(message.header),
+        stamp_ns=stamp(message.header),
         frame=plain_frame(message.header.frame_id),
-        people=tuple(Body(k + 1, _known(points[k])) for k in range(count)),
+        people=tuple(Body(k + 1, known(points[k])) for k in range(count)),
     )
 
 
-def of_marker_array(message: Any, joints: int) -> Bodies:
-    """Bodies of a ``MarkerArray`` of people with this number of joints.
+def of_marker_array(message: Any, names: Sequence[str]) -> Bodies:
+    """Bodies of a ``MarkerArray`` of people with these joints.
 
     Raises:
         MessageError: an id beyond the joints, a joint that comes twice, two frames, two stamps, or
@@ -88,7 +100,7 @@ def of_marker_array(message: Any, joints: int) -> Bodies:
     shown = [m for m in message.markers if m.action == _ADD and m.type in _SOLID]
     if not shown:
         return Bodies(stamp_ns=None, frame="", people=())
-    first = shown[0].header
+    joints, first = len(names), shown[0].header
     found: dict[int, Floats] = {}
     seen: set[int] = set()
     for marker in shown:
@@ -104,37 +116,40 @@ def of_marker_array(message: Any, joints: int) -> Bodies:
         points = found.setdefault(body, np.full((joints, 3), np.nan))
         place = marker.pose.position
         points[joint] = place.x, place.y, place.z
-    _check_people(len(found))
+    check_people(len(found))
     return Bodies(
-        stamp_ns=_stamp(first),
+        stamp_ns=stamp(first),
         frame=plain_frame(first.frame_id),
-        people=tuple(Body(number, _known(points)) for number, points in sorted(found.items())),
+        people=tuple(Body(number, known(points)) for number, points in sorted(found.items())),
     )
-
-
-READERS: dict[str, Callable[[Any, int], Bodies]] = {
-    POSE_ARRAY: of_pose_array,
-    MARKER_ARRAY: of_marker_array,
-}
-"""Types of messages that place people, and how each is read."""
 
 
 def _capture(header: Any) -> tuple[str, int, int]:
     return header.frame_id, header.stamp.sec, header.stamp.nanosec
 
 
-def _stamp(header: Any) -> int:
+def stamp(header: Any) -> int:
+    """The stamp of a header, ns.
+
+    Raises:
+        MessageError: it is not a time.
+    """
     try:
         return stamp_ns(header.stamp)
     except ValueError as error:
         raise MessageError(f"{error}; correct the publisher") from None
 
 
-def _check_people(count: int) -> None:
+def check_people(count: int) -> None:
+    """Refuse too many people.
+
+    Raises:
+        MessageError: there are more than ``MAX_PEOPLE``.
+    """
     if count > MAX_PEOPLE:
         raise MessageError(f"{count} people; at most {MAX_PEOPLE} in one message")
 
 
-def _known(points: Floats) -> Floats:
+def known(points: Floats) -> Floats:
     """The points, a point with a coordinate that is not a number as not seen at all."""
     return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)

@@ -2,6 +2,7 @@
 
 As tf2 (REP-105): each frame has one parent. A transform that moves is interpolated between two
 messages, and never extrapolated; after its newest message it holds only while it stands still.
+Unlike tf2, two publishers of one frame that disagree are both not believed.
 """
 
 import math
@@ -23,22 +24,41 @@ GAP_NS = 500_000_000
 STILL_M, STILL = 0.001, 0.0005
 """Maximum change, metres and of the quaternion (1 mrad), of a transform that stands still."""
 NORM_TOLERANCE = 0.01
+RIVALS_NS = 1_000_000_000
+"""A frame that moves has no value for this time after another publisher gave it."""
+NO_PUBLISHER = bytes(16)
 
 
 class UnknownFrame(ValueError):
-    """Two frames have no transform at that time; one line with the cause."""
+    """Two frames have no transform at that time; one line with the cause.
+
+    Attributes:
+        later: whether a message that is still on its way may give it.
+    """
+
+    def __init__(self, why: str, *, later: bool = False) -> None:
+        super().__init__(why)
+        self.later = later
 
 
 class _Edge:
     """The transforms of one frame in its parent."""
 
-    def __init__(self, parent: str, static: bool) -> None:
+    def __init__(self, parent: str, static: bool, publisher: bytes) -> None:
         self.parent = parent
         self.static = static
         self.times: deque[int] = deque(maxlen=HISTORY)
         self.poses: deque[Floats] = deque(maxlen=HISTORY)  # (7,) xyz, quaternion xyzw
+        self.publisher = publisher
+        self._rivals_ns: int | None = None  # of the newest message after a change of publisher
 
-    def add(self, at_ns: int, pose: Floats) -> None:
+    def add(self, at_ns: int, pose: Floats, publisher: bytes) -> None:
+        if NO_PUBLISHER not in (publisher, self.publisher) and publisher != self.publisher:
+            if not (self.static and self.poses and _alike(pose, self.poses[-1])):
+                self._rivals_ns = at_ns
+            self.times.clear()
+            self.poses.clear()
+        self.publisher = publisher
         if self.static or (
             self.times and at_ns < self.times[-1] - GAP_NS
         ):  # a clock that restarted
@@ -48,36 +68,56 @@ class _Edge:
             self.times.append(at_ns)
             self.poses.append(pose)
 
-    def at(self, child: str, at_ns: int) -> Floats:
+    def at(self, child: str, at_ns: int, holds: bool) -> Floats:
         """(4, 4) at a time.
+
+        Args:
+            child: the frame's name.
+            at_ns: a stamp, ns.
+            holds: whether a frame that stands still does so after its newest message.
 
         Raises:
             UnknownFrame: no transform holds then.
         """
+        self._check_publishers(child, at_ns)
         if self.static:
             return _matrix(self.poses[-1])
         k = bisect_right(self.times, at_ns)
+        if k and self.times[k - 1] == at_ns:
+            return _matrix(self.poses[k - 1])
         if 0 < k < len(self.times):
             before, after = self.times[k - 1], self.times[k]
             if after - before <= GAP_NS:
                 share = (at_ns - before) / (after - before)
                 return _matrix(_between(self.poses[k - 1], self.poses[k], share))
-        elif k == len(self.times) and at_ns - self.times[-1] <= GAP_NS and self._still():
+        later = k == len(self.times) and at_ns - self.times[-1] <= GAP_NS
+        if later and holds and self._still():
             return _matrix(self.poses[-1])
         raise UnknownFrame(
             f"the transform of '{child}' in '{self.parent}' has no value at the message's stamp; "
-            f"publish it at least 10 times a second by the same clock, or on /tf_static"
+            f"publish it at least 10 times a second by the same clock, or on /tf_static",
+            later=later,
         )
 
+    def _check_publishers(self, child: str, at_ns: int) -> None:
+        """Refuse a frame that two publishers give; a static one until the node starts again."""
+        if self._rivals_ns is None:
+            return
+        if not self.static and at_ns >= self._rivals_ns + RIVALS_NS:
+            self._rivals_ns = None
+            return
+        remedy = "stop one of them, and start the node again" if self.static else "stop one of them"
+        raise UnknownFrame(f"two publishers give the transform of '{child}'; {remedy}")
+
     def _still(self) -> bool:
-        if len(self.poses) < 2:
-            return False
-        change = np.abs(self.poses[-1] - self.poses[-2])
-        return bool((change[:3] <= STILL_M).all() and (change[3:] <= STILL).all())
+        return len(self.poses) > 1 and _alike(self.poses[-1], self.poses[-2])
 
 
 class FrameTree:
     """Collects transforms; bounded in frames and in time.
+
+    Frames that move are forgotten, with the static ones that hang on them, when others need their
+    room: the one that was not heard for longest goes first.
 
     Attributes:
         refused: transforms that were not valid, or of too many frames.
@@ -85,15 +125,32 @@ class FrameTree:
 
     def __init__(self) -> None:
         self.refused = 0
-        self._edges: dict[str, _Edge] = {}
+        self._edges: dict[str, _Edge] = {}  # those that move in the order of their newest message
 
-    def add(self, message: Any, *, static: bool) -> None:
-        """Take a ``tf2_msgs/TFMessage``; invalid transforms in it are counted."""
+    def add(self, message: Any, *, static: bool, publisher: bytes = NO_PUBLISHER) -> None:
+        """Take a ``tf2_msgs/TFMessage``; invalid transforms in it are counted.
+
+        Args:
+            message: with the attributes of that type.
+            static: whether it came on ``/tf_static``.
+            publisher: the identity of its publisher, 16 bytes, where it is known.
+        """
         for each in message.transforms:
             try:
-                self._add(each, static)
+                self._add(each, static, publisher)
             except ValueError:
                 self.refused += 1
+
+    def at(self, target: str, at_ns: int, moving: str = "") -> "Moment":
+        """Return the poses of all frames in ``target`` at a time.
+
+        Args:
+            target: name of a frame.
+            at_ns: a stamp of the transforms' clock, ns.
+            moving: ending of the names of frames that do not stand still after their newest
+                message, even if they did before it.
+        """
+        return Moment(self, plain_frame(target), at_ns, moving)
 
     def matrix(self, target: str, source: str, at_ns: int) -> Floats:
         """(4, 4) from ``source`` to ``target``, in metres.
@@ -105,40 +162,13 @@ class FrameTree:
         Raises:
             UnknownFrame: they are not connected at that time.
         """
-        target, source = plain_frame(target), plain_frame(source)
-        if target == source:
-            return np.eye(4)
-        down, up = self._way(target), self._way(source)
-        if down[-1] != up[-1]:
-            raise UnknownFrame(f"no transform connects '{source}' to '{target}'")
-        while len(down) > 1 and len(up) > 1 and down[-2] == up[-2]:
-            down.pop()
-            up.pop()
-        root_from_source = self._along(up, at_ns)
-        root_from_target = self._along(down, at_ns)
-        result: Floats = np.linalg.inv(root_from_target) @ root_from_source
-        return result
+        return self.at(target, at_ns).matrix(source)
 
     def root(self, frame: str) -> str:
         """The topmost frame above this one."""
-        return self._way(plain_frame(frame))[-1]
+        return self.way(plain_frame(frame))[-1]
 
-    def _add(self, message: Any, static: bool) -> None:
-        parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
-        t, q = message.transform.translation, message.transform.rotation
-        pose = np.array([t.x, t.y, t.z, q.x, q.y, q.z, q.w], np.float64)
-        norm = math.hypot(*pose[3:].tolist())
-        if not np.isfinite(pose).all() or abs(norm - 1) > NORM_TOLERANCE or child == parent:
-            raise ValueError
-        pose[3:] /= norm
-        edge = self._edges.get(child)
-        if edge is None and len(self._edges) >= MAX_FRAMES:
-            raise ValueError
-        if edge is None or (edge.parent, edge.static) != (parent, static):
-            edge = self._edges[child] = _Edge(parent, static)
-        edge.add(stamp_ns(message.header.stamp), pose)
-
-    def _way(self, frame: str) -> list[str]:
+    def way(self, frame: str) -> list[str]:
         """The frame, its parent, and so on, to the topmost one; a circle ends after MAX_DEPTH."""
         way = [frame]
         while frame in self._edges and len(way) < MAX_DEPTH:
@@ -146,17 +176,106 @@ class FrameTree:
             way.append(frame)
         return way
 
-    def _along(self, way: list[str], at_ns: int) -> Floats:
-        """(4, 4) from the first frame of a way to its last."""
-        matrix = np.eye(4)
-        for child in way[:-1]:
-            matrix = self._edges[child].at(child, at_ns) @ matrix
+    def in_parent(self, child: str, at_ns: int, holds: bool) -> Floats:
+        """(4, 4) from a frame to its parent.
+
+        Args:
+            child: the frame's name.
+            at_ns: a stamp, ns.
+            holds: whether a frame that stands still does so after its newest message.
+
+        Raises:
+            UnknownFrame: it has none, or it has no value then.
+        """
+        edge = self._edges.get(child)
+        if edge is None:
+            raise UnknownFrame(f"no transform places '{child}'")
+        return edge.at(child, at_ns, holds)
+
+    def _add(self, message: Any, static: bool, publisher: bytes) -> None:
+        parent, child = plain_frame(message.header.frame_id), plain_frame(message.child_frame_id)
+        t, q = message.transform.translation, message.transform.rotation
+        pose = np.array([t.x, t.y, t.z, q.x, q.y, q.z, q.w], np.float64)
+        norm = math.hypot(*pose[3:].tolist())
+        if not np.isfinite(pose).all() or abs(norm - 1) > NORM_TOLERANCE or child == parent:
+            raise ValueError
+        at_ns = stamp_ns(message.header.stamp)
+        pose[3:] /= norm
+        edge = self._edges.pop(child, None)
+        if edge is None or (edge.parent, edge.static) != (parent, static):
+            edge = _Edge(parent, static, publisher if edge is None else edge.publisher)
+        if len(self._edges) >= MAX_FRAMES:
+            self._forget_one()
+        self._edges[child] = edge
+        edge.add(at_ns, pose, publisher)
+
+    def _forget_one(self) -> None:
+        """Forget the frame that moves and was not heard for longest.
+
+        Raises:
+            ValueError: all frames are static.
+        """
+        oldest = next((child for child, edge in self._edges.items() if not edge.static), None)
+        if oldest is None:
+            raise ValueError
+        gone = {oldest}
+        while gone:
+            for child in gone:
+                self._edges.pop(child, None)
+            gone = {c for c, e in self._edges.items() if e.static and e.parent in gone}
+
+
+class Moment:
+    """The poses of frames in one of them at one time; each transform is looked up once."""
+
+    def __init__(self, tree: FrameTree, target: str, at_ns: int, moving: str) -> None:
+        self._tree = tree
+        self._target = target
+        self._at_ns = at_ns
+        self._moving = moving
+        self._above = tree.way(target)
+        self._found: dict[str, Floats] = {target: np.eye(4)}
+
+    def matrix(self, source: str) -> Floats:
+        """(4, 4) from ``source`` to the target, in metres.
+
+        Raises:
+            UnknownFrame: they are not connected at that time.
+        """
+        source = plain_frame(source)
+        way = self._tree.way(source)
+        known = next((k for k, f in enumerate(way) if f in self._found or f in self._above), None)
+        if known is None:
+            raise UnknownFrame(f"no transform connects '{source}' to '{self._target}'")
+        matrix = self._of_above(way[known])
+        for child in reversed(way[:known]):
+            below: Floats = matrix @ self._in_parent(child)
+            matrix = self._found[child] = below
         return matrix
+
+    def _of_above(self, frame: str) -> Floats:
+        """(4, 4) from a frame that was found before, or that is above the target."""
+        if frame not in self._found:
+            matrix = np.eye(4)
+            for child in self._above[: self._above.index(frame)]:
+                matrix = self._in_parent(child) @ matrix
+            self._found[frame] = np.linalg.inv(matrix)
+        return self._found[frame]
+
+    def _in_parent(self, child: str) -> Floats:
+        holds = not (self._moving and child.endswith(self._moving))
+        return self._tree.in_parent(child, self._at_ns, holds)
 
 
 def plain_frame(name: str) -> str:
     """A frame's name without the leading slash of ROS 1."""
     return name.removeprefix("/")
+
+
+def _alike(pose: Floats, other: Floats) -> bool:
+    sign = 1.0 if pose[3:] @ other[3:] >= 0 else -1.0
+    turned = np.abs(pose[3:] - sign * other[3:])
+    return bool((np.abs(pose[:3] - other[:3]) <= STILL_M).all() and (turned <= STILL).all())
 
 
 def _between(before: Floats, after: Floats, share: float) -> Floats:

@@ -1,58 +1,129 @@
 """People of a ROS message in one frame, also where the publisher uses another."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from hri_predict.base.arrays import Floats
 from hri_predict.base.geometry import transform
-from hri_predict.protocol.ros.bodies import READERS, Bodies, MessageError
+from hri_predict.protocol.ros.bodies import (
+    MARKER_ARRAY,
+    POSE_ARRAY,
+    Bodies,
+    Body,
+    MessageError,
+    of_marker_array,
+    of_pose_array,
+)
 from hri_predict.protocol.ros.frame_tree import FrameTree, UnknownFrame, plain_frame
+from hri_predict.protocol.ros.tracked import IDS_LIST, ROOT, Numbers, of_ids_list
+from hri_predict.protocol.ros.zed import OBJECTS, of_objects
+
+READERS: dict[str, Callable[[Any, Sequence[str]], Bodies]] = {
+    POSE_ARRAY: of_pose_array,
+    MARKER_ARRAY: of_marker_array,
+    IDS_LIST: of_ids_list,
+    OBJECTS: of_objects,
+}
+"""Types of messages that place people, and how each is read: a message, and the joints' names."""
+
+
+class NotYet(MessageError):
+    """A transform that is needed may still come."""
 
 
 class PeopleReader:
     """Turns messages into bodies in one frame.
 
     Args:
-        joints: number of joints of a person.
+        joints: names of a person's joints.
         frame: name of the frame in which people are wanted.
         tree: the transforms, in metres.
         scale_to_m: metres per unit of the messages' positions; 1 by REP-103.
     """
 
-    def __init__(self, joints: int, frame: str, tree: FrameTree, scale_to_m: float = 1.0) -> None:
-        self._joints = joints
+    def __init__(
+        self, joints: Sequence[str], frame: str, tree: FrameTree, scale_to_m: float = 1.0
+    ) -> None:
+        self._joints = tuple(joints)
         self._frame = plain_frame(frame)
         self._tree = tree
         self._scale = scale_to_m
+        self._numbers = Numbers()
 
-    def read(self, kind: str, message: Any) -> Bodies:
-        """People in metres in ``frame``.
+    def parse(self, kind: str, message: Any) -> Bodies:
+        """People in the message's own frame and units.
 
         Args:
             kind: the message's type, a key of ``READERS``.
             message: with the attributes of that type.
 
         Raises:
-            MessageError: the message does not place people, or its frame is not connected to
-                ``frame``; one line with the remedy.
+            MessageError: the message does not place people; one line with the remedy.
         """
-        bodies = READERS[kind](message, self._joints)
+        return READERS[kind](message, self._joints)
+
+    def place(self, bodies: Bodies, *, waits: bool = False) -> Bodies:
+        """Parsed people, in metres in ``frame``.
+
+        Args:
+            bodies: of ``parse``.
+            waits: whether transforms may still come.
+
+        Raises:
+            NotYet: one of them is needed; only with ``waits``.
+            MessageError: the message's frame is not connected to ``frame``, or a body has no frame
+                that is; one line with the remedy.
+        """
         if bodies.stamp_ns is None:  # without a header: nobody in any frame
             return bodies
-        matrix = self._matrix(bodies.frame, bodies.stamp_ns)
-        people = tuple(
-            replace(p, positions=transform(matrix, p.positions * self._scale))
-            for p in bodies.people
-        )
+        if not bodies.by_frames:
+            matrix = self._matrix(bodies.frame, bodies.stamp_ns, waits)
+            people = tuple(
+                replace(p, positions=transform(matrix, p.positions * self._scale))
+                for p in bodies.people
+            )
+            return replace(bodies, frame=self._frame, people=people)
+        people = tuple(self._by_frames(p, bodies.stamp_ns, waits) for p in bodies.people)
         return replace(bodies, frame=self._frame, people=people)
 
-    def _matrix(self, frame: str, stamp_ns: int) -> Floats:
+    def _matrix(self, frame: str, stamp_ns: int, waits: bool) -> Floats:
         if not frame:
             raise MessageError("frame_id is empty; let the publisher name its frame")
         try:
             return self._tree.matrix(self._frame, frame, stamp_ns)
         except UnknownFrame as error:
-            raise MessageError(
+            kind = NotYet if waits and error.later else MessageError
+            raise kind(
                 f"frame_id '{frame}' is not '{self._frame}': {error}; publish the transform on "
                 f"/tf_static, or correct 'frame'"
             ) from None
+
+    def _by_frames(self, body: Body, stamp_ns: int, waits: bool) -> Body:
+        """The joints at the origins of their frames; those without one were not seen."""
+        moment = self._tree.at(self._frame, stamp_ns, moving=f"_{body.name}")
+        positions: Floats = np.full((len(self._joints), 3), np.nan)
+        why = self._at_its_sensor(body.name, stamp_ns)
+        for k, joint in enumerate(() if why else self._joints):
+            try:
+                positions[k] = moment.matrix(f"{joint}_{body.name}")[:3, 3]
+            except UnknownFrame as error:
+                if waits and error.later:
+                    raise NotYet(str(error)) from None
+                why = why or str(error)
+        if np.isnan(positions).all():
+            raise MessageError(f"body '{body.name}' has no place: {why}")
+        return replace(body, id=self._numbers.of(body.name), positions=positions)
+
+    def _at_its_sensor(self, name: str, stamp_ns: int) -> str:
+        """Why a body's place was not measured: trackers without depth leave it at the sensor."""
+        child = f"{ROOT}_{name}"
+        try:
+            place = self._tree.in_parent(child, stamp_ns, holds=False)[:3, 3]
+        except UnknownFrame:
+            return ""  # the joints' frames say why
+        if place.any():
+            return ""
+        return f"'{child}' is at its sensor; give the tracker depth (hri_body_detect: use_depth)"

@@ -7,7 +7,7 @@ from struct import Struct
 from typing import Any
 
 from hri_predict.base.errors import HriPredictError, RecordingError
-from hri_predict.protocol.ros.messages import Release, typestore
+from hri_predict.protocol.ros.messages import Release, of_cdr, typestore
 
 BAG_ENDING = ".bag"
 METADATA = "metadata.yaml"
@@ -75,7 +75,7 @@ class Bag:
         """
         if self._is_1:
             return self._store.deserialize_ros1(data, kind)
-        return self._store.deserialize_cdr(data, kind)
+        return of_cdr(self._store, data, kind)
 
     def _release(self) -> Release:
         if self._is_1:

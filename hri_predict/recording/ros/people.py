@@ -6,7 +6,7 @@ or the base of the camera), as ``/tf`` and ``/tf_static`` of the bag say.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ def read_bag(path: Path, wanted: Wanted) -> Recording:
         people = connections_of(path, bag, wanted.topic)
         joint_map = _map(path, wanted, people[0].topic)
         frame = wanted.frame or _topmost(bag, people)
-        read = list(_placed(bag, people, frame, len(joint_map.source_joints)))
+        read = list(_placed(bag, people, frame, joint_map.source_joints))
     refused = Counter(each for each in read if isinstance(each, str))
     found = [each for each in read if not isinstance(each, str)]
     if not found:
@@ -81,7 +81,7 @@ def _topmost(bag: Bag, people: list[Any]) -> str:
     return ""
 
 
-def _placed(bag: Bag, people: list[Any], frame: str, joints: int) -> Iterator[Read | str]:
+def _placed(bag: Bag, people: list[Any], frame: str, joints: Sequence[str]) -> Iterator[Read | str]:
     """Receipt and people of each message, or why it cannot be used."""
     tree = FrameTree()
     frames = [c for c in bag.connections if c.msgtype == TF_MESSAGE]
@@ -105,7 +105,7 @@ def _placed(bag: Bag, people: list[Any], frame: str, joints: int) -> Iterator[Re
 
 def _read(reader: PeopleReader, at_ns: int, kind: str, message: Any) -> Read | str:
     try:
-        return at_ns, reader.read(kind, message)
+        return at_ns, reader.place(reader.parse(kind, message))
     except MessageError as error:
         return str(error)
 

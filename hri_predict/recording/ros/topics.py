@@ -6,9 +6,14 @@ from typing import Any
 
 from hri_predict.base.errors import RecordingError, nearest
 from hri_predict.contracts.joint_map import load_joint_map, map_names
-from hri_predict.protocol.ros.bodies import IDS_PER_BODY, MARKER_ARRAY, POSE_ARRAY, READERS
+from hri_predict.protocol.ros.bodies import IDS_PER_BODY, MARKER_ARRAY, POSE_ARRAY
+from hri_predict.protocol.ros.placing import READERS
+from hri_predict.protocol.ros.tracked import IDS_LIST, ROOT
+from hri_predict.protocol.ros.zed import OBJECTS, keypoints_of
 from hri_predict.recording.ros.bag import Bag, open_bag
 
+NO_ORDER = ("bvh", "ros4hri")
+"""Maps whose joints are found by their names."""
 LOOKED_AT = 100
 """Messages in which a topic is looked for people."""
 
@@ -22,9 +27,9 @@ class BagTopic:
         kind: type of its messages.
         count: their number.
         joints: number of poses, or of different joints among markers, in the first message with
-            people; 0 if there are none.
+            people; 0 if there are none, or if ``/tf`` has them.
         frame: their frame; "" if there are none.
-        joint_maps: shipped maps with that many joints.
+        joint_maps: shipped maps with that many joints; or the one of this type of messages.
     """
 
     name: str
@@ -76,7 +81,7 @@ def connections_of(path: Path, bag: Bag, topic: str | None) -> list[Any]:
 
 def maps_with(joints: int) -> tuple[str, ...]:
     """Names of the shipped maps with this number of joints."""
-    loaded = ((name, load_joint_map(name)) for name in map_names() if name != "bvh")
+    loaded = ((name, load_joint_map(name)) for name in map_names() if name not in NO_ORDER)
     return tuple(name for name, each in loaded if len(each.source_joints) == joints)
 
 
@@ -85,7 +90,7 @@ def _topic(bag: Bag, name: str) -> BagTopic:
     kind, joints, frame = own[0].msgtype, 0, ""
     for k, (_, _, data) in enumerate(bag.messages(own)):
         joints, frame = looked_at(bag.read(data, kind), kind)
-        if joints or k >= LOOKED_AT:
+        if joints or (kind == IDS_LIST and frame) or k >= LOOKED_AT:
             break
     return BagTopic(
         name=name,
@@ -101,13 +106,21 @@ def looked_at(message: Any, kind: str) -> tuple[int, str]:
     """Number of joints in a message of people, and its frame; see ``BagTopic``."""
     if kind == POSE_ARRAY:
         return len(message.poses), message.header.frame_id
+    if kind == IDS_LIST:
+        return 0, f"{ROOT}_{message.ids[0]}" if message.ids else ""
+    if kind == OBJECTS:
+        return keypoints_of(message), message.header.frame_id
     joints = {marker.id % IDS_PER_BODY for marker in message.markers if marker.action == 0}
     return (max(joints) + 1, message.markers[0].header.frame_id) if joints else (0, "")
 
 
 def _suggested(kind: str, joints: int) -> tuple[str, ...]:
     """Maps with all joints of the first message; or, of poses, with those of one of several."""
+    if kind == IDS_LIST:
+        return ("ros4hri",)
     exact = maps_with(joints) if joints else ()
+    if kind == OBJECTS:
+        return tuple(name for name in exact if name.startswith("zed"))
     if exact or kind == MARKER_ARRAY:
         return exact
     return next((maps_with(joints // n) for n in range(2, 9) if not joints % n

@@ -102,3 +102,11 @@ if find_spec("zenoh") is not None:
     from hri_sim.senders.zenoh import ZenohEnd
 
     LIVE_ENDS["zenoh"] = ZenohEnd
+if find_spec("rclpy") is not None and find_spec("rosbags") is not None:
+
+    def _ros2(folder: Path) -> LiveEnd:
+        from hri_sim.senders.ros2 import Ros2End  # rclpy takes a second
+
+        return Ros2End(folder)
+
+    LIVE_ENDS["ros2"] = _ros2

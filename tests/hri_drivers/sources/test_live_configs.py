@@ -9,7 +9,7 @@ from hri_predict.base.files import data_path
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 
-NEEDS = {"live_ros2.yaml": "rclpy"}
+NEEDS = {"live_ros2.yaml": "rclpy", "live_ros4hri.yaml": "hri_msgs", "live_zed.yaml": "zed_msgs"}
 """Packages of an extra that a developer's environment may lack."""
 LIVE = sorted(
     path.name

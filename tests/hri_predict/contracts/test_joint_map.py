@@ -26,8 +26,10 @@ COUNTS = {
     "daz23": 23,
     "marker_clusters9": 9,
     "mediapipe33": 33,
+    "ros4hri": 14,
     "smpl22": 22,
     "xsens23": 23,
+    "zed18": 18,
     "zed34": 34,
     "zed38": 38,
 }
@@ -51,18 +53,20 @@ INDICES = [
     ("mediapipe33", "left_shoulder", 11),
     ("mediapipe33", "left_index", 19),
     ("mediapipe33", "right_foot_index", 32),
+    ("ros4hri", "r_ankle", 13),
     ("smpl22", "left_shoulder", 16),
     ("smpl22", "right_foot", 11),
     ("xsens23", "T12", 3),
     ("xsens23", "LeftUpperArm", 12),
     ("xsens23", "LeftToe", 22),
+    ("zed18", "LEFT_ANKLE", 13),
     ("zed34", "LEFT_HIP", 18),
     ("zed34", "HEAD", 26),
     ("zed34", "RIGHT_HEEL", 33),
     ("zed38", "LEFT_BIG_TOE", 24),
     ("zed38", "RIGHT_HAND_MIDDLE_4", 35),
 ]
-CAMERA_LIKE = ("azure_kinect32", "body25", "coco17", "mediapipe33", "zed34", "zed38")
+CAMERA_LIKE = ("azure_kinect32", "body25", "coco17", "mediapipe33", "zed18", "zed34", "zed38")
 
 
 def test_all_shipped_maps_load_with_their_joint_counts():

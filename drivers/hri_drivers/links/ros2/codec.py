@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hri_drivers.links.codec import FrameCodec
+from hri_drivers.links.ros2.joint_states import JointStateReader
 from hri_drivers.links.ros2.markers import PARTS
 from hri_drivers.links.ros2.plain import PlainMessages, Sample
 from hri_predict.protocol import e2e
@@ -28,6 +29,10 @@ _TOPICS = {
     e2e.data_id_32(number).to_bytes(4, "big"): FRAMES[definition.sender]
     for number, (definition, _, _) in frame_table(classic=False).items()
 }
+JOINT_BYTES = 80
+"""Most bytes of one joint in a JointState: a name of 40, position, velocity, effort, lengths."""
+JOINT_STATES: Literal["joint_states"] = "joint_states"
+Topic = Literal["frames", "controller_frames", "joint_states"]
 BONE_BYTES = 48 + 56  # of a joint in a forecast's markers and in its PoseArray
 
 
@@ -36,13 +41,14 @@ class Publication:
     """A unit of the wire.
 
     Attributes:
-        data: a frame of E2E profile 4; empty for Zone and Pose.
-        topic: of the frame.
+        data: a frame of E2E profile 4; a unit of ``Heard`` with a JointState; empty for Zone and
+            Pose.
+        topic: of the frame, or ``joint_states``.
         plain: the same for readers of plain ROS 2 messages; empty if it was received.
     """
 
     data: bytes
-    topic: Literal["frames", "controller_frames"] = "frames"
+    topic: Topic = "frames"
     plain: tuple[Sample, ...] = ()
 
 
@@ -51,6 +57,9 @@ class FramesReceiver(Profile4Payloads):
 
     def feed(self, unit: Publication) -> list[Message]:
         """Return the message of a frame, if it is whole, fresh, and came on its sender's topic."""
+        if unit.topic == JOINT_STATES:
+            self.counters.ignored += 1
+            return []
         topic = _TOPICS.get(unit.data[4:8], unit.topic)
         if not 0 < len(unit.data) <= MAX_FRAME or topic != unit.topic:
             self.counters.malformed += 1  # before its counter is compared
@@ -65,11 +74,20 @@ class Ros2Codec(FrameCodec[Publication]):
     Args:
         plain: makes the plain messages.
         bitrate: bandwidth of the network that the link may use, bit/s.
+        states: reads JointStates into the counters of ``receiver``; ``None``: there are none.
+        receiver: reads frames.
     """
 
-    def __init__(self, plain: PlainMessages, bitrate: float) -> None:
-        super().__init__(FramesReceiver())
+    def __init__(
+        self,
+        plain: PlainMessages,
+        bitrate: float,
+        states: JointStateReader | None = None,
+        receiver: FramesReceiver | None = None,
+    ) -> None:
+        super().__init__(receiver or FramesReceiver())
         self.plain = plain
+        self.states = states
         self._bitrate = bitrate
         self._sender = Profile4Sender()
 
@@ -85,6 +103,18 @@ class Ros2Codec(FrameCodec[Publication]):
             return [Publication(b"", plain=plain)]
         (frame,) = self._sender.encode(message)
         return [Publication(frame, FRAMES[BY_TYPE[type(message)].sender], plain)]
+
+    def decode(self, unit: Publication) -> list[Message]:
+        """Messages in a publication."""
+        if self.states is not None and unit.topic == JOINT_STATES:
+            state = self.states.read(unit.data)
+            return [] if state is None else [state]
+        return super().decode(unit)
+
+    @property
+    def refused(self) -> str:
+        """Why the newest JointState that was refused was; see ``ConfiguredLink``."""
+        return "" if self.states is None else self.states.refused
 
     def worst_s(self, message: Message) -> float:
         """Worst-case seconds on the network of the message."""

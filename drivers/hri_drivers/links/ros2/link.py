@@ -14,7 +14,15 @@ from pydantic import Field, model_validator
 
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
 from hri_drivers.links.load import Traffic
-from hri_drivers.links.ros2.codec import FramesReceiver, Publication, Ros2Codec, worst_bits
+from hri_drivers.links.ros2.codec import (
+    JOINT_BYTES,
+    SAMPLE_BYTES,
+    FramesReceiver,
+    Publication,
+    Ros2Codec,
+    worst_bits,
+)
+from hri_drivers.links.ros2.joint_states import JointStateReader, JointStatesSettings
 from hri_drivers.links.ros2.plain import PlainMessages
 from hri_drivers.links.ros2.topics import Topics, doubled, unknown
 from hri_drivers.wires.ros2_settings import NodeName, Ros2Settings, TopicName
@@ -23,6 +31,7 @@ from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.protocol.messages import Message, RobotState
 from hri_predict.protocol.wire import StateShape, wire_bits
+from hri_predict.robots.settings import RobotSettings, StateMotion
 
 log = logging.getLogger(__name__)
 
@@ -30,6 +39,10 @@ MBIT = 1_000_000
 UNPROTECTED = (
     "its plain topics are not protected end to end and permit nothing by themselves: any node of "
     "the domain can publish them; only 'frames' is protected (docs/guides/ros2.md)"
+)
+PLAIN_STATES = (
+    "joint_states is not protected either: any node of the domain can say where the robot is, and "
+    "JointState has no operating mode (docs/guides/ros2.md)"
 )
 OPEN = "discovery 'subnet': every machine in the network can publish, and hear where people are"
 
@@ -54,6 +67,16 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
     take: bool = Field(
         False, description="whether to receive RobotState and Acknowledge as protected frames"
     )
+    joint_states: JointStatesSettings | None = Field(
+        None, description="robot state from sensor_msgs/JointState; default: none"
+    )
+    joint_states_delay_s: float | None = Field(
+        None,
+        ge=0.001,
+        le=1,
+        description="a JointState older than this at its arrival is refused; default: the robot's"
+        " motion.delay_s, and not above it",
+    )
     bitrate: int = Field(
         100 * MBIT,
         ge=MBIT,
@@ -61,7 +84,7 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
         description="network bandwidth that this link may use, bit/s",
     )
 
-    safety: ClassVar[Safety] = harmless("take", "bitrate") | {
+    safety: ClassVar[Safety] = harmless("take", "bitrate", "joint_states_delay_s") | {
         "full_speed_m_s": LessSafe(
             below="fractions are of {value:g} m/s: a robot that is faster at fraction 1 exceeds its"
             " limit"
@@ -72,6 +95,8 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
     def _makes_sense(self) -> Self:
         if self.simulate is not None:
             raise ValueError("a ros2 link has no simulated controller; leave 'simulate' out")
+        if self.joint_states is not None and self.take:
+            raise ValueError("'joint_states' and 'take' are two states of one robot; leave one out")
         if wrong := unknown(self.remap):
             raise ValueError(
                 f"remap: no topic '{wrong[0]}'; there are frames, zones, forecast, "
@@ -90,7 +115,8 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
     @property
     def notes(self) -> list[str]:
         """See ``LinkSettings``."""
-        return [UNPROTECTED, *([OPEN] if self.discovery == "subnet" else [])]
+        heard = [] if self.joint_states is None else [PLAIN_STATES]
+        return [UNPROTECTED, *heard, *([OPEN] if self.discovery == "subnet" else [])]
 
 
 class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
@@ -103,6 +129,8 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         device = getattr(self._transport, "device", self._transport)  # beneath injected faults
         if hasattr(device, "say"):
             device.say = self._say
+        if self._codec.states is not None:
+            self._codec.states.robot = robots[0]
 
     @staticmethod
     def make_transport(settings: Ros2LinkSettings) -> Transport[Publication]:
@@ -121,13 +149,25 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
                 f"your ROS 2 installation, or pip install 'hri-predict[ros2]'"
             ) from error
         return Ros2Transport(
-            settings, settings.topics, silence_s=settings.silence_timeout_s, take=settings.take
+            settings,
+            settings.topics,
+            silence_s=settings.silence_timeout_s,
+            take=settings.take,
+            joint_states=None if settings.joint_states is None else settings.joint_states.topic,
         )
 
     @staticmethod
     def _make_codec(settings: Ros2LinkSettings, wire: Transport[Publication]) -> Ros2Codec:
         plain = PlainMessages(settings.full_speed_m_s, settings.frame_id)
-        return Ros2Codec(plain, settings.bitrate)
+        if settings.joint_states is None:
+            return Ros2Codec(plain, settings.bitrate)
+        if settings.joint_states_delay_s is None:
+            raise LinkError(f"link '{settings.name}': joint_states_delay_s is missing; set it")
+        frames = FramesReceiver()
+        states = JointStateReader(
+            settings.joint_states, settings.joint_states_delay_s, frames.counters
+        )
+        return Ros2Codec(plain, settings.bitrate, states, frames)
 
     @staticmethod
     def receiver(settings: Ros2LinkSettings) -> FramesReceiver:
@@ -135,17 +175,70 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         return FramesReceiver()
 
     @staticmethod
-    def _shares(settings: Ros2LinkSettings, traffic: Traffic) -> dict[str, float]:
-        def seconds(message: type[Message], shape: StateShape) -> float:
-            if message is RobotState:  # a protected frame alone
-                return wire_bits(message, "serial", shape=shape).nominal / settings.bitrate
-            return worst_bits(message) / settings.bitrate
+    def of_robots(settings: Ros2LinkSettings, robots: Sequence[RobotSettings]) -> Ros2LinkSettings:
+        """Return the settings with the delay of the robot's states; see ``contracts.OfRobots``.
 
-        return traffic.shares(seconds, settings.robot_state_rate_hz if settings.take else 0.0)
+        Raises:
+            LinkError: ``joint_states`` of several robots; or their delay is not known, or above the
+                robot's.
+        """
+        if settings.joint_states is None:
+            return settings
+        if len(robots) != 1:
+            raise LinkError(
+                f"link '{settings.name}': joint_states are of one robot, and this link advises "
+                f"{len(robots)}; name one under 'robots', and give each robot a link and a "
+                "'namespace' of its own"
+            )
+        motion, own = robots[0].motion, settings.joint_states_delay_s
+        if not isinstance(motion, StateMotion):
+            raise LinkError(
+                f"link '{settings.name}': joint_states need 'motion: {{kind: state}}' of robot "
+                f"'{robots[0].name}'"
+            )
+        if motion.delay_s < max(own or 0.0, 0.001):
+            raise LinkError(
+                f"link '{settings.name}': joint_states need the robot's motion.delay_s, the "
+                f"maximum age of a state at its arrival; set it to at least {own or 0.02:g}"
+            )
+        return settings.model_copy(update={"joint_states_delay_s": own or motion.delay_s})
+
+    @staticmethod
+    def _shares(settings: Ros2LinkSettings, traffic: Traffic) -> dict[str, float]:
+        wanted, states_hz = settings.joint_states, settings.robot_state_rate_hz
+        if wanted is not None:
+            Ros2Link._check_joints(settings, wanted, traffic.shapes)
+
+        def seconds(message: type[Message], shape: StateShape) -> float:
+            if message is not RobotState:
+                return worst_bits(message) / settings.bitrate
+            if wanted is not None:
+                return 8 * (SAMPLE_BYTES + JOINT_BYTES * shape.joints) / settings.bitrate
+            # a protected frame alone
+            return wire_bits(message, "serial", shape=shape).nominal / settings.bitrate
+
+        is_heard = settings.take or wanted is not None
+        return traffic.shares(seconds, states_hz if is_heard else 0.0)
 
     @staticmethod
     def _bitrate(settings: Ros2LinkSettings) -> int:
         return settings.bitrate
+
+    @staticmethod
+    def _check_joints(
+        settings: Ros2LinkSettings, wanted: JointStatesSettings, shapes: Sequence[StateShape]
+    ) -> None:
+        for shape in shapes:
+            if shape.moving_base:
+                raise LinkError(
+                    f"link '{settings.name}': joint_states has no place of a moving base; put this "
+                    "robot's state on a link of another kind"
+                )
+            if shape.joints != len(wanted.names):
+                raise LinkError(
+                    f"link '{settings.name}': joint_states.names has {len(wanted.names)} names, and"
+                    f" the robot {shape.joints} joints; name each, in the order of its model"
+                )
 
     @staticmethod
     def check_together(links: Sequence[Ros2LinkSettings]) -> None:

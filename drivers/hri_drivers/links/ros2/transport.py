@@ -14,13 +14,15 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_policy_name_from_kind
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int64, String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from hri_drivers.links.ros2.cdr import byte_array
-from hri_drivers.links.ros2.codec import FRAMES, Publication
+from hri_drivers.links.ros2.codec import FRAMES, JOINT_STATES, Publication
 from hri_drivers.links.ros2.topics import Topics
 from hri_drivers.wires.ros2 import SpinningNode
+from hri_drivers.wires.ros2_heard import Heard
 from hri_drivers.wires.ros2_settings import Ros2Settings
 from hri_predict.base.errors import LinkError
 
@@ -52,6 +54,7 @@ class Ros2Transport:
         topics: names of the topics.
         silence_s: deadline and lifespan of the advice.
         take: whether to hear controllers.
+        joint_states: topic of the robot's JointStates; ``None``: none.
 
     Attributes:
         overflowed: publications lost because they were not read in time; the oldest go first.
@@ -59,7 +62,13 @@ class Ros2Transport:
     """
 
     def __init__(
-        self, settings: Ros2Settings, topics: Topics, *, silence_s: float, take: bool
+        self,
+        settings: Ros2Settings,
+        topics: Topics,
+        *,
+        silence_s: float,
+        take: bool,
+        joint_states: str | None = None,
     ) -> None:
         self.overflowed = 0
         self.say: Callable[[str], None] = lambda line: None
@@ -67,6 +76,7 @@ class Ros2Transport:
         self._topics = topics
         self._silence_s = silence_s
         self._heard = list(FRAMES.values()) if take else [FRAMES["node"]]
+        self._joint_states = joint_states
         self._node: Node | None = None
         self._publishers: dict[str, Publisher] = {}
         self._own: deque[bytes] = deque(maxlen=OWN)
@@ -90,6 +100,14 @@ class Ros2Transport:
                     self._topics.full(topic),
                     lambda message, topic=topic: self._hear(topic, bytes(message.data)),
                     QoSProfile(depth=EACH_PERSON),
+                )
+            if self._joint_states is not None:
+                node.create_subscription(
+                    JointState,
+                    self._joint_states,
+                    self._hear_state,
+                    QoSProfile(depth=EACH_PERSON, reliability=ReliabilityPolicy.BEST_EFFORT),
+                    raw=True,
                 )
             self._node = node
             self._publisher(FRAMES["node"])
@@ -172,11 +190,17 @@ class Ros2Transport:
 
     def _hear(self, topic: Any, frame: bytes) -> None:
         """Called in the node's thread."""
-        if frame in self._own:
-            return
+        if frame not in self._own:
+            self._keep(Publication(frame, topic))
+
+    def _hear_state(self, content: bytes, info: dict[str, Any]) -> None:
+        """Called in the node's thread."""
+        self._keep(Publication(Heard.from_ros(0, content, info).packed(), JOINT_STATES))
+
+    def _keep(self, unit: Publication) -> None:
         with self._arrived:
             self.overflowed += len(self._inbox) == CAPACITY
-            self._inbox.append(Publication(frame, topic))
+            self._inbox.append(unit)
             self._arrived.notify_all()
 
     def _refused(self, topic: str, policy: str) -> None:

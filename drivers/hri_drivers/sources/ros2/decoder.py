@@ -2,24 +2,30 @@
 
 import logging
 import time
+from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from struct import error as StructError
 from typing import Any
 
 import numpy as np
 
 from hri_drivers.sources.ros2.captures import Captures
-from hri_drivers.sources.ros2.heard import TF, TF_STATIC, Heard
-from hri_drivers.sources.ros2.publishers import Publishers
 from hri_drivers.sources.sent import SentPerson, SentScene
+from hri_drivers.wires.ros2_heard import TF, TF_STATIC, Heard
+from hri_drivers.wires.ros2_publishers import Publishers
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.bodies import Bodies, Body, MessageError
 from hri_predict.protocol.ros.frame_tree import FrameTree
-from hri_predict.protocol.ros.messages import TF_MESSAGE, typestore
-from hri_predict.protocol.ros.placing import PeopleReader
+from hri_predict.protocol.ros.messages import TF_MESSAGE, of_cdr, typestore
+from hri_predict.protocol.ros.placing import NotYet, PeopleReader
 
 MAX_BYTES = 1 << 20
 """Maximum size of one message: 64 people of 38 markers have 400 kB."""
+WAIT_NS = 200_000_000
+"""A message waits this long for transforms that are published after it."""
+MAX_WAITING = 16
+"""Number of messages that may wait."""
 
 log = logging.getLogger(__name__)
 
@@ -29,13 +35,33 @@ def _boot_ns() -> int:
     return time.clock_gettime_ns(clock)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Waiting:
+    """A message that was parsed, and is not yet placed.
+
+    Attributes:
+        topic: index of its topic.
+        bodies: its people, in its own frame.
+        sequence: number of the scene that it makes.
+        contradicted: whether another publisher was heard lately.
+        received_ns: its arrival on the node's clock.
+    """
+
+    topic: int
+    bodies: Bodies
+    sequence: int
+    contradicted: bool
+    received_ns: int
+
+
 class Ros2Decoder:
     """See ``hri_drivers.sources.live.Decoder``; of units by ``Heard.packed``.
 
-    Of several topics, each has one person, and a scene has the messages with the same stamp.
+    Of several topics, each has one person, and a scene has the messages with the same stamp. A
+    message whose transforms are on their way waits for them, and those after it with it.
 
     Args:
-        kind: type of the messages, a key of ``protocol.ros.bodies.READERS``.
+        kind: type of the messages, a key of ``protocol.ros.placing.READERS``.
         topics: their topics.
         reader: places people; its frames come from ``tree``.
         tree: takes the transforms that are heard.
@@ -68,36 +94,55 @@ class Ros2Decoder:
         self._store = typestore("jazzy")
         self._publishers = [Publishers() for _ in topics]
         self._parts: dict[int, Bodies] = {}  # messages of one capture, by topic
+        self._waiting: deque[_Waiting] = deque()
         self._sequence = 0
         self.captures = Captures(counters, by_arrival=by_arrival, utc_ns=utc_ns, boot_ns=boot_ns)
 
     def reset(self) -> None:
-        """Forget an incomplete capture."""
+        """Forget incomplete captures."""
         self._parts = {}
+        self._waiting.clear()
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
-        """The scene that one message completes, if any; never raises."""
+        """The scenes that one message completes, if any; never raises."""
         self._counters.packets += 1
         try:
             heard = Heard.of(data)
             if heard.topic in (TF, TF_STATIC):
                 self._add_transforms(heard)
-                return []
-            scene = self._scene(heard, received_ns)
+            else:
+                self._waiting.append(self._parsed(heard, received_ns))
         except (MessageError, StructError) as error:
-            self._counters.malformed += 1
-            self._counters.note(error)
-            return []
-        if news := self.captures.news():
+            self._refuse(error)
+        scenes = []
+        while self._waiting:
+            try:
+                scene = self._scene(self._waiting[0], received_ns)
+            except NotYet:
+                break
+            except MessageError as error:
+                self._refuse(f"{self._topics[self._waiting[0].topic]}: {error}")
+                scene = None
+            self._waiting.popleft()
+            scenes += [] if scene is None else [scene]
+        if scenes and (news := self.captures.news()):
             log.info("source 'ros2': %s", news)
-        return [] if scene is None else [scene]
+        return scenes
+
+    def _refuse(self, why: object) -> None:
+        self._counters.malformed += 1
+        self._counters.note(why)
 
     def _add_transforms(self, heard: Heard) -> None:
         before = self._tree.refused
-        self._tree.add(self._message(heard, TF_MESSAGE), static=heard.topic == TF_STATIC)
+        self._tree.add(
+            self._message(heard, TF_MESSAGE),
+            static=heard.topic == TF_STATIC,
+            publisher=heard.gid,
+        )
         self._counters.malformed += self._tree.refused - before
 
-    def _scene(self, heard: Heard, received_ns: int) -> SentScene | None:
+    def _parsed(self, heard: Heard, received_ns: int) -> _Waiting:
         if heard.topic >= len(self._topics):
             raise MessageError("a message of a topic that is not configured")
         topic, publishers = self._topics[heard.topic], self._publishers[heard.topic]
@@ -106,22 +151,39 @@ class Ros2Decoder:
         self._sequence += 1 + lost
         contradicted = publishers.contradicted(heard, received_ns)
         try:
-            bodies = self._reader.read(self._kind, self._message(heard, self._kind))
-            capture = self._completed(heard.topic, bodies)
-            if capture is None:
-                return None
-            stamp_ns = self.captures.place(capture.stamp_ns, received_ns)
+            bodies = self._reader.parse(self._kind, self._message(heard, self._kind))
         except MessageError as error:
             raise MessageError(f"{topic}: {error}") from None
+        return _Waiting(
+            topic=heard.topic,
+            bodies=bodies,
+            sequence=self._sequence,
+            contradicted=contradicted,
+            received_ns=received_ns,
+        )
+
+    def _scene(self, waiting: _Waiting, now_ns: int) -> SentScene | None:
+        """The scene that a message completes, if any.
+
+        Raises:
+            NotYet: its transforms may still come.
+            MessageError: it cannot be used.
+        """
+        waits = now_ns - waiting.received_ns < WAIT_NS and len(self._waiting) <= MAX_WAITING
+        capture = self._completed(waiting.topic, self._reader.place(waiting.bodies, waits=waits))
+        if capture is None:
+            return None
+        stamp_ns = self.captures.place(capture.stamp_ns, waiting.received_ns)
         if stamp_ns is None:
             return None
-        if contradicted:
+        topic = self._topics[waiting.topic]
+        if waiting.contradicted:
             self._counters.note(f"{topic}: two publishers; stop one of them")
             capture = Bodies(stamp_ns=stamp_ns, frame="", people=())
-        sees_room = not contradicted and (self._sees_room or bool(capture.people))
+        sees_room = not waiting.contradicted and (self._sees_room or bool(capture.people))
         return SentScene(
             stamp_ns=stamp_ns,
-            sequence=self._sequence,
+            sequence=waiting.sequence,
             sees_room=sees_room,
             people=tuple(_sent(body) for body in capture.people),
             session=self.captures.session,
@@ -131,7 +193,7 @@ class Ros2Decoder:
         if len(heard.content) > MAX_BYTES:
             raise MessageError(f"a message of more than {MAX_BYTES} bytes; send fewer joints")
         try:
-            return self._store.deserialize_cdr(heard.content, kind)
+            return of_cdr(self._store, heard.content, kind)
         except Exception as error:  # rosbags raises many kinds on damaged bytes
             raise MessageError(f"not a {kind}: damaged, or of another release of ROS") from error
 

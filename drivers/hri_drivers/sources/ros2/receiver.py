@@ -1,12 +1,12 @@
 """Subscribes to the topics, and hands over messages as bytes."""
 
+import importlib
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from geometry_msgs.msg import PoseArray
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import (
@@ -15,27 +15,23 @@ from rclpy.qos import (
     ReliabilityPolicy,
     qos_policy_name_from_kind,
 )
-from visualization_msgs.msg import MarkerArray
 
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
 from hri_drivers.wires.ros2 import SpinningNode
+from hri_drivers.wires.ros2_heard import TF, TF_STATIC, Heard
 from hri_predict.base.errors import SourceError
 from hri_predict.contracts.source import SourceCounters
-from hri_predict.protocol.ros.bodies import READERS
-
-try:
-    from tf2_msgs.msg import TFMessage
-except ImportError:  # not among the packages of the extra
-    TFMessage = None
+from hri_predict.protocol.ros.messages import TF_MESSAGE
+from hri_predict.protocol.ros.placing import READERS
 
 WAITING = 64
-"""Messages of people, and of transforms, that may wait; the oldest are dropped."""
+"""Messages of people that may wait; the oldest are dropped."""
+TRANSFORMS = 512
+"""The same of transforms: each body of ROS4HRI has a publisher of its own."""
 SILENT_S = 3.0
 """After this long without a message, the reason is looked for,"""
 LOOK_AGAIN_S = 10.0
 """and again after this long."""
-TYPES = {"pose_array": PoseArray, "marker_array": MarkerArray}
 
 
 class Ros2Receiver:
@@ -44,6 +40,9 @@ class Ros2Receiver:
     Args:
         settings: the source's.
         counters: keeps a line about publishers that cannot be heard.
+
+    Raises:
+        ImportError: the package of the messages is not installed.
     """
 
     def __init__(self, settings: Ros2SourceSettings, counters: SourceCounters) -> None:
@@ -53,8 +52,10 @@ class Ros2Receiver:
         self._node: Node | None = None
         self._arrived = threading.Condition()
         self._people: deque[bytes] = deque(maxlen=WAITING)
-        self._transforms: deque[bytes] = deque(maxlen=WAITING)
+        self._transforms: deque[bytes] = deque(maxlen=TRANSFORMS)
         self._look_s = 0.0
+        self._type = _imported(KINDS[settings.message])
+        self._tf_type = _transforms_type(needed=settings.needs_tf)
 
     def open(self) -> None:
         """Start the node and subscribe.
@@ -64,17 +65,16 @@ class Ros2Receiver:
         """
         self.close()
         node = self._spinning.open()
-        kind = TYPES[self._settings.message]
         for index, topic in enumerate(self._settings.topics):
-            self._subscribe(node, topic, index, kind=kind, qos=self._qos())
-        if TFMessage is not None:
-            self._subscribe(node, "/tf", TF, kind=TFMessage, qos=self._qos())
+            self._subscribe(node, topic, index, kind=self._type, qos=self._qos(WAITING))
+        if self._tf_type is not None:
+            self._subscribe(node, "/tf", TF, kind=self._tf_type, qos=self._qos(TRANSFORMS))
             latched = QoSProfile(
-                depth=WAITING,
+                depth=TRANSFORMS,
                 reliability=ReliabilityPolicy.RELIABLE,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL,
             )
-            self._subscribe(node, "/tf_static", TF_STATIC, kind=TFMessage, qos=latched)
+            self._subscribe(node, "/tf_static", TF_STATIC, kind=self._tf_type, qos=latched)
         self._node = node
         self._look_s = time.monotonic() + SILENT_S
         self._spinning.spin()
@@ -109,10 +109,10 @@ class Ros2Receiver:
             self._people.clear()
             self._transforms.clear()
 
-    def _qos(self) -> QoSProfile:
+    def _qos(self, depth: int) -> QoSProfile:
         """As rclpy's sensor data, unless ``reliability`` asks for more."""
         return QoSProfile(
-            depth=WAITING,
+            depth=depth,
             reliability=ReliabilityPolicy[self._settings.reliability.upper()],
             durability=DurabilityPolicy.VOLATILE,
         )
@@ -121,7 +121,7 @@ class Ros2Receiver:
         queue = self._transforms if index in (TF, TF_STATIC) else self._people
 
         def hear(content: bytes, info: dict[str, Any]) -> None:
-            unit = Heard(index, _gid(info), _sequence(info), bytes(content)).packed()
+            unit = Heard.from_ros(index, content, info).packed()
             with self._arrived:
                 queue.append(unit)
                 self._arrived.notify_all()
@@ -175,12 +175,25 @@ class Ros2Receiver:
         return f"; there are: {', '.join(possible[:5])}" if possible else ""
 
 
-def _gid(info: dict[str, Any]) -> bytes:
-    stated = info.get("publisher_gid") or {}
-    data = bytes(stated.get("data", b"")) if isinstance(stated, dict) else bytes(stated)
-    return (data + NO_GID)[: len(NO_GID)]
+def _imported(kind: str) -> Any:
+    """The class of a type of messages.
+
+    Raises:
+        ImportError: its package is not installed.
+    """
+    package, _, name = kind.split("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
-def _sequence(info: dict[str, Any]) -> int:
-    stated = info.get("publication_sequence_number")
-    return NO_SEQUENCE if stated is None else int(stated)
+def _transforms_type(*, needed: bool) -> Any:
+    """The class of ``/tf``'s messages, which the extra does not bring; ``None``: not installed.
+
+    Raises:
+        ImportError: likewise, and it is needed.
+    """
+    try:
+        return _imported(TF_MESSAGE)
+    except ImportError:
+        if needed:
+            raise
+        return None

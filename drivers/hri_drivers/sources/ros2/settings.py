@@ -8,8 +8,15 @@ from hri_drivers.sources.live import LiveSettings
 from hri_drivers.wires.ros2_settings import Ros2Settings, TopicName
 from hri_predict.base.quantities.safe_side import Safety
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
+from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 
-KINDS = {"pose_array": POSE_ARRAY, "marker_array": MARKER_ARRAY}
+KINDS = {
+    "pose_array": POSE_ARRAY,
+    "marker_array": MARKER_ARRAY,
+    "ros4hri": IDS_LIST,
+    "zed": OBJECTS,
+}
 
 
 class Ros2SourceSettings(Ros2Settings, LiveSettings):
@@ -19,10 +26,11 @@ class Ros2SourceSettings(Ros2Settings, LiveSettings):
     topics: Annotated[list[TopicName], Field(min_length=1, max_length=16)] = Field(
         description="topic of all people, or one topic for each person"
     )
-    message: Literal["pose_array", "marker_array"] = Field(
+    message: Literal["pose_array", "marker_array", "ros4hri", "zed"] = Field(
         "pose_array",
-        description="geometry_msgs/PoseArray, or visualization_msgs/MarkerArray as Azure Kinect's "
-        "driver publishes it",
+        description="geometry_msgs/PoseArray; visualization_msgs/MarkerArray as Azure Kinect's "
+        "driver publishes it; hri_msgs/IdsList of bodies whose frames are in /tf; or "
+        "zed_msgs/ObjectsStamped",
     )
     frame: str = Field(
         min_length=1,
@@ -63,4 +71,14 @@ class Ros2SourceSettings(Ros2Settings, LiveSettings):
             raise ValueError("topics: one is named twice; name each once")
         if len(self.topics) > 1 and self.message != "pose_array":
             raise ValueError("several topics need 'message: pose_array', with one person each")
+        if self.message == "ros4hri" and (self.joint_map == "canonical" or self.units != "m"):
+            raise ValueError(
+                "message: ros4hri needs 'joint_map: ros4hri', or a map of your own whose joints "
+                "are frames of REP-155, and 'units: m'"
+            )
         return self
+
+    @property
+    def needs_tf(self) -> bool:
+        """Whether ``/tf`` alone places people."""
+        return self.message == "ros4hri"

@@ -44,7 +44,7 @@ class Ros2Source(LiveSource):
             kind=KINDS[settings.message],
             topics=list(settings.topics),
             reader=PeopleReader(
-                len(joint_map.source_joints), settings.frame, tree, METRES_PER_UNIT[settings.units]
+                joint_map.source_joints, settings.frame, tree, METRES_PER_UNIT[settings.units]
             ),
             tree=tree,
             counters=counters,
@@ -80,4 +80,11 @@ def _receiver(settings: Ros2SourceSettings, counters: SourceCounters) -> Receive
             f"source 'ros2' needs a package that is not installed: {error.name or error}; source "
             f"your ROS 2 installation, or pip install 'hri-predict[ros2]'"
         ) from error
-    return Ros2Receiver(settings, counters)
+    try:
+        return Ros2Receiver(settings, counters)
+    except ImportError as error:
+        package = (error.name or str(error)).partition(".")[0]
+        raise ConfigError(
+            f"source 'ros2': 'message: {settings.message}' needs the ROS 2 package {package}; "
+            f"source a workspace that has it, or apt install ros-jazzy-{package.replace('_', '-')}"
+        ) from error

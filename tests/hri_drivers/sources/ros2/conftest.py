@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from tests.hri_drivers.sources.ros2 import generated
+
 PUBLISHER = Path(__file__).parents[4] / "drivers" / "ros2" / "people_publisher.py"
 DOMAINS = itertools.count(100 + os.getpid() % 100)
 OF_THIS_RELEASE = (
@@ -27,18 +29,35 @@ def domain() -> int:
     return next(DOMAINS)
 
 
+@pytest.fixture(scope="session")
+def other_messages() -> Iterator[Path]:
+    """Packages that the wheels lack, for this process and for publishers; built only once."""
+    if why := generated.missing():
+        pytest.skip(why)
+    folder = generated.build()
+    sys.path.insert(0, str(folder))
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(folder), before]))
+    yield folder
+    sys.path.remove(str(folder))
+    if before is None:
+        del os.environ["PYTHONPATH"]
+    else:
+        os.environ["PYTHONPATH"] = before
+
+
 @pytest.fixture
 def publish(domain: int) -> Iterator[Publish]:
     """Starts publishers, and kills them in the end."""
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(**options: Any) -> "subprocess.Popen[bytes]":
+    def start(program: Path = PUBLISHER, **options: Any) -> "subprocess.Popen[bytes]":
         words = [
             f"--{name.replace('_', '-')}" if value is True else f"--{name}={value}"
             for name, value in options.items()
         ]
         python = os.environ.get("OTHER_ROS_PYTHON", sys.executable)
-        process = subprocess.Popen([python, PUBLISHER, *words], env=_environment(domain))
+        process = subprocess.Popen([python, program, *words], env=_environment(domain))
         started.append(process)
         return process
 

@@ -5,13 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.sources.ros2.decoder import MAX_BYTES, Ros2Decoder
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
+from hri_drivers.sources.ros2.decoder import MAX_BYTES, MAX_WAITING, Ros2Decoder
+from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.frame_tree import FrameTree
 from hri_predict.protocol.ros.messages import TF_MESSAGE
 from hri_predict.protocol.ros.placing import PeopleReader
+from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
 from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
@@ -19,7 +21,7 @@ from tests.hri_predict.protocol.ros.sent import UPRIGHT, Maker
 MAKER = Maker()
 MS, S = 10**6, 10**9
 UTC, BOOT = 1_790_000_000 * S, 500_000 * S
-JOINTS = 2
+NAMES = ("low", "high")
 BODY = np.array([[1.0, 2.0, 1.0], [1.0, 2.0, 1.5]])
 GID, OTHER = b"a" * 16, b"b" * 16
 
@@ -35,7 +37,7 @@ class Cell:
         self.decoder = Ros2Decoder(
             kind=kind,
             topics=list(topics),
-            reader=PeopleReader(JOINTS, "map", tree),
+            reader=PeopleReader(options.pop("names", NAMES), "map", tree),
             tree=tree,
             counters=self.counters,
             sees_room=options.pop("sees_room", True),
@@ -221,20 +223,83 @@ def test_two_people_on_one_of_several_topics_are_refused():
     assert str(cell.counters.last_error).startswith("/b: more than one person")
 
 
+def shown(cell, name, at_ns, *, gid=GID, x=1.0):
+    edges = [("map", f"{joint}_{name}", (x, 2.0, 1.0), UPRIGHT) for joint in NAMES]
+    return cell.hear(MAKER.transforms(*edges, at_ns=at_ns), topic=TF, gid=gid, kind=TF_MESSAGE)
+
+
+def tracked(cell, *ids, at_ns):
+    return cell.hear(MAKER.tracked(*ids, at_ns=at_ns))
+
+
+def test_tracked_bodies_wait_for_their_frames_in_order():
+    cell = Cell(kind=IDS_LIST)
+    shown(cell, "abc", UTC)
+    (scene,) = tracked(cell, "abc", at_ns=UTC)
+    assert scene.people[0].observed.all()
+    assert tracked(cell, "abc", at_ns=UTC + MS) == []
+    assert tracked(cell, at_ns=UTC + 2 * MS) == []
+    after, empty = shown(cell, "abc", UTC + MS)
+    assert [p.id for p in after.people] == [p.id for p in scene.people]
+    assert (empty.people, empty.stamp_ns) == ((), UTC + 2 * MS)
+
+
+def test_a_tracked_body_whose_frames_do_not_come_refuses_the_capture():
+    cell = Cell(kind=IDS_LIST)
+    shown(cell, "abc", UTC)
+    for k in range(1, 12):
+        assert tracked(cell, "abc", at_ns=UTC + k * 33 * MS) == []
+    assert cell.counters.malformed == 4  # those that have waited for 0.2 s
+    assert str(cell.counters.last_error).startswith("/people: body 'abc' has no place")
+
+
+def test_messages_that_wait_are_few():
+    cell = Cell(kind=IDS_LIST)
+    shown(cell, "abc", UTC)
+    for k in range(1, 101):
+        cell.now_ns -= 33 * MS  # a flood: all at once
+        assert tracked(cell, "abc", at_ns=UTC + k) == []
+    assert cell.counters.malformed == 100 - MAX_WAITING
+
+
+def test_another_publisher_of_a_bodys_frames_takes_its_place_away():
+    cell = Cell(kind=IDS_LIST)
+    shown(cell, "abc", UTC)
+    shown(cell, "abc", UTC + MS, gid=OTHER, x=5.0)
+    assert tracked(cell, "abc", at_ns=UTC + MS) == []
+    assert "two publishers give the transform" in str(cell.counters.last_error)
+
+
+def test_poses_of_a_camera_that_moves_wait_for_its_transform():
+    cell = Cell()
+    for at_ns, x in ((UTC, 0.0), (UTC + 100 * MS, 1.0)):
+        if at_ns > UTC:
+            assert cell.poses(UTC + 50 * MS, frame="camera") == []
+        edge = ("map", "camera", (x, 0.0, 0.0), UPRIGHT)
+        made = MAKER.transforms(edge, at_ns=at_ns)
+        found = cell.hear(made, topic=TF, kind=TF_MESSAGE)
+    (scene,) = found
+    # one interpolation of numbers near 1
+    np.testing.assert_allclose(scene.people[0].positions, BODY + np.array([0.5, 0, 0]), atol=1e-15)
+
+
 CDR = MAKER.cdr(MAKER.poses(BODY, "map", UTC), POSE_ARRAY)
 MARKERS = MAKER.cdr(MAKER.markers({1: BODY}, "map", UTC), MARKER_ARRAY)
+ZED = MAKER.cdr(MAKER.objects({1: np.ones((18, 3))}, at_ns=UTC), OBJECTS)
+IDS = MAKER.cdr(MAKER.tracked("abc", at_ns=UTC), IDS_LIST)
+BODIES = MAKER.cdr(MAKER.body("abc", {"low": BODY[0]}, UTC), TF_MESSAGE)
 FRAMES = MAKER.cdr(MAKER.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT)), TF_MESSAGE)
 
 
 @given(
-    st.sampled_from([POSE_ARRAY, MARKER_ARRAY]),
+    st.sampled_from([POSE_ARRAY, MARKER_ARRAY, IDS_LIST, OBJECTS]),
     st.lists(
         st.tuples(
             st.sampled_from([0, 1, TF, TF_STATIC]),
             st.one_of(
                 st.binary(max_size=60),
                 st.tuples(
-                    st.sampled_from([CDR, MARKERS, FRAMES]),
+                    st.sampled_from([CDR, MARKERS, IDS, ZED, BODIES, FRAMES]),
                     st.integers(0, 400),
                     st.binary(min_size=1, max_size=8),
                 ).map(lambda cut: cut[0][: cut[1]] + cut[2] + cut[0][cut[1] + len(cut[2]) :]),
@@ -244,7 +309,7 @@ FRAMES = MAKER.cdr(MAKER.transforms(("map", "camera", (0.0, 0.0, 2.0), UPRIGHT))
     ),
 )
 def test_any_bytes_are_refused_or_a_scene_of_numbers(kind, units):
-    cell = Cell(kind=kind)
+    cell = Cell(kind=kind, names=[f"k{k}" for k in range(18)] if kind == OBJECTS else NAMES)
     for topic, content in units:
         for scene in cell.feed(Heard(topic, GID, NO_SEQUENCE, content).packed()):
             for person in scene.people:

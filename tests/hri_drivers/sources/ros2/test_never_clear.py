@@ -74,8 +74,10 @@ class Levels(View):
 def watch(domain: int):
     """Runs the node in real time; returns the levels."""
 
-    def ran(after_s: float, fault: Callable[[], object] | None = None, away=4.0, **source):
-        shipped = configuration.load(configuration.shipped("live_ros2.yaml"))
+    def ran(
+        after_s: float, fault: Callable[[], object] | None = None, away=4.0, of="ros2", **source
+    ):
+        shipped = configuration.load(configuration.shipped(f"live_{of}.yaml"))
         pose = {"xyz": [away, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
         given = {"domain_id": domain, "room_from_source": pose} | source
         levels = Levels(fault, after_s)
@@ -144,3 +146,47 @@ def test_a_publisher_that_is_restarted_with_another_clock(publish, watch, shift_
 def test_a_flood_beside_the_robot(publish, watch):
     publish(rate=1500)
     assert Level.CLEAR not in watch(8.0, away=-1.1).between(0.0, 8.0)
+
+
+TRACKED = "/humans/bodies/tracked"
+
+
+@pytest.fixture
+def bodies(publish, other_messages):
+    def start(**options):
+        return publish(message="ros4hri", topic=TRACKED, **options)
+
+    return start
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"frame": "lidar"}, {"prefix": "human_"}, {"part": "list"}, {"clock": "zero"}, {"rate": 3}],
+)
+def test_bodies_that_are_wrong_from_the_start(bodies, watch, options):
+    bodies(**options)
+    assert Level.CLEAR not in watch(7.0, of="ros4hri").between(0.0, 7.0)
+
+
+def test_the_healthy_cell_of_bodies_says_clear(bodies, watch):
+    bodies()
+    assert Level.CLEAR in watch(2.0, lambda: None, of="ros4hri").between(0.0, 2.0)
+
+
+@pytest.mark.parametrize("part", ["list", "frames"])
+def test_a_part_of_ros4hri_that_falls_silent(bodies, watch, part):
+    parts = {name: bodies(part=name) for name in ("list", "frames")}
+    levels = watch(3.0, lambda: parts[part].send_signal(signal.SIGSTOP), of="ros4hri")
+    assert Level.CLEAR not in levels.between(ACTS_S, 3.0)
+
+
+@pytest.mark.parametrize("options", [{"people": 0}, {"part": "frames", "left": 1.0}])
+def test_a_second_publisher_of_bodies(bodies, watch, options):
+    bodies()
+    levels = watch(FOUND_S + 3, lambda: bodies(**options), of="ros4hri")
+    assert Level.CLEAR not in levels.between(FOUND_S, FOUND_S + 3)
+
+
+def test_a_flood_of_bodies_beside_the_robot(bodies, watch):
+    bodies(rate=1500)
+    assert Level.CLEAR not in watch(8.0, of="ros4hri", away=-1.1).between(0.0, 8.0)

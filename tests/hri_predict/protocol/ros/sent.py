@@ -8,6 +8,8 @@ import numpy as np
 from hri_predict.base.arrays import Floats
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.messages import TF_MESSAGE, Release, typestore
+from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -77,6 +79,52 @@ class Maker:
                 "visualization_msgs/msg/MeshFile", filename="", data=empty
             )
         return self._make(name, **{key: given[key] for key in self._names(name)})
+
+    def tracked(self, *ids: str, at_ns: int = 1) -> Any:
+        """``IdsList`` of the bodies that ROS4HRI tracks."""
+        return self._make(IDS_LIST, header=self.header("", at_ns), ids=list(ids))
+
+    def body(self, name: str, joints: dict[str, Sequence[float]], at_ns: int = 1) -> Any:
+        """``TFMessage`` of a body's frames: places in ``camera``, by the frame's first word."""
+        edges = [
+            ("camera", f"{joint}_{name}", tuple(xyz), UPRIGHT) for joint, xyz in joints.items()
+        ]
+        return self.transforms(*edges, at_ns=at_ns)
+
+    def objects(
+        self, bodies: dict[int, Floats], frame: str = "map", at_ns: int = 1, kind: str = OBJECTS,
+        **fields: Any,
+    ) -> Any:  # fmt: skip
+        """``ObjectsStamped``: (J, 3) by the body's number; ``fields`` of each object."""
+        formats = {18: 0, 34: 1, 38: 2, 70: 3}
+        one = dict(self.store.fielddefs[kind][1])["objects"][1][0][1]
+        objects = []
+        for number, points in bodies.items():
+            each = self._empty(one)
+            each.label, each.label_id, each.confidence = f"Body_{number}", number, 90.0
+            each.tracking_available = each.skeleton_available = True
+            each.tracking_state, each.body_format = 1, formats.get(len(points), 3)
+            for keypoint, point in zip(each.skeleton_3d.keypoints, points, strict=False):
+                keypoint.kp = np.asarray(point, np.float32)
+            for field, value in fields.items():
+                setattr(each, field, value)
+            objects.append(each)
+        return self._make(kind, header=self.header(frame, at_ns), objects=objects)
+
+    def _empty(self, name: str) -> Any:
+        """A message of zeros."""
+        return self._make(name, **{f: self._zero(d) for f, d in self.store.fielddefs[name][1]})
+
+    def _zero(self, definition: Any) -> Any:
+        node, detail = definition
+        if node.name == "BASE":
+            return "" if detail[0] == "string" else False if detail[0] == "bool" else 0
+        if node.name == "NAME":
+            return self._empty(detail)
+        inner, count = detail
+        if inner[0].name == "NAME":
+            return [self._empty(inner[1]) for _ in range(count)]
+        return np.zeros(count, inner[1][0])
 
     def transforms(
         self, *edges: tuple[str, str, tuple[float, ...], tuple[float, ...]], at_ns: int = 1

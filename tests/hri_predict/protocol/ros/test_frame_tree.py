@@ -72,6 +72,7 @@ def test_a_frame_that_moves_is_interpolated_and_never_extrapolated():
     frames = moving((S, 0.0), (S + S // 10, 0.1))
     x = frames.matrix("map", "camera", S + S // 20)[0, 3]
     assert x == pytest.approx(0.05, abs=1e-15)  # one product and one sum below 1
+    assert frames.matrix("map", "camera", S + S // 10)[0, 3] == 0.1  # its newest message
     for at_ns in (S - 1, S + S // 10 + 1):
         with pytest.raises(UnknownFrame, match="has no value at the message's stamp"):
             frames.matrix("map", "camera", at_ns)
@@ -105,6 +106,70 @@ def test_a_transform_that_is_no_pose_is_counted(x, q, w):
     assert frames.refused == (not sound)
     if sound:
         assert np.isfinite(frames.matrix("map", "camera", 0)).all()
+
+
+ONE, OTHER = b"a" * 16, b"b" * 16
+
+
+def rivals(static, other=OTHER, x=2.0, parent="map"):
+    frames = FrameTree()
+    for publisher, root, place in ((ONE, "map", 1.0), (other, parent, x)):
+        edge = (root, "camera", (place, 0.0, 0.0), UPRIGHT)
+        frames.add(MAKER.transforms(edge, at_ns=S), static=static, publisher=publisher)
+    return frames
+
+
+@pytest.mark.parametrize("static", [True, False])
+@pytest.mark.parametrize("parent", ["map", "odom"])
+def test_two_publishers_of_a_frame_are_both_not_believed(static, parent):
+    frames = rivals(static, parent=parent)
+    with pytest.raises(UnknownFrame, match="two publishers give the transform of 'camera'"):
+        frames.matrix(parent, "camera", S)
+
+
+def test_two_publishers_of_a_static_frame_who_agree_are_believed():
+    assert rivals(True, x=1.0).matrix("map", "camera", S)[0, 3] == 1.0
+    assert rivals(True, other=bytes(16)).matrix("map", "camera", S)[0, 3] == 2.0  # not known
+
+
+def test_a_publisher_that_is_alone_for_a_second_is_believed():
+    frames = rivals(False)
+    for k in (6, 11, 20):
+        edge = ("map", "camera", (3.0, 0.0, 0.0), UPRIGHT)
+        moved = MAKER.transforms(edge, at_ns=S + k * S // 10)
+        frames.add(moved, static=False, publisher=OTHER)
+    with pytest.raises(UnknownFrame):
+        frames.matrix("map", "camera", S + 6 * S // 10)
+    assert frames.matrix("map", "camera", 3 * S)[0, 3] == 3.0
+
+
+def test_a_frame_that_moves_by_its_name_does_not_hold():
+    frames = moving((S, 1.0), (S + 1, 1.0))
+    assert frames.at("map", 2 * S - S // 2).matrix("camera")[0, 3] == 1.0
+    with pytest.raises(UnknownFrame) as caught:
+        frames.at("map", S + 2, moving="era").matrix("camera")
+    assert caught.value.later
+
+
+@pytest.mark.parametrize(("at_ns", "later"), [(S - 1, False), (S + 1, True), (2 * S, False)])
+def test_only_a_value_that_may_still_come_is_said_to_come(at_ns, later):
+    with pytest.raises(UnknownFrame) as caught:
+        moving((S, 1.0)).matrix("map", "camera", at_ns)
+    assert caught.value.later == later
+
+
+def test_frames_of_people_who_left_make_room_for_others():
+    nothing = (0.0, 0.0, 0.0), UPRIGHT
+    frames = tree(("map", "camera", *nothing))
+    for k in range(2 * MAX_FRAMES):
+        frames.add(MAKER.transforms(("camera", f"body_{k}", *nothing), at_ns=k + 1), static=False)
+        frames.add(MAKER.transforms((f"body_{k}", f"head_{k}", *nothing)), static=True)
+    assert frames.refused == 0
+    assert len(frames._edges) <= MAX_FRAMES
+    last = 2 * MAX_FRAMES - 1
+    np.testing.assert_array_equal(frames.matrix("map", f"head_{last}", last + 1), np.eye(4))
+    with pytest.raises(UnknownFrame):
+        frames.matrix("map", "head_0", 1)
 
 
 def test_frames_without_end_are_counted():

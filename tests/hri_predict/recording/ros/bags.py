@@ -1,6 +1,6 @@
 """Bags as rosbags' own writers write them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,9 @@ def maker(kind: str) -> Maker:
     return Maker(RELEASES[kind])  # type: ignore[arg-type]
 
 
-def write(folder: Path, kind: str, messages: Iterable[Logged], name: str = "walk") -> Path:
-    """Write a bag; of ROS 2 its folder."""
+def write(folder: Path, kind: str, messages: Iterable[Logged], name: str = "walk",
+          sent_as: Mapping[str, str] = {}) -> Path:  # fmt: skip
+    """Write a bag; of ROS 2 its folder. ``sent_as``: names under which types are written."""
     store = maker(kind).store
     if kind == "bag":
         path = folder / f"{name}.bag"
@@ -36,6 +37,7 @@ def write(folder: Path, kind: str, messages: Iterable[Logged], name: str = "walk
         connections: dict[str, Any] = {}
         for topic, message_type, message, at_ns in messages:
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, message_type, typestore=store)
+                named = sent_as.get(message_type, message_type)
+                connections[topic] = writer.add_connection(topic, named, typestore=store)
             writer.write(connections[topic], at_ns, packed(message, message_type))
     return path

@@ -10,9 +10,12 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.messages import TF_MESSAGE
+from hri_predict.protocol.ros.tracked import IDS_LIST
+from hri_predict.protocol.ros.zed import OBJECTS, OBJECTS_BEFORE
 from hri_predict.recording import open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.ros.bag import file_of, is_ros_mcap
+from hri_predict.recording.ros.topics import topics_of
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
 from tests.hri_drivers.sources.scene_streaming import hri_sender
@@ -94,6 +97,64 @@ def test_a_camera_that_moves_is_placed_by_its_transforms_before_and_after(tmp_pa
     assert len(recording.scenes) == 20
     moved = recording.scenes[7].people[0].positions
     np.testing.assert_allclose(moved, standing(0.28) + np.array([0.28, 0, 0]), atol=1e-12)
+
+
+FRAMES = {"body": "waist"} | {
+    name: name for name in load_joint_map("ros4hri").source_joints if name != "body"
+}
+
+
+def tracked(kind):
+    """A body of ROS4HRI that sways, below a camera 1 m up."""
+    made = maker(kind)
+    edge = ("map", "camera", (0.0, 0.0, 1.0), UPRIGHT)
+    yield "/tf_static", TF_MESSAGE, made.transforms(edge), UTC
+    for k in range(20):
+        at_ns = UTC + k * 40 * MS
+        points = dict(zip(CANONICAL.source_joints, standing(k * 0.04), strict=True))
+        places = {frame: points[joint] for frame, joint in FRAMES.items()}
+        yield "/humans/bodies/tracked", IDS_LIST, made.tracked("abc", at_ns=at_ns), at_ns + MS
+        yield "/tf", TF_MESSAGE, made.body("abc", places, at_ns), at_ns + 2 * MS
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+def test_bodies_of_ros4hri_are_placed_by_their_frames(tmp_path, kind):
+    path = write(tmp_path, kind, tracked(kind))
+    recording = open_recording(path, joint_map=load_joint_map("ros4hri"))
+    assert len(recording.scenes) == 20
+    (person,) = recording.scenes[7].people
+    waist = standing(7 * 0.04)[0] + np.array([0, 0, 1.0])
+    np.testing.assert_allclose(person.positions[0], waist, atol=1e-12)
+    assert person.observed.all()
+    (topic,) = topics_of(file_of(path))
+    assert (topic.frame, topic.joint_maps) == ("body_abc", ("ros4hri",))
+    assert "frame 'map'" in recording.note
+
+
+def test_bodies_without_frames_are_left_out_and_counted(tmp_path):
+    late = (m for m in tracked("mcap") if m[0] != "/tf" or m[3] > UTC + 200 * MS)
+    path = write(tmp_path, "mcap", late)
+    recording = open_recording(path, joint_map=load_joint_map("ros4hri"), frame="map")
+    assert len(recording.scenes) == 15
+    assert "5 messages left out: body 'abc' has no place" in recording.note
+
+
+@pytest.mark.parametrize("kind", ["mcap", "db3"])
+@pytest.mark.parametrize("definition", [OBJECTS, OBJECTS_BEFORE])
+def test_bodies_of_a_zed_of_either_definition(tmp_path, kind, definition):
+    made = maker(kind)
+    points = np.arange(1.0, 55.0).reshape(18, 3) / 64
+    messages = []
+    for k in range(5):
+        at_ns = UTC + k * 33 * MS
+        message = made.objects({7: points + k}, "zed_left", at_ns, kind=definition)
+        messages.append(("/skeletons", definition, message, at_ns + MS))
+    path = write(tmp_path, kind, messages, sent_as={OBJECTS_BEFORE: OBJECTS})
+    recording = open_recording(path, joint_map=load_joint_map("zed18"))
+    assert [[p.id for p in s.people] for s in recording.scenes] == 5 * [[7]]
+    np.testing.assert_allclose(recording.scenes[2].people[0].positions, points + 2, atol=1e-6)
+    (topic,) = topics_of(file_of(path))
+    assert (topic.joints, topic.frame, topic.joint_maps) == (18, "zed_left", ("zed18",))
 
 
 def test_people_whose_frame_has_no_transform_are_left_out_and_counted(tmp_path):

@@ -1,6 +1,6 @@
 """The publishers on a topic, and the number of their messages that were lost."""
 
-from hri_drivers.sources.ros2.heard import NO_GID, NO_SEQUENCE, Heard
+from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, Heard
 
 CONTRADICTED_NS = 1_000_000_000
 """Two publishers on a topic within this time contradict each other: neither is believed."""

@@ -1,7 +1,9 @@
 """A received message with its origin, as one unit of bytes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from struct import Struct
+from typing import Any
 
 HEADER = Struct("<B16sq")
 TF, TF_STATIC = 254, 255
@@ -39,3 +41,16 @@ class Heard:
         """
         topic, gid, sequence = HEADER.unpack_from(data)
         return cls(topic, gid, sequence, data[HEADER.size :])
+
+    @classmethod
+    def from_ros(cls, topic: int, content: bytes, info: Mapping[str, Any]) -> "Heard":
+        """A message with what rclpy says about it."""
+        stated = info.get("publisher_gid") or {}
+        gid = bytes(stated.get("data", b"")) if isinstance(stated, dict) else bytes(stated)
+        sequence = info.get("publication_sequence_number")
+        return cls(
+            topic,
+            (gid + NO_GID)[: len(NO_GID)],
+            NO_SEQUENCE if sequence is None else int(sequence),
+            bytes(content),
+        )
