@@ -46,9 +46,11 @@ from hri_predict.cli.common import without_effect
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.link import Transport
+from hri_predict.contracts.predictor import Predictor
 from hri_predict.operation.monitoring.alerts import alert_file
 from hri_predict.people.body.posture import shows_down
 from hri_predict.people.clock.offset_line import MAX_DRIFT
+from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.run import assemble
@@ -121,8 +123,9 @@ def check(
             raise typer.Exit(1)
         return
     with loaded.naming_lines():
-        found = examine(loaded)
-        found["working_distance"] = distance_facts(loaded)
+        predictor = assemble.build_predictor(loaded)
+        found = examine(loaded, predictor)
+        found["working_distance"] = distance_facts(loaded, predictor)
     if as_json:
         print(json.dumps(found))
     else:
@@ -174,8 +177,10 @@ def _print(found: dict[str, Any]) -> None:
     )
 
 
-def examine(config: Config) -> dict[str, Any]:
+def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any]:
     """Build everything without opening a device; return the budget, distances, loads and notes.
+
+    ``predictor``: the configured one, if it is built already.
 
     Raises:
         HriPredictError: the configuration is wrong; one line with the remedy.
@@ -184,7 +189,10 @@ def examine(config: Config) -> dict[str, Any]:
     source = assemble.build_source(config)
     # a check touches no device: anything may stand in its place
     transports = {link.name: cast(Transport[Any], object()) for link in config.links}
-    assembly = assemble.build(config, clock, source=source, transports=transports)
+    prediction = PredictionRunner(predictor or assemble.build_predictor(config), deadline_s=None)
+    assembly = assemble.build(
+        config, clock, source=source, transports=transports, prediction=prediction
+    )
     loads = [assemble.load_of(config, link) for link in config.links]
     simulated = [link for link in config.links if link.simulate is not None]
     if simulated:  # built but not started: this checks its settings
