@@ -2,7 +2,10 @@
 
 import os
 import signal
+from collections.abc import Iterator
+from functools import cache
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # each process computes on one core; before torch and numpy are imported, and inherited
@@ -25,3 +28,14 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("patient")
+
+
+@pytest.fixture(scope="module")
+def built_once() -> Iterator[None]:
+    """Predictors of the same settings are one: to build a network takes half a second."""
+    from hri_predict.predictors.building import predictor_of
+    from hri_predict.run import assemble
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assemble, "predictor_of", cache(predictor_of))
+        yield

@@ -188,11 +188,10 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
     clock = MonotonicClock()
     source = assemble.build_source(config)
     # a check touches no device: anything may stand in its place
-    transports = {link.name: cast(Transport[Any], object()) for link in config.links}
-    prediction = PredictionRunner(predictor or assemble.build_predictor(config), deadline_s=None)
-    assembly = assemble.build(
-        config, clock, source=source, transports=transports, prediction=prediction
-    )
+    wires = {link.name: cast(Transport[Any], object()) for link in config.links}
+    predictor = predictor or assemble.build_predictor(config)
+    runner = PredictionRunner(predictor, deadline_s=None)
+    assembly = assemble.build(config, clock, source=source, transports=wires, prediction=runner)
     loads = [assemble.load_of(config, link) for link in config.links]
     simulated = [link for link in config.links if link.simulate is not None]
     if simulated:  # built but not started: this checks its settings
@@ -226,9 +225,8 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         "refuse_advice_older_than_s": reaction_time_s - terms["controller_reaction"],
         "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
         "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
-        "horizon_s": assembly.prediction.predictor.horizon_steps
-        / assembly.prediction.predictor.rate_hz,
-        "engine": engine_facts(assembly.prediction.predictor),
+        "horizon_s": predictor.horizon_steps / predictor.rate_hz,
+        "engine": engine_facts(predictor),
         "loops": loops_line(),
         "risk": risk,
         "contact": contact_facts(*contact),
@@ -236,9 +234,7 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
         "calibration": calibration,
-        "joint_map": joint_map_cost(
-            config, assembly.prediction.predictor, assembly.source.joint_map
-        ),
+        "joint_map": joint_map_cost(config, predictor, source.joint_map),
         "latch": list(config.node.risk.latch),
         "state": state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
@@ -254,7 +250,7 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
             *race_notes(config.node, source.rate_hz),
             *evidence_notes(evidence),
             *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
-            *_gravity_note(config, assembly.source.joint_map),
+            *_gravity_note(config, source.joint_map),
             *lost_notes(config, needed, source.rate_hz),
             *first_start_note(config),
             *_radius_note(risk),
@@ -347,10 +343,8 @@ _TERMS = {
 
 def _risk_table(risk: dict[str, Any]) -> Table:
     """Return the distances that the risk mode needs."""
-    table = Table(
-        title=f"Risk mode {risk['mode']}, at full speed and the longest delay",
-        title_justify="left",
-    )
+    title = f"Risk mode {risk['mode']}, at full speed and the longest delay"
+    table = Table(title=title, title_justify="left")
     table.add_column("distance, m")
     for name in risk["robots"]:
         table.add_column(name, justify="right")
@@ -378,11 +372,8 @@ def _delay_table(found: dict[str, Any]) -> Table:
         table.add_row(_DELAYS[name], f"{seconds * 1e3:.0f} ms")
     total_ms = found["reaction_time_s"] * 1e3
     table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
-    table.add_row(
-        "controllers: refuse advice older than",
-        f"{found['refuse_advice_older_than_s'] * 1e3:.0f} ms",
-        end_section=True,
-    )
+    oldest_ms = found["refuse_advice_older_than_s"] * 1e3
+    table.add_row("controllers: refuse advice older than", f"{oldest_ms:.0f} ms", end_section=True)
     for robot, stop in found["stopping"].items():
         table.add_row(
             f"{robot}: stopping from full speed, T_s",
