@@ -1,5 +1,5 @@
-# make demo: the whole cell, simulated.  make test: lint, types, the daily tests, and what the wheel
-# holds, all but lint at once.
+# make demo: the whole cell, simulated.  make test: lint, then types, the daily tests, and what the
+# wheel holds at once, of which the tests in real time come first.
 # make test-long: the tests marked `long`, every property with 100 random examples (EXAMPLES), and
 # the wheel installed alone.
 # make test-ros2: the source and the link against real ROS 2 nodes in other processes.
@@ -27,7 +27,8 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
 
-test: lint types pytest wheel
+test: lint
+	$(MAKE) --no-print-directory -j 3 types wheel pytest
 	@echo "all checks passed"
 
 test-long: pytest-long wheel-alone

@@ -8,6 +8,8 @@ from functools import cache
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.together import in_real_time
+
 # each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -28,6 +30,14 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("patient")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Find the tests in real time that ``tests.together`` would not run."""
+    marked = {str(item.path) for item in items if item.get_closest_marker("realtime")}
+    if missed := marked - set(in_real_time()):
+        raise pytest.UsageError(f"write pytest.mark.realtime in {', '.join(sorted(missed))}")
 
 
 @pytest.fixture(scope="module")
