@@ -1,5 +1,6 @@
 """For all tests: they run side by side, and on machines that are busy with other things."""
 
+import gc
 import os
 import signal
 from collections.abc import Iterator
@@ -12,6 +13,9 @@ from tests.together import in_real_time
 
 # each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# the tests themselves are a million objects: look through them less often
+gc.set_threshold(100_000, 50, 50)
 
 # a shell without job control ignores Ctrl-C for what it starts in the background, and so would
 # every process that a test starts and ends by it
