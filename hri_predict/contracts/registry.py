@@ -36,8 +36,11 @@ def _registered(kind: Kind, path: tuple[str, ...]) -> dict[str, metadata.EntryPo
 
 
 @lru_cache(maxsize=1)
-def _scanned(_path: tuple[str, ...]) -> metadata.EntryPoints:
-    """Return the registrations of all packages on the path: a scan reads all of their files."""
+def _scanned(_path: tuple[str, ...]) -> Any:
+    """Return the registrations of all packages on the path: a scan reads all of their files.
+
+    Python 3.11 has another class for them than 3.12; both have ``select``.
+    """
     return metadata.entry_points()
 
 
