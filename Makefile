@@ -1,5 +1,5 @@
-# make demo: the whole cell, simulated.  make test: lint, types, the daily tests, and what the wheel
-# holds, all but lint at once.
+# make demo: the whole cell, simulated.  make test: lint, then types, the daily tests, and what the
+# wheel holds at once, of which the tests in real time come first.
 # make test-long: the tests marked `long`, every property with 100 random examples (EXAMPLES), and
 # the wheel installed alone.
 # make test-ros2: the source and the link against real ROS 2 nodes in other processes.
@@ -27,7 +27,8 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
 
-test: lint types pytest wheel
+test: lint
+	$(MAKE) --no-print-directory -j 3 types wheel pytest
 	@echo "all checks passed"
 
 test-long: pytest-long wheel-alone
@@ -69,8 +70,9 @@ wheel-alone: $(VENV)/.dev
 	cd build/empty && ../wheel-venv/bin/hri-predict check demo.yaml
 	cd build/empty && ../wheel-venv/bin/hri-predict demo --speed max
 
+# They wait more than they compute, each in a ROS domain of its own: four at a time.
 test-ros2: $(ROS2_VENV)/.done
-	$(ROS2_VENV)/bin/python -m pytest tests/hri_drivers/links/ros2 tests/hri_drivers/sources/ros2 \
+	$(ROS2_VENV)/bin/python -m pytest -n 4 --dist worksteal tests/hri_drivers/links/ros2 tests/hri_drivers/sources/ros2 \
 		tests/hri_drivers/wires/test_ros2.py tests/hri_sim/fault_table/test_ros2_link.py
 
 bundle: $(VENV)/.dev

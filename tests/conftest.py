@@ -1,12 +1,21 @@
 """For all tests: they run side by side, and on machines that are busy with other things."""
 
+import gc
 import os
 import signal
+from collections.abc import Iterator
+from functools import cache
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.together import in_real_time
 
 # each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+# the tests themselves are a million objects: look through them less often
+gc.set_threshold(100_000, 50, 50)
 
 # a shell without job control ignores Ctrl-C for what it starts in the background, and so would
 # every process that a test starts and ends by it
@@ -25,3 +34,22 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("patient")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Find the tests in real time that ``tests.together`` would not run."""
+    marked = {str(item.path) for item in items if item.get_closest_marker("realtime")}
+    if missed := marked - set(in_real_time()):
+        raise pytest.UsageError(f"write pytest.mark.realtime in {', '.join(sorted(missed))}")
+
+
+@pytest.fixture(scope="module")
+def built_once() -> Iterator[None]:
+    """Predictors of the same settings are one: to build a network takes half a second."""
+    from hri_predict.predictors.building import predictor_of
+    from hri_predict.run import assemble
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(assemble, "predictor_of", cache(predictor_of))
+        yield

@@ -42,9 +42,15 @@ def room_of(module: str) -> str:
     return f"{package}.{first}" if first else package
 
 
+@cache
+def nodes_of(source: str) -> list[ast.AST]:
+    """Return all nodes of a source text's tree, in the order of ``ast.walk``."""
+    return list(ast.walk(ast.parse(source)))
+
+
 def imported(source: str) -> Iterator[str]:
     """Yield the project's own modules that a source text imports."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes_of(source):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:

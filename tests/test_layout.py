@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.house import MODULES, PACKAGES, ROOT, arrows_of, circles, imported, room_of
+from tests.house import MODULES, PACKAGES, ROOT, arrows_of, circles, imported, nodes_of, room_of
 
 MAX_LINES = 400
 SOURCES = ("*.py", "*.c", "*.h", "*.st")
@@ -168,7 +168,7 @@ def test_tests_mirror_the_packages(package):
 def _positional(path: Path) -> list[str]:
     """Functions of a file with more than four parameters that may be given by place."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in nodes_of(path.read_text(encoding="utf-8")):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             names = [arg.arg for arg in (*node.args.posonlyargs, *node.args.args)]
             if len([name for name in names if name not in ("self", "cls")]) > 4:

@@ -35,6 +35,7 @@ from tests import pages
 from tests.commands import children, root
 from tests.pages import PAGES, ROOT, WIRE_A_CELL, Block
 
+pytestmark = pytest.mark.usefixtures("built_once")
 SHARED = ROOT.parent / "shared" / "data"
 README = ROOT / "README.md"
 COMMANDS = pages.commands()

@@ -1,40 +1,51 @@
 """Run the tests of a day or the long ones; JOBS tests run at a time, but those in real time.
 
-``python -m tests.together daily JOBS`` (or ``long``). The daily tests in real time run alone, after
-the others: beside them they fail now and then, even where the others give way. The long ones in
-real time wait more than they compute, and run beside the others. A file's tests stay with one
-worker, which makes their fixtures once. The long run also checks every property with many random
-examples (``EXAMPLES``, 100 if it is not set). Exit status 1 if a test fails.
+``python -m tests.together daily JOBS`` (or ``long``). The daily tests in real time run before the
+others: beside them they failed now and then, even where the others gave way. The long ones in real
+time wait more than they compute, and run beside the others; ``beside`` runs the daily ones that
+way. A file's tests stay with one worker, which makes their fixtures once. The long run also
+checks every property with many random examples (``EXAMPLES``, 100 if it is not set). Exit status 1
+if a test fails.
 """
 
 import os
 import subprocess
 import sys
 import tempfile
+from pathlib import Path
 
 _TESTS = [sys.executable, "-m", "pytest", "-m"]
+
+
+def in_real_time() -> list[str]:
+    """The files with tests in real time, whose text names the mark: no others need be imported."""
+    files = Path(__file__).parent.rglob("test_*.py")
+    return sorted(str(f) for f in files if "mark.realtime" in f.read_text(encoding="utf-8"))
 
 
 def main(which: str, jobs: str) -> int:
     """Run all tests of ``which``."""
     spread = ["-n", jobs, "--dist", "loadfile"]
-    return _daily(spread) if which == "daily" else _long(spread)
+    if which == "long":
+        others = [*_TESTS, "not realtime and (long or hypothesis)", *spread]
+        return _beside(others, "realtime and long", {"EXAMPLES": "100", **os.environ})
+    others = [*_TESTS, "not realtime and not long", *spread]
+    if which == "beside":
+        return _beside(others, "realtime and not long", dict(os.environ))
+    alone = subprocess.run([*_TESTS, "realtime and not long", *in_real_time()], check=False)
+    return int(subprocess.run(others, check=False).returncode != 0 or alone.returncode != 0)
 
 
-def _daily(spread: list[str]) -> int:
-    others = subprocess.run([*_TESTS, "not realtime and not long", *spread], check=False)
-    in_real_time = subprocess.run([*_TESTS, "realtime and not long"], check=False)
-    return int(others.returncode != 0 or in_real_time.returncode != 0)
-
-
-def _long(spread: list[str]) -> int:
+def _beside(others: list[str], real_time: str, environment: dict[str, str]) -> int:
     """Run both kinds at a time; what those in real time print comes last."""
-    environment = {"EXAMPLES": "100", **os.environ}
-    others = [*_TESTS, "not realtime and (long or hypothesis)", *spread]
     with tempfile.TemporaryFile("w+") as printed:
         running = [
             subprocess.Popen(["nice", "-n", "19", *others], env=environment),
-            subprocess.Popen([*_TESTS, "realtime and long"], stdout=printed, stderr=printed),
+            subprocess.Popen(
+                [*_TESTS, real_time, *in_real_time()],
+                stdout=printed,
+                stderr=printed,
+            ),
         ]
         failed = [process.wait() != 0 for process in running]
         printed.seek(0)

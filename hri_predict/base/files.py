@@ -155,8 +155,17 @@ def read_yaml(path: Path, what: str) -> dict[str, Any]:
         ConfigError: the file is missing, unreadable, too long, not YAML (see ``load_yaml``), or not
             a mapping.
     """
+    return mapping_of(read_text(path, what), path, what)
+
+
+def mapping_of(text: str, path: Path, what: str) -> dict[str, Any]:
+    """Return the YAML mapping in the text of a file.
+
+    Raises:
+        ConfigError: it is not YAML (see ``load_yaml``), or not a mapping.
+    """
     try:
-        data = load_yaml(read_text(path, what))
+        data = load_yaml(text)
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""

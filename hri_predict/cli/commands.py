@@ -6,6 +6,8 @@ its source file: the first line of its function's docstring, or of its module's 
 """
 
 import ast
+import sys
+from functools import lru_cache
 from importlib import metadata, util
 from pathlib import Path
 from typing import Annotated, Any
@@ -54,6 +56,12 @@ class Commands(TyperGroup):
 
 
 def _points() -> dict[str, metadata.EntryPoint]:
+    return _scanned(tuple(sys.path))
+
+
+@lru_cache(maxsize=1)
+def _scanned(_path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
+    """Return the commands of all packages on the path: a scan reads all of their files."""
     return {point.name: point for point in metadata.entry_points(group="hri_predict.commands")}
 
 

@@ -27,13 +27,21 @@ _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links"
 
 
 def _entry_points(kind: Kind) -> dict[str, metadata.EntryPoint]:
-    return _scanned(kind, tuple(sys.path))
+    return _registered(kind, tuple(sys.path))
 
 
 @lru_cache
-def _scanned(kind: Kind, _path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
-    """Return the registrations of the packages on the path: each scan reads all of their files."""
-    return {e.name: e for e in metadata.entry_points(group=f"hri_predict.{kind}")}
+def _registered(kind: Kind, path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
+    return {e.name: e for e in _scanned(path).select(group=f"hri_predict.{kind}")}
+
+
+@lru_cache(maxsize=1)
+def _scanned(_path: tuple[str, ...]) -> Any:
+    """Return the registrations of all packages on the path: a scan reads all of their files.
+
+    Python 3.11 has another class for them than 3.12; both have ``select``.
+    """
+    return metadata.entry_points()
 
 
 def names(kind: Kind) -> list[str]:

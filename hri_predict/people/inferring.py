@@ -78,7 +78,7 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 
 def hidden_arms(measured: Bools) -> Bools:
     """(P, J) joints of arms of which nothing below the shoulder is seen in a history (P, T, J)."""
-    seen = measured.any(1)
+    seen: Bools = np.asarray(measured.any(1))
     found = np.zeros_like(seen)
     for arm in _ARMS:
         found[:, arm] = ~seen[:, arm].any(1, keepdims=True)

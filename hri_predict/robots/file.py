@@ -5,6 +5,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -12,7 +13,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
 from hri_predict.base.errors import ConfigError, RobotError, nearest
-from hri_predict.base.files import read_yaml, shipped_path
+from hri_predict.base.files import mapping_of, read_text, shipped_path
 from hri_predict.base.quantities.units import meant
 from hri_predict.base.settings import (
     MAX_PAYLOAD_KG,
@@ -285,9 +286,15 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
     """
     path = robot_path(model, base_dir)
     try:
-        robot = validated(RobotFile, read_yaml(path, "robot file"), f"robot file {path}")
+        return _checked(path, read_text(path, "robot file"))
     except ConfigError as error:
         raise RobotError(str(error)) from error
+
+
+@lru_cache(maxsize=16)
+def _checked(path: Path, text: str) -> RobotFile:
+    """The robot in the text of a file: a cell needs the same one at many places."""
+    robot = validated(RobotFile, mapping_of(text, path, "robot file"), f"robot file {path}")
     problem = _chain_problem(robot) or _capsule_problem(robot) or size_problem(robot)
     if problem:
         raise RobotError(f"robot file {path}: {problem}")
@@ -297,8 +304,7 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
 def robot_path(model: str, base_dir: Path | None) -> Path:
     """The robot's file, which need not be there if ``model`` is a path; see ``read_robot_file``.
 
-    Raises:
-        RobotError: no robot of this name is shipped.
+    Raises ``RobotError`` if no robot of this name is shipped.
     """
     try:
         return shipped_path("robot model", "robots", model, base_dir)

@@ -18,8 +18,10 @@ from hri_predict.cli.check import realtime as machine
 from hri_predict.cli.common import JsonOption, without_effect
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import Transport
+from hri_predict.contracts.predictor import Predictor
 from hri_predict.operation.monitoring.alerts import alert_file
 from hri_predict.people.clock.offset_line import MAX_DRIFT
+from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
 from hri_predict.run import assemble
@@ -92,8 +94,9 @@ def check(
             raise typer.Exit(1)
         return
     with loaded.naming_lines():
-        found = examine(loaded)
-        found["working_distance"] = zones.distance_facts(loaded)
+        predictor = assemble.build_predictor(loaded)
+        found = examine(loaded, predictor)
+        found["working_distance"] = zones.distance_facts(loaded, predictor)
     if as_json:
         print(json.dumps(found))
     else:
@@ -148,8 +151,10 @@ def _print(found: dict[str, Any]) -> None:
     )
 
 
-def examine(config: Config) -> dict[str, Any]:
+def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any]:
     """Build everything without opening a device; return the budget, distances, loads and notes.
+
+    ``predictor``: the configured one, if it is built already.
 
     Raises:
         HriPredictError: the configuration is wrong; one line with the remedy.
@@ -157,8 +162,10 @@ def examine(config: Config) -> dict[str, Any]:
     clock = MonotonicClock()
     source = assemble.build_source(config)
     # a check touches no device: anything may stand in its place
-    transports = {link.name: cast(Transport[Any], object()) for link in config.links}
-    assembly = assemble.build(config, clock, source=source, transports=transports)
+    wires = {link.name: cast(Transport[Any], object()) for link in config.links}
+    predictor = predictor or assemble.build_predictor(config)
+    runner = PredictionRunner(predictor, deadline_s=None)
+    assembly = assemble.build(config, clock, source=source, transports=wires, prediction=runner)
     loads = [assemble.load_of(config, link) for link in config.links]
     simulated = [link for link in config.links if link.simulate is not None]
     if simulated:  # built but not started: this checks its settings
@@ -192,9 +199,8 @@ def examine(config: Config) -> dict[str, Any]:
         "refuse_advice_older_than_s": reaction_time_s - terms["controller_reaction"],
         "stopping": {name: {"time_s": t, "distance_m": d} for name, (t, d) in stops.items()},
         "until_stopped_s": {name: reaction_time_s + t for name, (t, _) in stops.items()},
-        "horizon_s": assembly.prediction.predictor.horizon_steps
-        / assembly.prediction.predictor.rate_hz,
-        "engine": zones.engine_facts(assembly.prediction.predictor),
+        "horizon_s": predictor.horizon_steps / predictor.rate_hz,
+        "engine": zones.engine_facts(predictor),
         "loops": zones.loops_line(),
         "risk": risk,
         "contact": robots.contact_facts(*contact),
@@ -202,9 +208,7 @@ def examine(config: Config) -> dict[str, Any]:
         "links": [asdict(load) for load in loads],
         "zones": zones_text(config),
         "calibration": calibration,
-        "joint_map": joint_map.joint_map_cost(
-            config, assembly.prediction.predictor, assembly.source.joint_map
-        ),
+        "joint_map": joint_map.joint_map_cost(config, predictor, source.joint_map),
         "latch": list(config.node.risk.latch),
         "state": notes.state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
@@ -220,7 +224,7 @@ def examine(config: Config) -> dict[str, Any]:
             *race_notes(config.node, source.rate_hz),
             *commissioned.evidence_notes(evidence),
             *(f"alerts: {note}" for hook in alerts for note in hook["notes"]),
-            *notes.gravity_note(config, assembly.source.joint_map),
+            *notes.gravity_note(config, source.joint_map),
             *notes.lost_notes(config, needed, source.rate_hz),
             *notes.first_start_note(config),
             *notes.radius_note(risk),
@@ -259,10 +263,8 @@ _TERMS = {
 
 def _risk_table(risk: dict[str, Any]) -> Table:
     """Return the distances that the risk mode needs."""
-    table = Table(
-        title=f"Risk mode {risk['mode']}, at full speed and the longest delay",
-        title_justify="left",
-    )
+    title = f"Risk mode {risk['mode']}, at full speed and the longest delay"
+    table = Table(title=title, title_justify="left")
     table.add_column("distance, m")
     for name in risk["robots"]:
         table.add_column(name, justify="right")
@@ -290,11 +292,8 @@ def _delay_table(found: dict[str, Any]) -> Table:
         table.add_row(_DELAYS[name], f"{seconds * 1e3:.0f} ms")
     total_ms = found["reaction_time_s"] * 1e3
     table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
-    table.add_row(
-        "controllers: refuse advice older than",
-        f"{found['refuse_advice_older_than_s'] * 1e3:.0f} ms",
-        end_section=True,
-    )
+    oldest_ms = found["refuse_advice_older_than_s"] * 1e3
+    table.add_row("controllers: refuse advice older than", f"{oldest_ms:.0f} ms", end_section=True)
     for robot, stop in found["stopping"].items():
         table.add_row(
             f"{robot}: stopping from full speed, T_s",

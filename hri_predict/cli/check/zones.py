@@ -90,15 +90,18 @@ _STEP_M = 0.02
 _MOVING = ("release", "robot_state")  # terms of people who move, and of what is not known here
 
 
-def distance_facts(config: Config) -> dict[str, Any]:
+def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
     """The working distance of a person who stands in front of the first robot that moves.
+
+    Args:
+        predictor: the configured one.
 
     Returns:
         ``robot``, ``speed_m_s``; ``why``: why nothing is known, or ""; ``total_m`` (``None``: too
         far), ``costs_m`` by term, ``rest_m``.
     """
     cell = _at_once(alone(config))
-    source, predictor = assemble.build_source(config), assemble.build_predictor(config)
+    source = assemble.build_source(config)
     delivered = source.joint_map.mapped
     try:
         robot = robot_of(cell, None)

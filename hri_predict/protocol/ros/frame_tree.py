@@ -259,7 +259,7 @@ class Moment:
             matrix = np.eye(4)
             for child in self._above[: self._above.index(frame)]:
                 matrix = self._in_parent(child) @ matrix
-            self._found[frame] = np.linalg.inv(matrix)
+            self._found[frame] = np.asarray(np.linalg.inv(matrix), np.float64)
         return self._found[frame]
 
     def _in_parent(self, child: str) -> Floats:

@@ -7,7 +7,7 @@ node's own stages. The person stays the same, and is only moved and turned over 
 the middle lies in front of where the robot works.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import atan2, cos, sin
@@ -234,13 +234,19 @@ class Measure:
     def limits(self, distance_m: float) -> Floats:
         """(N,) permitted speeds of the ticks that count, m/s; people are at this distance."""
         if distance_m not in self.known:
-            self.known[distance_m] = self._limits(distance_m)[self._counts]
+            self.known[distance_m] = np.array(list(self._limits(distance_m)))
         return self.known[distance_m]
 
     def works(self, distance_m: float) -> bool:
         """Whether the robot may work with people at this distance."""
-        fast = self.limits(distance_m) >= FAST * self._situation.max_speed_m_s - 1e-9
-        return bool(fast.mean() >= HELD)
+        fast_m_s = FAST * self._situation.max_speed_m_s - 1e-9
+        count, fast, slow = max(1, int(self._counts.sum())), 0, 0
+        for limit_m_s in self.known.get(distance_m, self._limits(distance_m)):
+            fast += limit_m_s >= fast_m_s
+            slow += limit_m_s < fast_m_s
+            if fast / count >= HELD or (count - slow) / count < HELD:
+                break  # the ticks that are left change nothing
+        return fast / count >= HELD
 
     def distance_m(
         self, low: float = NEAREST_M, high: float = FARTHEST_M, step: float = STEP_M
@@ -260,18 +266,18 @@ class Measure:
             low, high = (low, middle) if self.works(middle) else (middle, high)
         return high
 
-    def _limits(self, distance_m: float) -> Floats:
+    def _limits(self, distance_m: float) -> Iterator[float]:
+        """Yield the permitted speed of each tick that counts, m/s."""
         robot, matrix = self._situation.robot, self._place(distance_m)
         engine = self._situation.engine(self._trackers)
-        limits = []
-        for snapshot, bodies, robots in zip(
-            self._seen.snapshots, self._zones, self._robots, strict=True
+        for snapshot, bodies, robots, counts in zip(
+            self._seen.snapshots, self._zones, self._robots, self._counts, strict=True
         ):
             there = moved_zones(bodies, matrix)
             found = engine.separation(there, robots)
             advice = engine.levels(snapshot, there, found).advices[robot]
-            limits.append(advice.speed_limit_m_s or 0.0)
-        return np.array(limits)
+            if counts:
+                yield advice.speed_limit_m_s or 0.0
 
     def _place(self, distance_m: float) -> Floats:
         """(4, 4) from the people's frame to where they are at this distance."""

@@ -66,7 +66,14 @@ def judge(environment, lines, folder):
             assert errors.startswith(("error: ", "warning: ", "written: ", "Usage", " ")), where
 
 
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+DAILY = ("ascii", "nothing open", "full disk")
+"""Of the environments, those that are hardest to please."""
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [e if e in DAILY else pytest.param(e, marks=pytest.mark.long) for e in ENVIRONMENTS],
+)
 def test_help_and_bare_calls_end_without_a_traceback(environment, tmp_path):
     every = list(commands())
     assert len(every) > 30

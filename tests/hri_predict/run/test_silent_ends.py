@@ -82,11 +82,27 @@ def error_lines(said):
     return [line for line in said.splitlines() if line.startswith("error: ")]
 
 
-@pytest.mark.parametrize("kind", ["websocket", "wss", "rfc2217", "zenoh"])
-def test_a_silent_source_ends_the_start_with_one_line(tmp_path, server, kind):
-    cell = cell_with(tmp_path, source=LIVE | sources(server.port)[kind])
-    with running("run", str(cell)) as process:
-        _, said = process.communicate(timeout=START_S)
+KINDS = ("websocket", "wss", "rfc2217", "zenoh")
+
+
+@pytest.fixture(scope="module")
+def starts(tmp_path_factory):
+    """Nodes whose sources are silent, all started at once: kind -> (server, node)."""
+    with contextlib.ExitStack() as stack:
+        found = {}
+        for kind in KINDS:
+            server = SilentServer()
+            stack.callback(server.close)
+            source = LIVE | sources(server.port)[kind]
+            cell = cell_with(tmp_path_factory.mktemp(kind), source=source)
+            found[kind] = server, stack.enter_context(running("run", str(cell)))
+        yield found
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_silent_source_ends_the_start_with_one_line(starts, kind):
+    server, process = starts[kind]
+    _, said = process.communicate(timeout=START_S)
     assert process.returncode == 2, said
     assert len(error_lines(said)) == 1
     assert f"127.0.0.1:{server.port}" in error_lines(said)[0]

@@ -15,6 +15,7 @@ from hri_predict.viewing import feed as feeds
 from hri_predict.viewing.feed import Feed, check_viser
 from tests.browser import wait_for
 from tests.hri_predict.viewing.staged import cell
+from tests.silent_server import cell_with
 
 
 def test_a_feed_shows_that_a_picture_could_not_be_made_and_goes_on(caplog):
@@ -40,9 +41,10 @@ def test_the_node_imports_no_viser():
 
 
 @pytest.fixture
-def node_with_page():
+def node_with_page(tmp_path):
     """A running node, the address's port and the process id of its operator's page."""
-    command = [sys.executable, "-m", "hri_predict", "demo", "--operator", "0", "--json"]
+    words = ["run", str(cell_with(tmp_path)), "--operator", "0", "--json"]
+    command = [sys.executable, "-m", "hri_predict", *words]
     node = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
     assert node.stderr is not None
     try:

@@ -129,7 +129,7 @@ class Ros2Decoder:
             log.info("source 'ros2': %s", news)
         return scenes
 
-    def _refuse(self, why: object) -> None:
+    def _refuse(self, why: Exception | str) -> None:
         self._counters.malformed += 1
         self._counters.note(why)
 

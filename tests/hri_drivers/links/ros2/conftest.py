@@ -1,11 +1,10 @@
 """A ROS domain for each test."""
 
-import itertools
-import os
-
 import pytest
 
-DOMAINS = itertools.count(1 + os.getpid() % 90)
+from tests.hri_drivers.ros_domains import domains
+
+DOMAINS = domains(0)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 ``OTHER_ROS_PYTHON=/path/to/python`` lets another interpreter publish, with another release of ROS.
 """
 
-import itertools
 import os
 import subprocess
 import sys
@@ -13,10 +12,11 @@ from typing import Any
 
 import pytest
 
+from tests.hri_drivers.ros_domains import domains
 from tests.hri_drivers.sources.ros2 import generated
 
 PUBLISHER = Path(__file__).parents[4] / "drivers" / "ros2" / "people_publisher.py"
-DOMAINS = itertools.count(100 + os.getpid() % 100)
+DOMAINS = domains(100)
 OF_THIS_RELEASE = (
     "PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE",
 )  # fmt: skip

@@ -6,12 +6,14 @@ nodes and Fast DDS add is in ``test_never_clear``.
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hri_drivers.sources.ros2.decoder import Ros2Decoder
-from hri_drivers.sources.ros2.settings import KINDS
+from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
+from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.ros2_heard import NO_SEQUENCE, TF, Heard
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.source import SourceCounters
@@ -38,6 +40,12 @@ ONE, OTHER = b"a" * 16, b"b" * 16
 CANONICAL = load_joint_map("canonical").source_joints
 FILES = {"pose_array": "live_ros2", "ros4hri": "live_ros4hri", "zed": "live_zed"}
 CONFIGS = {k: configuration.load(configuration.shipped(f"{f}.yaml")) for k, f in FILES.items()}
+
+
+def settings_of(message: str) -> Ros2SourceSettings:
+    source = CONFIGS[message].source
+    assert isinstance(source, Ros2SourceSettings)
+    return source
 
 
 @dataclass
@@ -88,7 +96,7 @@ class Sender:
         return points + self.rng.normal(0.0, 0.002, points.shape)
 
     def _people(self, at_ns, k, people):
-        frame = self.frame or CONFIGS[self.message].source.frame
+        frame = self.frame or settings_of(self.message).frame
         if self.message == "ros4hri":
             return MAKER.tracked(*(["abc"] * people), at_ns=at_ns)
         if self.message == "zed":
@@ -127,7 +135,7 @@ class Played:
     declares_noise = True
 
     def __init__(self, sender: Sender, fault: dict[str, object]) -> None:
-        settings = CONFIGS[sender.message].source
+        settings = settings_of(sender.message)
         made = load_joint_map(settings.joint_map)
         self.joint_map = made.with_units(1.0).with_axes(settings.axes)
         self.rate_hz = 30.0
@@ -145,7 +153,7 @@ class Played:
         self._k = 0
         self._start_ns = 0
         self._line: deque[tuple[int, bytes]] = deque()
-        self._scenes: deque[object] = deque()
+        self._scenes: deque[SentScene] = deque()
 
     def open(self, start_ns: int) -> None:
         self._start_ns = start_ns
@@ -206,7 +214,7 @@ def test_the_healthy_cell_says_clear(watch, message):
     assert counters.malformed <= 1  # the first list comes before the first frames
 
 
-FAULTS = {
+FAULTS: dict[str, dict[str, Any]] = {
     "unplugged": {"now": False},
     "wrong frame": {"frame": "lidar"},
     "earlier stamps": {"shift_ns": -1000 * S},
@@ -214,7 +222,7 @@ FAULTS = {
     "delayed 0.5 s": {"delay_ns": S // 2},
     "two publishers, one sees no one": {"other_people": 0},
 }
-OF_FRAMES = {
+OF_FRAMES: dict[str, dict[str, Any]] = {
     "the list stops": {"lists": False},
     "frames stop": {"shows": False},
     "frames repeat": {"held": 100},

@@ -10,6 +10,7 @@ from hri_predict.cli.check.check import check, examine
 from hri_predict.cli.run import run
 from hri_predict.run import config as configuration
 
+pytestmark = pytest.mark.usefixtures("built_once")
 UNUSED = "  mode: {mode}\n  coverage: {{calibration: mine.calibration.json}}\n"
 
 

@@ -3,12 +3,14 @@
 import pytest
 
 from hri_predict.cli.check.zones import distance_facts, distance_lines
+from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 
 
 def facts_of(name):
     config = configuration.load(configuration.shipped(name))
-    return distance_facts(config.with_predictor("constant_velocity", horizon_s=1.2))
+    config = config.with_predictor("constant_velocity", horizon_s=1.2)
+    return distance_facts(config, assemble.build_predictor(config))
 
 
 def test_the_sum_and_the_three_largest_terms_each_with_a_remedy():

@@ -16,6 +16,7 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_sim.bench.command import app
 
+pytestmark = pytest.mark.usefixtures("built_once")
 LIVE = ("live_json", "live_mvn", "live_serial", "live_udp", "live_websocket")
 
 

@@ -24,6 +24,7 @@ from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 
+pytestmark = pytest.mark.usefixtures("built_once")
 ROBOTS = sorted(path.stem for path in data_path("robots").glob("*.yaml"))
 
 

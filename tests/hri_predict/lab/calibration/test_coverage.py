@@ -1,6 +1,7 @@
 """Coverage: counts by hand, intervals by recording, and zones as the node would have had them."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,14 +60,15 @@ def wandering(frames, rate_hz=RATE_HZ, seed=0, speed=1.0):
 def scored(make_recording):
     """Scores of five recordings by a predictor, and a calibration with radii of one size."""
 
-    def make(predictor, radius_m, rate_hz=RATE_HZ, seconds=2.2):
+    @cache
+    def make(predictor, rate_hz, seconds):
         recordings = [
             make_recording(
                 wandering(round(seconds * rate_hz), rate_hz, seed), rate_hz, f"walking_{seed}"
             )
             for seed in range(4)
         ]
-        scores = score_recordings(predictor, recordings)
+        scores = score_recordings(predictor(), recordings)
         made = calibrate(
             scores=scores,
             predictor="own",
@@ -75,17 +77,21 @@ def scored(make_recording):
             rate_hz=RATE_HZ,
             skeleton=CANONICAL,
         )
+        return scores, made
+
+    def scored(predictor, radius_m, rate_hz=RATE_HZ, seconds=2.2):
+        scores, made = make(predictor, rate_hz, seconds)
         tables = {of: np.full_like(table, radius_m) for of, table in made.estimated.items()}
         return scores, replace(made, estimated=tables, limits=None, scale=scale_of())
 
-    return make
+    return scored
 
 
 # -- counts ---------------------------------------------------------------------------------------
 
 
 def test_counts_by_hand(scored):
-    scores, calibration = scored(zero(), 0.1)
+    scores, calibration = scored(zero, 0.1)
     windows = len(scores[0].origin_ns)
     error = np.zeros((windows, STEPS, COUNT))
     error[0, 0, WRIST] = 0.2  # outside
@@ -107,7 +113,7 @@ def test_counts_by_hand(scored):
 
 
 def test_presences_of_one_recording_are_counted_together(scored):
-    scores, calibration = scored(zero(), 0.1)
+    scores, calibration = scored(zero, 0.1)
     once = as_calibrated(scores[:2], calibration, CUT, CANONICAL)
     twice = as_calibrated([scores[0], scores[0], scores[1]], calibration, CUT, CANONICAL)
     assert twice.names == ("walking_0", "walking_1")
@@ -119,7 +125,7 @@ def test_presences_of_one_recording_are_counted_together(scored):
 
 
 def test_where_nothing_is_calibrated_nothing_is_known(scored):
-    scores, calibration = scored(zero(), np.inf)
+    scores, calibration = scored(zero, np.inf)
     found = as_calibrated(scores, calibration, CUT, CANONICAL)
     assert not found.known["joint"].any()
     assert np.isnan(found.share("body")).all()
@@ -192,7 +198,7 @@ def test_intervals_are_the_same_each_time():
 @pytest.mark.parametrize("rate_hz", [25.0, 100.0])
 def test_where_nothing_is_cut_zones_as_run_hold_what_their_radii_hold(scored, rate_hz):
     # who stays where the forecast is still: a ball about a point, and so no larger than its radius
-    scores, calibration = scored(zero(), 0.15, rate_hz)
+    scores, calibration = scored(zero, 0.15, rate_hz)
     radii = as_calibrated(scores, calibration, CUT, CANONICAL)
     run = as_run(scores, Calibrated(zero(), calibration), CUT, UNBOUNDED)
     for of in ("joint", "body"):
@@ -215,7 +221,7 @@ def test_past_errors_are_the_same_live_as_in_the_scores(scored, rate_hz):
     presence = Presence(stamps, positions, observed, rate_hz)
     entry = score_presence(constant(), "walking_9", "walking", presence)
     assert entry is not None
-    _, calibration = scored(constant(), 0.15)
+    _, calibration = scored(constant, 0.15)
     ran = run_zones(entry, Calibrated(constant(), calibration), CHECKED)
     live = np.concatenate([trust.error_m for _, trust in ran])
     # metres to 1e-15, interpolated and subtracted in the same order but for the age in seconds,
@@ -227,7 +233,7 @@ def test_past_errors_are_the_same_live_as_in_the_scores(scored, rate_hz):
 
 
 def test_about_a_forecast_that_moves_zones_are_somewhat_larger(scored):
-    scores, calibration = scored(constant(), 0.15)
+    scores, calibration = scored(constant, 0.15)
     radii = as_calibrated(scores, calibration, CUT, CANONICAL)
     run = as_run(scores, Calibrated(constant(), calibration), CUT, UNBOUNDED)
     for of in ("joint", "body"):
@@ -238,7 +244,7 @@ def test_about_a_forecast_that_moves_zones_are_somewhat_larger(scored):
 
 def test_the_cut_loses_nobody_who_keeps_the_limits(scored):
     # radii of 2 m would hold everybody, and what bodies can do is less than that, and does so, too
-    scores, calibration = scored(constant(), 2.0)
+    scores, calibration = scored(constant, 2.0)
     run = as_run(scores, Calibrated(constant(), calibration), CUT)
     assert run.share("joint") == pytest.approx(np.ones(STEPS))
     balls, _ = run_zones(scores[0], Calibrated(constant(), calibration), CUT)[0]
@@ -246,7 +252,7 @@ def test_the_cut_loses_nobody_who_keeps_the_limits(scored):
 
 
 def test_out_for_a_moment_is_out_for_that_step_alone(make_recording, scored):
-    _, calibration = scored(zero(), 0.1)
+    _, calibration = scored(zero, 0.1)
     positions = np.repeat(BODY[None], 200, axis=0)
     positions[100] += 1.0  # 1.0 s, at 100 Hz
     scores = score_recordings(zero(), [make_recording(positions, 100.0)])
@@ -258,7 +264,7 @@ def test_out_for_a_moment_is_out_for_that_step_alone(make_recording, scored):
 
 
 def test_the_self_check_widens_what_falls_short(scored):
-    scores, calibration = scored(zero(), 0.15)
+    scores, calibration = scored(zero, 0.15)
     off = as_run(scores, Calibrated(zero(), calibration), CUT, UNBOUNDED)
     on = as_run(scores, Calibrated(zero(), calibration), CHECKED, UNBOUNDED)
     assert on.widened > 0.2
@@ -267,7 +273,7 @@ def test_the_self_check_widens_what_falls_short(scored):
 
 
 def test_who_is_unlike_all_is_counted(scored):
-    scores, calibration = scored(zero(), 0.15)
+    scores, calibration = scored(zero, 0.15)
     calibration.ranges["speed_m_s"].update(dict.fromkeys(calibration.joints, 0.2))
     on = as_run(scores, Calibrated(zero(), calibration), CHECKED, UNBOUNDED)
     assert on.unlike == 1.0  # all go at 1 m/s
@@ -283,7 +289,7 @@ def test_who_is_unlike_all_is_counted(scored):
 def test_the_residual_of_scores_is_the_live_one(make_recording, scored, rate_hz, share_seen):
     # Both take the forecast nearest to 0.4 s old, between its steps on a line; ticks are at origins
     # here. The node's own ticks may be at other captures: then it is of other forecasts.
-    _, calibration = scored(constant(), 0.2)
+    _, calibration = scored(constant, 0.2)
     frames = round(4 * rate_hz)
     observed = np.random.default_rng(3).random((frames, COUNT)) < share_seen
     positions = wandering(frames, rate_hz)

@@ -4,6 +4,7 @@ import logging
 import os
 import subprocess
 import sys
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -89,15 +90,18 @@ def walk(people, steps):
     )
 
 
+@cache
+def shipped(name, engine):
+    """A network as it is shipped; to export one takes a second."""
+    cls = registry.load("predictors", name)
+    predictor = cls(cls.settings_model.model_validate({"name": name, "engine": engine}))
+    assert isinstance(predictor, NeuralPredictor)
+    return predictor
+
+
 @pytest.mark.parametrize("name", ["sinn", "trajectorycnn", "stb", "auxformer", "kdformer", "mixer"])
 def test_forecasts_of_the_copy_are_torch_s(name):
-    cls = registry.load("predictors", name)
-    torch_s, copy_s = (
-        cls(cls.settings_model.model_validate({"name": name, "engine": engine}))
-        for engine in ("torch", "auto")
-    )
-    assert isinstance(torch_s, NeuralPredictor)
-    assert isinstance(copy_s, NeuralPredictor)
+    torch_s, copy_s = shipped(name, "torch"), shipped(name, "auto")
     assert (torch_s.engine.name, copy_s.engine.name) == ("torch", "onnxruntime")
     for people in (1, 2, 5, 16):  # one copy serves any number of people
         history = walk(people, torch_s.history_steps)
@@ -108,9 +112,7 @@ def test_forecasts_of_the_copy_are_torch_s(name):
 
 def test_the_copy_of_kdformer_turns_a_bone_that_points_the_other_way():
     """The rotation from a direction to its opposite has a formula of its own."""
-    cls = registry.load("predictors", "kdformer")
-    copy = cls(cls.settings_model.model_validate({"name": "kdformer", "engine": "auto"}))
-    assert isinstance(copy, NeuralPredictor)
+    copy = shipped("kdformer", "auto")
     assert copy.engine.name == "onnxruntime"
     skeleton, body = copy.network.shape.skeleton, copy.network.rest.clone()
     hand = skeleton.joints.index("l_hand")

@@ -230,7 +230,7 @@ def test_two_virtual_runs_give_the_same_bytes_also_into_a_folder(tmp_path):
         cell.mkdir()
         folder = cell / "kept"
         record = {"folder": "kept", "max_minutes": 0.05, "sent": True}
-        options = Options(factor=None, duration_s=8)
+        options = Options(factor=None, duration_s=7)
         summary = run(_demo(cell, record=record), options)
         assert summary.recording is not None
         found.append({path.name: path.read_bytes() for path in folder.glob("*.mcap")})

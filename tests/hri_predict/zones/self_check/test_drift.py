@@ -2,6 +2,7 @@
 
 import logging
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -78,6 +79,7 @@ def test_time_without_people_does_not_count():
     assert BLOCK_S * math.log(EVIDENCE) / math.log1p(4) > 200 * 0.1
 
 
+@cache
 def errors(seed, hours):
     """(N,) errors of a person at work: correlated over a second, of an activity that changes every
     minute by a third."""
