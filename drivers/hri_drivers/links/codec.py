@@ -1,6 +1,6 @@
 """Interface between a link and its wire: how messages become units, and how long they take."""
 
-from typing import Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.messages import Message, Pose, RobotState, Zone
@@ -9,6 +9,7 @@ from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import SIX_JOINTS, StateShape
 
 U = TypeVar("U")
+F = TypeVar("F", contravariant=True)
 
 
 class Codec(Protocol[U]):
@@ -46,6 +47,47 @@ class Codec(Protocol[U]):
 
     def size(self, unit: U) -> int:
         """Payload bytes, for the counters."""
+
+
+class _Frames(Protocol[F]):
+    """A receiver of protected frames, as ``hri_predict.protocol`` has for each kind of wire."""
+
+    @property
+    def counters(self) -> ReceiveCounters: ...
+
+    def watch(self, own: OwnFrames) -> None: ...
+
+    def feed(self, unit: F, /) -> list[Message]: ...
+
+    def reset(self) -> None: ...
+
+
+class FrameCodec(Generic[U]):
+    """Parts common to codecs that carry every message, with a receiver of protected frames."""
+
+    def __init__(self, receiver: _Frames[U]) -> None:
+        self._receiver = receiver
+
+    def carries(self, message: Message) -> bool:
+        """True: everything."""
+        return True
+
+    def decode(self, unit: U) -> list[Message]:
+        """Messages that this unit completes."""
+        return self._receiver.feed(unit)
+
+    def reset(self) -> None:
+        """Forget what was under way."""
+        self._receiver.reset()
+
+    def count(self, counters: LinkCounters) -> None:
+        """Copy the receiver's counts."""
+        copy_counts(self._receiver.counters, counters)
+
+    @property
+    def refused(self) -> str:
+        """Why whole messages were refused last, if the receiver says it."""
+        return str(getattr(self._receiver, "refused", ""))
 
 
 def copy_counts(receiver: ReceiveCounters, counters: LinkCounters, no_frames: int = 0) -> None:

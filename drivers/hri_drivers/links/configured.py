@@ -8,6 +8,7 @@ from typing import ClassVar, Generic, TypeVar
 from pydantic import Field
 
 from hri_drivers.links.codec import Codec
+from hri_drivers.links.load import Traffic
 from hri_drivers.links.slots import Budget
 from hri_drivers.links.supervised import SupervisedLink
 from hri_drivers.wires.transport import Transport
@@ -65,6 +66,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
         robots: Sequence[int] = (0,),
         shapes: Sequence[StateShape] = (),
     ) -> None:
+        self._demand(settings)
         wire = transport if transport is not None else self.make_transport(settings)
         super().__init__(
             settings=settings,
@@ -74,7 +76,21 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
             budget=Budget(max(0.0, self.load(settings, rate_hz, robots, shapes).spare)),
             wait_for_device=settings.wait_for_device,
         )
+        self._prepare(settings, robots)
 
+    @staticmethod
+    def _demand(settings: S) -> None:
+        """Refuse settings that cannot work here.
+
+        Raises:
+            LinkError: says why, and the remedy.
+        """
+
+    def _prepare(self, settings: S, robots: Sequence[int]) -> None:
+        """Complete a link that was just made, for the robots that it advises."""
+
+    bitrates: ClassVar[tuple[int, ...]] = ()
+    """Usual bit rates of such a wire, for a remedy."""
     _refused_said_ns: int | None = None
     _refused_before = 0
 
@@ -104,12 +120,37 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
     def _make_codec(settings: S, wire: Transport[U]) -> Codec[U]:
         """Return what turns messages into units of ``wire`` and back."""
 
-    @staticmethod
-    @abstractmethod
+    @classmethod
     def load(
+        cls,
         settings: S,
         rate_hz: float,
         robots: Sequence[int] = (0,),
         shapes: Sequence[StateShape] = (),
     ) -> LinkLoad:
         """Return how full the link will be; see ``LinkClass``."""
+        shares = cls._shares(settings, Traffic(rate_hz, robots, shapes))
+        load = sum(shares.values())
+        return LinkLoad(
+            name=settings.name,
+            load=load,
+            spare=1.0 - load - settings.reserved_load,
+            details=shares,
+            rate_hz=rate_hz,
+            bitrate=cls._bitrate(settings),
+            bitrates=cls.bitrates,
+        )
+
+    @staticmethod
+    @abstractmethod
+    def _shares(settings: S, traffic: Traffic) -> dict[str, float]:
+        """Return message -> share of the time in which it occupies the wire.
+
+        Raises:
+            LinkError: this kind of wire cannot carry the RobotState of one of the robots.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def _bitrate(settings: S) -> int:
+        """Return the bit rate as it is configured, bit/s."""

@@ -5,17 +5,15 @@ What reads the serial line (``drivers/c``, ``drivers/plc``) reads it, too.
 """
 
 import logging
-from collections.abc import Sequence
 from typing import ClassVar, Generic, TypeVar
 
-from hri_drivers.links.codec import copy_counts, item_count, shape_of
+from hri_drivers.links.codec import FrameCodec, item_count, shape_of
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
-from hri_drivers.links.load import link_load
+from hri_drivers.links.load import BAUDRATES, Traffic
 from hri_drivers.links.slots import BULK
 from hri_drivers.links.supervised import BULK_AHEAD_NS
 from hri_drivers.wires.transport import Transport
 from hri_predict.base.errors import LinkError
-from hri_predict.contracts.link import LinkCounters, LinkLoad
 from hri_predict.protocol.messages import Message
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
@@ -52,17 +50,13 @@ class FramedLinkSettings(ConfiguredLinkSettings):
 S = TypeVar("S", bound=FramedLinkSettings)
 
 
-class SerialCodec:
+class SerialCodec(FrameCodec[bytes]):
     """Messages as protected packets on a serial line; ``bitrate_8n1`` as in its settings."""
 
     def __init__(self, bitrate_8n1: float) -> None:
+        super().__init__(SerialReceiver())
         self._sender = SerialSender()
-        self._receiver = SerialReceiver()
         self._bitrate_8n1 = bitrate_8n1
-
-    def carries(self, message: Message) -> bool:
-        """Everything."""
-        return True
 
     def watch(self, own: OwnFrames) -> None:
         """See ``Codec``."""
@@ -72,23 +66,6 @@ class SerialCodec:
     def encode(self, message: Message) -> list[bytes]:
         """Packets of the message, each with its delimiter."""
         return [packet + b"\0" for packet in self._sender.encode(message).split(b"\0")[:-1]]
-
-    def decode(self, unit: bytes) -> list[Message]:
-        """Messages that these bytes complete."""
-        return self._receiver.feed(unit)
-
-    def reset(self) -> None:
-        """Forget what was under way."""
-        self._receiver.reset()
-
-    def count(self, counters: LinkCounters) -> None:
-        """Copy the receiver's counts."""
-        copy_counts(self._receiver.counters, counters)
-
-    @property
-    def refused(self) -> str:
-        """See ``SerialReceiver``."""
-        return self._receiver.refused
 
     def worst_s(self, message: Message) -> float:
         """Seconds of wire of such a message."""
@@ -117,6 +94,7 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
     """
 
     settings_model: ClassVar[type[FramedLinkSettings]] = FramedLinkSettings
+    bitrates = BAUDRATES
     _noise_said = False
 
     def _receive(self, units: list[bytes], now_ns: int) -> None:
@@ -142,25 +120,15 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
         return SerialCodec(settings.bitrate_8n1)
 
     @staticmethod
-    def load(
-        settings: S,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
-        """Return the load of the wire; see ``LinkClass``."""
-        return link_load(
-            name=settings.name,
-            kind="serial",
-            bitrate=settings.bitrate_8n1,
-            data_bitrate=None,
-            extended=False,
-            rate_hz=rate_hz,
-            robots=robots,
-            shapes=shapes,
-            robot_state_rate_hz=settings.robot_state_rate_hz,
-            reserved_load=settings.reserved_load,
-        )
+    def _shares(settings: S, traffic: Traffic) -> dict[str, float]:
+        def seconds(message: type[Message], shape: StateShape) -> float:
+            return wire_bits(message, "serial", shape=shape).seconds(settings.bitrate_8n1)
+
+        return traffic.shares(seconds, settings.robot_state_rate_hz)
+
+    @staticmethod
+    def _bitrate(settings: S) -> int:
+        return round(settings.bitrate_8n1)
 
     @staticmethod
     def receiver(settings: S) -> SerialReceiver:

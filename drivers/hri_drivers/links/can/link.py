@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from hri_drivers.links.can.isotp import (
     IsoTpBulk,
@@ -17,10 +17,9 @@ from hri_drivers.links.can.settings import CanLinkSettings, check_together, id_f
 from hri_drivers.links.can.transport import CanTransport
 from hri_drivers.links.codec import copy_counts, item_count, shape_of
 from hri_drivers.links.configured import ConfiguredLink
-from hri_drivers.links.load import link_load
+from hri_drivers.links.load import CAN_BITRATES, Traffic, check_bases
 from hri_drivers.links.slots import BULK
 from hri_drivers.wires.transport import Transport
-from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError
 from hri_predict.contracts.link import LinkCounters, LinkLoad
 from hri_predict.protocol.can import CanFrame, CanReceiver, CanSender
@@ -156,20 +155,14 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
     """
 
     settings_model: ClassVar[type[CanLinkSettings]] = CanLinkSettings
+    bitrates = CAN_BITRATES
     port_field: ClassVar[str] = "channel"  # see ``Simulatable``
 
-    def __init__(
-        self,
-        settings: CanLinkSettings,
-        clock: Clock,
-        transport: Transport[CanFrame] | None = None,
-        *,
-        rate_hz: float = 25.0,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> None:
+    @staticmethod
+    def _demand(settings: CanLinkSettings) -> None:
         demand_packages(settings.name, settings.interface)
-        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
+
+    def _prepare(self, settings: CanLinkSettings, robots: Sequence[int]) -> None:
         device = _device(self._transport)
         if isinstance(device, CanTransport):
             device.on_error_frame = self._on_error_frame
@@ -225,27 +218,28 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
     def _make_codec(settings: CanLinkSettings, wire: Transport[CanFrame]) -> CanCodec:
         return CanCodec(settings, _device(wire))
 
-    @staticmethod
-    def load(
-        settings: CanLinkSettings,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
+    @classmethod
+    def load(cls, settings: CanLinkSettings, *traffic: Any, **named: Any) -> LinkLoad:
         """Return the worst-case load of the bus; see ``LinkClass``."""
-        load = link_load(
-            name=settings.name,
-            kind=settings.wire_kind,
-            bitrate=settings.bitrate,
-            data_bitrate=settings.data_bitrate,
-            extended=settings.extended,
-            rate_hz=rate_hz,
-            robots=robots,
-            shapes=shapes,
-            robot_state_rate_hz=settings.robot_state_rate_hz,
-            reserved_load=settings.reserved_load,
-        )
-        return only_heard(load) if settings.listen_only else load
+        load = super().load(settings, *traffic, **named)
+        return replace(load, spare=0.0) if settings.listen_only else load
+
+    @staticmethod
+    def _shares(settings: CanLinkSettings, traffic: Traffic) -> dict[str, float]:
+        if settings.wire_kind == "can":
+            check_bases(settings.name, traffic)
+
+        def seconds(message: type[Message], shape: StateShape) -> float:
+            bits = wire_bits(message, settings.wire_kind, settings.extended, shape=shape)
+            return bits.seconds(settings.bitrate, settings.data_bitrate)
+
+        shares = traffic.shares(seconds, settings.robot_state_rate_hz)
+        heard = RobotState.__name__
+        return {heard: shares[heard]} if settings.listen_only else shares
+
+    @staticmethod
+    def _bitrate(settings: CanLinkSettings) -> int:
+        return settings.bitrate
 
     @staticmethod
     def check_together(links: Sequence[CanLinkSettings]) -> None:
@@ -267,9 +261,3 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
 def _device(wire: Transport[CanFrame]) -> object:
     """The transport beneath injected faults."""
     return getattr(wire, "device", wire)
-
-
-def only_heard(load: LinkLoad) -> LinkLoad:
-    """The load of a link on which the node sends nothing."""
-    heard = {name: load.details[name] for name in (RobotState.__name__,)}
-    return replace(load, load=sum(heard.values()), spare=0.0, details=heard)

@@ -12,19 +12,16 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
-from hri_drivers.links.load import padded_shapes
+from hri_drivers.links.load import Traffic
 from hri_drivers.links.modbus.codec import BITRATE, OVERHEAD_BYTES, ModbusCodec
 from hri_drivers.links.modbus.image import Block, Image
 from hri_drivers.links.modbus.server import ModbusTransport
 from hri_drivers.wires.transport import Transport
-from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import Pose
-from hri_predict.contracts.link import LinkLoad
 from hri_predict.protocol.messages import Advice, Message, RobotState, Status
 from hri_predict.protocol.registers import NEAREST, NODE, ROBOT, STATE, words_of
-from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
 
 log = logging.getLogger(__name__)
@@ -100,17 +97,7 @@ class ModbusLink(ConfiguredLink[ModbusLinkSettings, Block]):
     settings_model: ClassVar[type[ModbusLinkSettings]] = ModbusLinkSettings
     unprotected: ClassVar[str] = UNPROTECTED
 
-    def __init__(
-        self,
-        settings: ModbusLinkSettings,
-        clock: Clock,
-        transport: Transport[Block] | None = None,
-        *,
-        rate_hz: float = 25.0,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> None:
-        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
+    def _prepare(self, settings: ModbusLinkSettings, robots: Sequence[int]) -> None:
         assert isinstance(self._codec, ModbusCodec)
         self._registers = self._codec
         bases = list(settings.bases or [])[: len(robots)]
@@ -152,41 +139,27 @@ class ModbusLink(ConfiguredLink[ModbusLinkSettings, Block]):
         return settings
 
     @staticmethod
-    def load(
-        settings: ModbusLinkSettings,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
-        """Return the load of a network of 10 Mbit/s that one PLC polls every 10 ms.
-
-        Raises:
-            LinkError: a robot's base moves: the map has no registers for it.
-        """
-        for shape in padded_shapes(robots, shapes):
-            if shape.moving_base:
-                raise LinkError(
-                    f"link '{settings.name}': the Modbus map has no registers for a base that "
-                    "moves; put this robot on a link of another kind"
-                )
+    def _shares(settings: ModbusLinkSettings, traffic: Traffic) -> dict[str, float]:
+        """Shares of a network of 10 Mbit/s that one PLC polls every 10 ms."""
+        if any(shape.moving_base for shape in traffic.shapes):
+            raise LinkError(
+                f"link '{settings.name}': the Modbus map has no registers for a base that "
+                "moves; put this robot on a link of another kind"
+            )
+        robots = len(traffic.robots)
         sizes = {
             Status: (POLLS_HZ, NODE),
-            Advice: (POLLS_HZ * len(robots), ROBOT + NEAREST),
-            RobotState: (settings.robot_state_rate_hz * len(robots), STATE),
+            Advice: (POLLS_HZ * robots, ROBOT + NEAREST),
+            RobotState: (settings.robot_state_rate_hz * robots, STATE),
         }
-        details = {
+        return {
             message.__name__: hz * 8 * (OVERHEAD_BYTES + 2 * words_of(registers)) / BITRATE
             for message, (hz, registers) in sizes.items()
         }
-        load = sum(details.values())
-        return LinkLoad(
-            name=settings.name,
-            load=load,
-            spare=1.0 - load - settings.reserved_load,
-            details=details,
-            rate_hz=rate_hz,
-            bitrate=BITRATE,
-        )
+
+    @staticmethod
+    def _bitrate(settings: ModbusLinkSettings) -> int:
+        return BITRATE
 
     # -- the codec needs the time of each message --------------------------------------------------
 

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from hri_drivers.links.codec import copy_counts
+from hri_drivers.links.codec import FrameCodec
 from hri_drivers.links.ros2.markers import PARTS
 from hri_drivers.links.ros2.plain import PlainMessages, Sample
-from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol import e2e
 from hri_predict.protocol.definition import BY_TYPE, frame_table
 from hri_predict.protocol.messages import Advice, Message, Pose, Schema, Status, Zone
@@ -60,8 +59,8 @@ class FramesReceiver(Profile4Payloads):
         return [] if message is None else [message]
 
 
-class Ros2Codec:
-    """See ``hri_drivers.links.codec.Codec``.
+class Ros2Codec(FrameCodec[Publication]):
+    """See ``hri_drivers.links.codec.Codec``; Zone and Pose go as plain messages alone.
 
     Args:
         plain: makes the plain messages.
@@ -69,14 +68,10 @@ class Ros2Codec:
     """
 
     def __init__(self, plain: PlainMessages, bitrate: float) -> None:
+        super().__init__(FramesReceiver())
         self.plain = plain
         self._bitrate = bitrate
         self._sender = Profile4Sender()
-        self._receiver = FramesReceiver()
-
-    def carries(self, message: Message) -> bool:
-        """True: all messages go, Zone and Pose as plain messages alone."""
-        return True
 
     def watch(self, own: OwnFrames) -> None:
         """See ``Codec``."""
@@ -90,18 +85,6 @@ class Ros2Codec:
             return [Publication(b"", plain=plain)]
         (frame,) = self._sender.encode(message)
         return [Publication(frame, FRAMES[BY_TYPE[type(message)].sender], plain)]
-
-    def decode(self, unit: Publication) -> list[Message]:
-        """Messages in a publication."""
-        return self._receiver.feed(unit)
-
-    def reset(self) -> None:
-        """Forget sequences."""
-        self._receiver.reset()
-
-    def count(self, counters: LinkCounters) -> None:
-        """Copy the receiver's counts."""
-        copy_counts(self._receiver.counters, counters)
 
     def worst_s(self, message: Message) -> float:
         """Worst-case seconds on the network of the message."""

@@ -13,17 +13,15 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
-from hri_drivers.links.load import SCHEMA_HZ, padded_shapes
+from hri_drivers.links.load import Traffic
 from hri_drivers.links.ros2.codec import FramesReceiver, Publication, Ros2Codec, worst_bits
 from hri_drivers.links.ros2.plain import PlainMessages
 from hri_drivers.links.ros2.topics import Topics, doubled, unknown
 from hri_drivers.wires.ros2_settings import NodeName, Ros2Settings, TopicName
 from hri_drivers.wires.transport import Transport
-from hri_predict.base.clock import Clock
 from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
-from hri_predict.contracts.link import MIN_STATUS_HZ, LinkLoad
-from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
+from hri_predict.protocol.messages import Message, RobotState
 from hri_predict.protocol.wire import StateShape, wire_bits
 
 log = logging.getLogger(__name__)
@@ -101,17 +99,7 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
     settings_model: ClassVar[type[Ros2LinkSettings]] = Ros2LinkSettings
     _codec: Ros2Codec
 
-    def __init__(
-        self,
-        settings: Ros2LinkSettings,
-        clock: Clock,
-        transport: Transport[Publication] | None = None,
-        *,
-        rate_hz: float = 25.0,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> None:
-        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
+    def _prepare(self, settings: Ros2LinkSettings, robots: Sequence[int]) -> None:
         device = getattr(self._transport, "device", self._transport)  # beneath injected faults
         if hasattr(device, "say"):
             device.say = self._say
@@ -147,32 +135,17 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         return FramesReceiver()
 
     @staticmethod
-    def load(
-        settings: Ros2LinkSettings,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
-        """Return the fraction of ``bitrate`` that the link uses; see ``LinkClass``."""
-        rates: dict[type[Message], float] = {
-            Status: max(rate_hz, MIN_STATUS_HZ),
-            Advice: rate_hz * len(robots),
-            Schema: SCHEMA_HZ,
-        }
-        details = {m.__name__: r * worst_bits(m) / settings.bitrate for m, r in rates.items()}
-        padded = padded_shapes(robots, shapes)
-        states = sum(wire_bits(RobotState, "serial", shape=shape).nominal for shape in padded)
-        states_hz = settings.robot_state_rate_hz if settings.take else 0.0
-        details[RobotState.__name__] = states_hz * states / settings.bitrate
-        load = sum(details.values())
-        return LinkLoad(
-            name=settings.name,
-            load=load,
-            spare=1.0 - load - settings.reserved_load,
-            details=details,
-            rate_hz=rate_hz,
-            bitrate=settings.bitrate,
-        )
+    def _shares(settings: Ros2LinkSettings, traffic: Traffic) -> dict[str, float]:
+        def seconds(message: type[Message], shape: StateShape) -> float:
+            if message is RobotState:  # a protected frame alone
+                return wire_bits(message, "serial", shape=shape).nominal / settings.bitrate
+            return worst_bits(message) / settings.bitrate
+
+        return traffic.shares(seconds, settings.robot_state_rate_hz if settings.take else 0.0)
+
+    @staticmethod
+    def _bitrate(settings: Ros2LinkSettings) -> int:
+        return settings.bitrate
 
     @staticmethod
     def check_together(links: Sequence[Ros2LinkSettings]) -> None:

@@ -11,21 +11,19 @@ from typing import ClassVar, Self
 from pydantic import Field, model_validator
 
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
-from hri_drivers.links.load import padded_shapes
+from hri_drivers.links.load import Traffic
 from hri_drivers.links.rtde.packets import Kind, Packet, Recipe, framed, text_of
 from hri_drivers.links.rtde.robot import JOINTS, OUTPUTS, StateReader
 from hri_drivers.links.rtde.slider import SpeedSlider, Written
 from hri_drivers.links.rtde.transport import RtdeTransport
 from hri_drivers.wires.transport import Transport, TransportBusy
-from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import MIN_SPEED_M_S
-from hri_predict.contracts.link import LinkCounters, LinkLoad
+from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.messages import Advice, Message, RobotState, at_encoding
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
-from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
 
 log = logging.getLogger(__name__)
@@ -204,19 +202,13 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
     settings_model: ClassVar[type[RtdeLinkSettings]] = RtdeLinkSettings
     unprotected: ClassVar[str] = UNPROTECTED
 
-    def __init__(
-        self,
-        settings: RtdeLinkSettings,
-        clock: Clock,
-        transport: Transport[Packet] | None = None,
-        *,
-        rate_hz: float = 25.0,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> None:
+    @staticmethod
+    def _demand(settings: RtdeLinkSettings) -> None:
         if settings.full_speed_m_s is None:
             raise LinkError(f"link '{settings.name}': full_speed_m_s is missing; set it")
-        super().__init__(settings, clock, transport, rate_hz=rate_hz, robots=robots, shapes=shapes)
+
+    def _prepare(self, settings: RtdeLinkSettings, robots: Sequence[int]) -> None:
+        assert settings.full_speed_m_s is not None  # see ``_demand``
         self._robot = robots[0]
         assert isinstance(self._codec, RtdeCodec)
         self._codec.robot = self._robot
@@ -269,34 +261,24 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
         return settings
 
     @staticmethod
-    def load(
-        settings: RtdeLinkSettings,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
-        """Return the load of a network of 10 Mbit/s; see ``LinkClass``."""
-        for shape in padded_shapes(robots, shapes):
-            if shape.joints != JOINTS or shape.moving_base:
-                raise LinkError(
-                    f"link '{settings.name}': RTDE carries six joints on a base that stands; put "
-                    "this robot on a link of another kind"
-                )
+    def _shares(settings: RtdeLinkSettings, traffic: Traffic) -> dict[str, float]:
+        """Shares of a network of 10 Mbit/s."""
+        if any(shape.joints != JOINTS or shape.moving_base for shape in traffic.shapes):
+            raise LinkError(
+                f"link '{settings.name}': RTDE carries six joints on a base that stands; put "
+                "this robot on a link of another kind"
+            )
         written_s = 8 * (OVERHEAD_BYTES + _WRITTEN.size) / BITRATE
         state_s = 8 * (OVERHEAD_BYTES + OUTPUTS.layout.size) / BITRATE
-        details = {
-            Advice.__name__: (rate_hz * len(robots) + 1e9 / WRITE_NS) * written_s,
+        advice_hz = traffic.rate_hz * len(traffic.robots)
+        return {
+            Advice.__name__: (advice_hz + 1e9 / WRITE_NS) * written_s,
             RobotState.__name__: settings.robot_state_rate_hz * state_s,
         }
-        load = sum(details.values())
-        return LinkLoad(
-            name=settings.name,
-            load=load,
-            spare=1.0 - load - settings.reserved_load,
-            details=details,
-            rate_hz=rate_hz,
-            bitrate=BITRATE,
-        )
+
+    @staticmethod
+    def _bitrate(settings: RtdeLinkSettings) -> int:
+        return BITRATE
 
     # -- the slider follows every Advice, and is written although none comes -----------------------
 

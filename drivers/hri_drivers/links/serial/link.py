@@ -1,7 +1,6 @@
 """A link to a robot controller over a serial line (RS-232, RS-485, USB, a socket)."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import combinations
 from typing import ClassVar, Self
 from urllib.parse import urlsplit
@@ -13,8 +12,6 @@ from hri_drivers.wires.serial import Parity, SerialTransport, StopBits, demand_s
 from hri_drivers.wires.usb_ports import UsbDevice
 from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.base.quantities.safe_side import Safety, harmless
-from hri_predict.contracts.link import LinkLoad
-from hri_predict.protocol.wire import StateShape
 
 _NETWORK_SCHEMES = ("socket", "rfc2217")
 
@@ -109,15 +106,8 @@ class SerialLink(FramedLink[SerialLinkSettings]):
         )
 
     @staticmethod
-    def load(
-        settings: SerialLinkSettings,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
-        """Return the worst-case load of the line; see ``LinkClass``."""
-        load = FramedLink.load(settings, rate_hz, robots, shapes)
-        return replace(load, bitrate=settings.baudrate)  # a remedy names the configured rate
+    def _bitrate(settings: SerialLinkSettings) -> int:
+        return settings.baudrate
 
     @staticmethod
     def check_together(links: Sequence[SerialLinkSettings]) -> None:

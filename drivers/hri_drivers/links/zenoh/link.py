@@ -3,21 +3,19 @@
 ``docs/guides/fleet.md`` describes key scheme, topologies and protection.
 """
 
-from collections.abc import Sequence
 from typing import ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.links.codec import copy_counts, item_count, shape_of
+from hri_drivers.links.codec import FrameCodec, item_count, shape_of
 from hri_drivers.links.configured import ConfiguredLink, ConfiguredLinkSettings
-from hri_drivers.links.load import SCHEMA_HZ, padded_shapes
+from hri_drivers.links.load import Traffic
 from hri_drivers.wires.transport import Transport
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import CellSettings, ZenohSettings
 from hri_predict.base.quantities.safe_side import Safety, harmless
-from hri_predict.contracts.link import MIN_STATUS_HZ, LinkCounters, LinkLoad
 from hri_predict.protocol.keyed import ROOT, Keyed, KeyedReceiver, KeyedSender, prefix
-from hri_predict.protocol.messages import Advice, Message, RobotState, Schema, Status
+from hri_predict.protocol.messages import Message
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.wire import SIX_JOINTS, StateShape, wire_bits
 
@@ -55,17 +53,13 @@ class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
         return self
 
 
-class ZenohCodec:
+class ZenohCodec(FrameCodec[Keyed]):
     """Messages as payloads under keys; see ``hri_drivers.links.codec.Codec``."""
 
     def __init__(self, bitrate: int) -> None:
+        super().__init__(KeyedReceiver())
         self._sender = KeyedSender()
-        self._receiver = KeyedReceiver()
         self._bitrate = bitrate
-
-    def carries(self, message: Message) -> bool:
-        """True: zenoh carries all messages."""
-        return True
 
     def watch(self, own: OwnFrames) -> None:
         """See ``Codec``."""
@@ -75,18 +69,6 @@ class ZenohCodec:
     def encode(self, message: Message) -> list[Keyed]:
         """One payload."""
         return [self._sender.encode(message)]
-
-    def decode(self, unit: Keyed) -> list[Message]:
-        """Messages in a payload."""
-        return self._receiver.feed(unit)
-
-    def reset(self) -> None:
-        """Forget sequences."""
-        self._receiver.reset()
-
-    def count(self, counters: LinkCounters) -> None:
-        """Copy the receiver's counts."""
-        copy_counts(self._receiver.counters, counters)
 
     def worst_s(self, message: Message) -> float:
         """Worst-case seconds on the network of the message."""
@@ -143,29 +125,12 @@ class ZenohLink(ConfiguredLink[ZenohLinkSettings, Keyed]):
         return ZenohTransport(settings, f"{ROOT}/", heard)
 
     @staticmethod
-    def load(
-        settings: ZenohLinkSettings,
-        rate_hz: float,
-        robots: Sequence[int] = (0,),
-        shapes: Sequence[StateShape] = (),
-    ) -> LinkLoad:
-        """Return the fraction of ``bitrate`` that the link uses; see ``LinkClass``."""
-        rates: dict[type[Message], float] = {
-            Status: max(rate_hz, MIN_STATUS_HZ),
-            Advice: rate_hz * len(robots),
-            Schema: SCHEMA_HZ,
-        }
-        details = {m.__name__: r * worst_bits(m) / settings.bitrate for m, r in rates.items()}
-        states = sum(worst_bits(RobotState, shape=shape) for shape in padded_shapes(robots, shapes))
-        states_hz = settings.robot_state_rate_hz if settings.take else 0.0
-        details[RobotState.__name__] = states_hz * states / settings.bitrate
-        load = sum(details.values())
-        spare = 1.0 - load - settings.reserved_load
-        return LinkLoad(
-            name=settings.name,
-            load=load,
-            spare=spare,
-            details=details,
-            rate_hz=rate_hz,
-            bitrate=settings.bitrate,
+    def _shares(settings: ZenohLinkSettings, traffic: Traffic) -> dict[str, float]:
+        return traffic.shares(
+            lambda message, shape: worst_bits(message, shape=shape) / settings.bitrate,
+            settings.robot_state_rate_hz if settings.take else 0.0,
         )
+
+    @staticmethod
+    def _bitrate(settings: ZenohLinkSettings) -> int:
+        return settings.bitrate
