@@ -1,4 +1,4 @@
-"""``bench plants``: measure the links to robots and PLCs with registers: RTDE and Modbus."""
+"""``bench plants``: measure the links to robots and PLCs with registers: RTDE, Modbus and OPC UA."""
 
 import json
 from typing import Annotated
@@ -23,10 +23,10 @@ def plants(
     seconds: Annotated[float, typer.Option(help="Seconds to measure each link.")] = 20.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure RTDE and Modbus: time from posting an advice until another process has it.
+    """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
 
-    The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms. This runs
-    in real time, so other programs disturb it.
+    The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
+    that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """

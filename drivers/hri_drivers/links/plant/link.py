@@ -134,8 +134,8 @@ class PlantLink(ConfiguredLink[P, Block]):
         """Shares of a network of 10 Mbit/s with one plant that reads everything."""
         if any(shape.moving_base for shape in traffic.shapes):
             raise LinkError(
-                f"link '{settings.name}': the {settings.protocol} map has no registers for a base "
-                "that moves; put this robot on a link of another kind"
+                f"link '{settings.name}': the register map has no registers for a base that "
+                "moves; put this robot on a link of another kind"
             )
         robots = len(traffic.robots)
         sizes = {
@@ -161,6 +161,7 @@ class PlantLink(ConfiguredLink[P, Block]):
         self._registers.now_ns = now_ns
         if isinstance(message, Status):
             self._watch_plc()
+            self._codec.count(self.counters)  # what the server refused comes with no unit
         return super()._encoded(message, now_ns)
 
     def _send_bulk(self, now_ns: int, paced: bool) -> bool:
