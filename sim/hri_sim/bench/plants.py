@@ -1,4 +1,4 @@
-"""``bench plants``: measure the links to robots and PLCs with registers: RTDE, Modbus and OPC UA."""
+"""``bench plants``: measure the links with registers: RTDE, Modbus and OPC UA."""
 
 import json
 from typing import Annotated
