@@ -45,6 +45,7 @@ class Variables:
     def __init__(self, server: Server, image: Image, robots: Sequence[int]) -> None:
         self._server, self._image = server, image
         self._variables = variables(robots)
+        self._addresses = {each.address for each in self._variables}
         self._captured: dict[int, datetime] = {}
         self._shown: dict[str, tuple[int, int, datetime | None]] = {}
         self._looked_ns = 0
@@ -95,7 +96,7 @@ class Variables:
             return
         self._looked_ns = now_ns
         blocks = self._image.blocks(now_ns)
-        values = {at: unpacked(PLACES[at], words) for at, (words, _) in blocks.items()}
+        values = {at: unpacked(PLACES[at], blocks[at][0]) for at in self._addresses}
         for each in self._variables:
             status = self._status(each, blocks[each.address][1])
             captured = self._captured.get(each.address)
