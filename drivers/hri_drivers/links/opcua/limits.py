@@ -20,7 +20,7 @@ MOST = 16
 MOST_SUBSCRIPTIONS = 2 * MOST
 MOST_ITEMS = 512
 """Monitored items of one subscription; two for each variable of eight robots."""
-MOST_WAITING = 64  # changes of an item, and messages of a subscription, that nobody has fetched
+MOST_WAITING = 64  # changes of an item, and messages of a subscription, that were not fetched
 SHORTEST_MS = 10.0
 """Shortest publishing interval."""
 MOST_BYTES = 262_144

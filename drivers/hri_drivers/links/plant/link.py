@@ -1,4 +1,4 @@
-"""Common part of links to plants: the advice as the registers of one map, whatever protocol.
+"""Common part of links to plants: the advice as the registers of one map, for any protocol.
 
 The link writes blocks of the map (``codec.py``). Its transport is a server that keeps them in an
 image (``image.py``), computed when it is read.
