@@ -118,8 +118,8 @@ class LimitedServer(InternalServer):
     """
 
     def __init__(self, trusted: Collection[bytes] | None) -> None:
-        super().__init__(user_manager=Clients(trusted))  # type: ignore[arg-type]
-        self.supported_tokens = (ua.AnonymousIdentityToken,)  # type: ignore[assignment]
+        super().__init__(user_manager=Clients(trusted))
+        self.supported_tokens = (ua.AnonymousIdentityToken,)
         self.allow_remote_admin = False
         self.subscription_service = Subscriptions(self.aspace, iserver=self)
         self.isession.subscription_service = self.subscription_service

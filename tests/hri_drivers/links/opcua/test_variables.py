@@ -52,7 +52,7 @@ def shown():
 
     def show(later_ms: float, posted: bool = True) -> dict[str, Any]:
         server = Written()
-        made = Variables(server, Image(silence_s=0.06, max_age_s=0.4), [1])  # type: ignore[arg-type]
+        made = Variables(server, Image(silence_s=0.06, max_age_s=0.4), [1])
         now_ns = time.monotonic_ns()
         for block in blocks if posted else ():
             made.put(block, now_ns)
@@ -93,7 +93,7 @@ def test_an_old_capture_is_bad_though_the_node_speaks(shown):
     codec = RegisterCodec()
     codec.stand([1], [None])
     server = Written()
-    made = Variables(server, Image(silence_s=60.0, max_age_s=0.4), [1])  # type: ignore[arg-type]
+    made = Variables(server, Image(silence_s=60.0, max_age_s=0.4), [1])
     now_ns = time.monotonic_ns()
     for block in codec.encode(ADVICE):
         made.put(block, now_ns)
@@ -113,8 +113,8 @@ def test_a_message_between_the_processes_is_the_block_and_its_time():
 def test_only_trusted_certificates_have_a_session():
     open_, closed = limits.Clients(None), limits.Clients([b"known"])
     server: Any = None
-    assert open_.get_user(server, username="admin").role == limits.UserRole.User
-    assert closed.get_user(server, certificate=b"known").role == limits.UserRole.User
+    assert open_.get_user(server, username="admin") == limits.User(limits.UserRole.User)
+    assert closed.get_user(server, certificate=b"known") == limits.User(limits.UserRole.User)
     for unknown in (None, b"", b"other"):  # no certificate: a channel without security
         assert closed.get_user(server, username="admin", certificate=unknown) is None
 
