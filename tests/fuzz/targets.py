@@ -15,8 +15,8 @@ import numpy as np
 from cobs import cobs
 
 from hri_drivers.links.can.isotp import IsoTpReceiver
-from hri_drivers.links.modbus.codec import ModbusCodec
-from hri_drivers.links.modbus.image import Block
+from hri_drivers.links.plant.codec import RegisterCodec
+from hri_drivers.links.plant.image import Block
 from hri_drivers.links.rtde.link import RtdeCodec
 from hri_drivers.links.rtde.packets import Packet as RtdePacket
 from hri_drivers.links.rtde.packets import Splitter as RtdeSplitter
@@ -220,7 +220,7 @@ def _rtde() -> Target:
 
 def _modbus() -> Target:
     """An address, then the words that a PLC writes there."""
-    codec = ModbusCodec(plc_timeout_s=1.0)
+    codec = RegisterCodec(plc_timeout_s=1.0)
     codec.stand([0], [None])
     state = packed(STATE, {"STATE_COUNTER": 7, "ROBOT_MODE": 1, "JOINTS": 6})
     blocks = (

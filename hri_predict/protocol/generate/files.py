@@ -13,6 +13,7 @@ from hri_predict.protocol.generate import (
     dbc,
     document,
     modbus,
+    opcua,
     plcopen,
     scl,
     st_messages,
@@ -23,6 +24,7 @@ COMMAND = "hri-predict protocol files"
 RENEWED: dict[str, Callable[[str], str]] = {
     "PROTOCOL.md": lambda text: blocks.renewed(text, document.BLOCKS, blocks.DOCUMENT),
     "MODBUS.md": lambda text: blocks.renewed(text, modbus.BLOCKS, blocks.DOCUMENT),
+    "OPCUA.md": lambda text: blocks.renewed(text, opcua.BLOCKS, blocks.DOCUMENT),
     **dict.fromkeys(
         ("c/hri_predict.h", "c/hri_decode.c", "c/examples/decode.c"),
         lambda text: blocks.renewed(text, c_header.BLOCKS),

@@ -1,7 +1,8 @@
-"""``bench plants``: from an advice to the registers of a robot (RTDE) or a PLC (Modbus).
+"""``bench plants``: from an advice to a robot (RTDE) or a PLC (Modbus, OPC UA).
 
 Each link posts an Advice every 40 ms or so, in real time. The other end is a process of its own:
-the made-up RTDE controller, and a Modbus client that polls every 10 ms. All read the same clock.
+the made-up RTDE controller, a Modbus client that polls every 10 ms, and an OPC UA client that
+subscribes. All read the same clock.
 """
 
 import contextlib
@@ -12,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -23,6 +25,7 @@ from hri_predict.contracts.link import Link
 from hri_predict.protocol.messages import Advice, Level, Status
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.registers import ROBOT, offset_of, robot_address, words_of
+from hri_predict.protocol.variables import INDEX, robot_variables
 from hri_sim.bench.rows import spread
 from hri_sim.bench.table import SecondsOption, measure, report
 from hri_sim.wires.child import child
@@ -43,10 +46,10 @@ def plants(
     seconds: SecondsOption = 20.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure RTDE and Modbus: time from posting an advice until another process has it.
+    """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
 
-    The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms. This runs
-    in real time, so other programs disturb it.
+    The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
+    that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """
@@ -70,6 +73,8 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
     """
     yield {"link": "rtde, 125 Hz", **_rtde(seconds)}
     yield {"link": "modbus, polled every 10 ms", **_modbus(seconds)}
+    if find_spec("asyncua") is not None:
+        yield {"link": "opcua, published every 10 ms", **_opcua(seconds)}
 
 
 def _rtde(seconds: float) -> dict[str, Any]:
@@ -121,6 +126,45 @@ def _poll(pipe: Connection, port: int) -> dict[int, int]:
             heard.setdefault(words[_LATCH_AT], time.monotonic_ns())
             due_s = max(due_s + POLL_S, time.monotonic())
             time.sleep(max(0.0, due_s - time.monotonic()))
+    return heard
+
+
+def _opcua(seconds: float) -> dict[str, Any]:
+    from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings
+
+    settings = OpcUaLinkSettings(name="bench", port=free_tcp_port())
+    link = OpcUaLink(settings, MonotonicClock())
+    with contextlib.ExitStack() as stack:
+        link.start()
+        stack.callback(link.stop)
+        plc = stack.enter_context(child(_subscribe, settings.port))
+        plc.receive()
+        return _measured(link, seconds, plc.report)
+
+
+def _subscribe(pipe: Connection, port: int) -> dict[int, int]:
+    """Subscribe to a robot's variables; return when each latch id came first."""
+    import asyncio
+
+    from asyncua import Client, ua
+
+    heard: dict[int, int] = {}
+
+    class Handler:
+        def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
+            if node.nodeid.Identifier == "Robots.0.LATCH_ID" and value is not None:
+                heard.setdefault(value, time.monotonic_ns())
+
+    async def run() -> None:
+        async with Client(f"opc.tcp://127.0.0.1:{port}/") as client:
+            nodes = [client.get_node(ua.NodeId(v.node_id, INDEX)) for v in robot_variables(0)]
+            taken = await client.create_subscription(1e3 * POLL_S, Handler())
+            await taken.subscribe_data_change(nodes)
+            pipe.send("ready")
+            while not pipe.poll():
+                await asyncio.sleep(POLL_S)
+
+    asyncio.run(run())
     return heard
 
 

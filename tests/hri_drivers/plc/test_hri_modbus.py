@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.modbus.codec import ModbusCodec
-from hri_drivers.links.modbus.image import Image
+from hri_drivers.links.plant.codec import RegisterCodec
+from hri_drivers.links.plant.image import Image
 from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import Advice, Level, NodeState, Status, Zone, ZoneCapsule
 from hri_predict.protocol.reasons import Reason
@@ -40,7 +40,7 @@ class Cell:
     def __init__(self) -> None:
         self.now_ms = 2**32 - 40  # the PLC's tick wraps soon
         self.image = Image(silence_s=0.06, max_age_s=0.4)
-        self.codec = ModbusCodec(plc_timeout_s=1.0)
+        self.codec = RegisterCodec(plc_timeout_s=1.0)
         self.codec.stand([0, 1], [Pose(), Pose()])
         self.block = UNITS["HRI_MODBUS"].another()
 

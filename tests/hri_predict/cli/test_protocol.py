@@ -42,7 +42,7 @@ def test_each_says_what_it_wrote(protocol, tmp_path, capsys, command, written):
     own = tmp_path / "drivers"
     for folder in ("c/fuzz", "c/examples", "dbc", "plc"):
         (own / folder).mkdir(parents=True)
-    for name in ("PROTOCOL.md", "MODBUS.md", *C_FILES, *ST_FILES):
+    for name in ("PROTOCOL.md", "MODBUS.md", "OPCUA.md", *C_FILES, *ST_FILES):
         shutil.copy(DRIVERS / name, own / name)
     where = {"files": "", "document": "PROTOCOL.md"}.get(command, Path(written[0]).parent)
     assert protocol(command, own / where) == 0

@@ -59,12 +59,12 @@ def test_costs_of_the_fleet_link():
 
 @pytest.mark.long
 @pytest.mark.realtime
-def test_delays_of_rtde_and_modbus():
+def test_delays_of_rtde_modbus_and_opcua():
     pytest.importorskip("pymodbus", reason="pymodbus is an extra")
     done = CliRunner().invoke(app, ["plants", "--seconds", "1", "--json"])
     assert done.exit_code == 0, done.output
     rows = json.loads(done.stdout)
-    assert [row["link"].split(",")[0] for row in rows] == ["rtde", "modbus"]
+    assert [row["link"].split(",")[0] for row in rows] == ["rtde", "modbus", "opcua"]
     for row in rows:
         assert 0 < row["heard"] <= row["sent"]
         latency = row["latency_ms"]

@@ -2,8 +2,6 @@
 
 import asyncio
 import contextlib
-import errno
-import socket
 import threading
 import time
 from collections import deque
@@ -13,7 +11,8 @@ from pymodbus.constants import ExcCodes
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from hri_drivers.links.modbus.connections import LimitedServer
-from hri_drivers.links.modbus.image import Block, Image
+from hri_drivers.links.plant.image import Block, Image
+from hri_drivers.links.plant.link import try_address
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.fields import MAX_ROBOTS
 from hri_predict.protocol.registers import (
@@ -75,7 +74,7 @@ class ModbusTransport:
             LinkError: it cannot; names address and remedy.
         """
         self.close()
-        self._try_address()
+        try_address("Modbus server", self._address)
         self._ready.clear()
         self._thread = threading.Thread(target=self._run, name="modbus-server", daemon=True)
         self._thread.start()
@@ -128,20 +127,6 @@ class ModbusTransport:
     def _check(self) -> None:
         if self._thread is None or not self._thread.is_alive():
             raise LinkError(f"Modbus server at {self._named} is closed; open it first")
-
-    def _try_address(self) -> None:
-        """Find out why an address cannot be used: pymodbus does not say it."""
-        family = socket.AF_INET6 if ":" in self._address[0] else socket.AF_INET
-        try:
-            socket.create_server(self._address, family=family).close()
-        except OSError as error:
-            remedies = {
-                errno.EADDRINUSE: "in use by another program; end it, or choose another 'port'",
-                errno.EADDRNOTAVAIL: "not an address of this machine; correct 'host'",
-                errno.EACCES: "not permitted; choose a 'port' above 1023",
-            }
-            why = remedies.get(error.errno or 0, f"{error.strerror}; correct 'host' and 'port'")
-            raise LinkError(f"Modbus server at {self._named}: {why}") from error
 
     def _run(self) -> None:
         with contextlib.suppress(Exception):  # ``read`` and ``write`` find it ended

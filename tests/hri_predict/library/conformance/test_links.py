@@ -23,16 +23,21 @@ LINKS: list[tuple[str, dict[str, Any]]] = [
     ("can", {"interface": "virtual", "channel": "x", "extended": True, "base_id": 0x1000}),
     ("zenoh", {"cell": "a"}),
     ("modbus", {}),
+    ("opcua", {}),
     ("rtde", {"host": "127.0.0.1", "full_speed_m_s": 1.0}),
     ("ros2", {"full_speed_m_s": 1.0}),
 ]
-FOREIGN = {"rtde", "modbus"}  # speak a protocol of others: what our frames prove is skipped
+FOREIGN = {
+    "rtde",
+    "modbus",
+    "opcua",
+}  # speak a protocol of others: what our frames prove is skipped
 
 
 @pytest.mark.parametrize(("name", "data"), LINKS)
 def test_every_link_keeps_its_contract(name, data):
-    package = {"modbus": "pymodbus"}.get(name, name)
-    if name in {"zenoh", "modbus"} and find_spec(package) is None:
+    package = {"modbus": "pymodbus", "opcua": "asyncua"}.get(name, name)
+    if name in {"zenoh", "modbus", "opcua"} and find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
     model = registry.load("links", name).settings_model
     findings = check_link(name, validated(model, {"name": "l", "kind": name, **data}, name))

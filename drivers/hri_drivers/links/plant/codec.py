@@ -3,8 +3,8 @@
 import math
 from collections.abc import Callable, Sequence
 
-from hri_drivers.links.modbus.image import Block
-from hri_drivers.links.modbus.nearest import Nearest, Seen
+from hri_drivers.links.plant.image import Block
+from hri_drivers.links.plant.nearest import Nearest, Seen
 from hri_predict.base.settings import Pose
 from hri_predict.contracts.link import LinkCounters
 from hri_predict.protocol.definition import SCHEMA_HASH
@@ -51,7 +51,7 @@ _MODES = frozenset(RobotMode)
 _REQUESTS = frozenset(OperatingMode)
 
 
-class ModbusCodec:
+class RegisterCodec:
     """Registers of the node and of its robots; see ``hri_drivers.links.codec.Codec``.
 
     Args:
@@ -65,7 +65,7 @@ class ModbusCodec:
         counters: see ``contracts.link.Receiver``.
     """
 
-    def __init__(self, plc_timeout_s: float, refused: Callable[[], int] = lambda: 0) -> None:
+    def __init__(self, plc_timeout_s: float = 1.0, refused: Callable[[], int] = lambda: 0) -> None:
         self.now_ns = 0
         self.counters = ReceiveCounters()
         self._plc_timeout_ns = round(plc_timeout_s * 1e9)

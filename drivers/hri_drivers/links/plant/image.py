@@ -48,11 +48,12 @@ class Block:
         ]
 
 
-_PLACES: dict[int, tuple[Register, ...]] = {
+PLACES: dict[int, tuple[Register, ...]] = {
     0: NODE,
     **{robot_address(r): ROBOT for r in range(MAX_ROBOTS)},
     **{nearest_address(r): NEAREST for r in range(MAX_ROBOTS)},
 }
+"""Address -> registers of each block that the node writes."""
 
 
 class Image:
@@ -71,7 +72,7 @@ class Image:
 
     def put(self, block: Block, now_ns: int) -> None:
         """Take a block instead of the one before at its address; one of another map is not."""
-        words, registers = block.words, _PLACES.get(block.address)
+        words, registers = block.words, PLACES.get(block.address)
         if registers is not None and len(words) == words_of(registers):
             with self._lock:
                 self._blocks[block.address] = (words, now_ns)
@@ -83,15 +84,22 @@ class Image:
 
     def words(self, now_ns: int) -> list[int]:
         """Return all ``READ_WORDS`` words."""
+        image = [0] * READ_WORDS
+        for address, (words, _) in self.blocks(now_ns).items():
+            image[address : address + len(words)] = words
+        return image
+
+    def blocks(self, now_ns: int) -> dict[int, tuple[list[int], bool]]:
+        """Return address -> words of now, and whether they are stale."""
         with self._lock:
             blocks = dict(self._blocks)
-        image = [0] * READ_WORDS
-        for address, registers in _PLACES.items():
+        found = {}
+        for address, registers in PLACES.items():
             words, came_ns = blocks.get(address, (packed(registers, {}), None))
             if address == 0 and came_ns is None:
                 words[0] = 0  # not even the map's version, before the first Status
-            image[address : address + len(words)] = self._aged(registers, words, came_ns, now_ns)
-        return image
+            found[address] = self._aged(registers, words, came_ns, now_ns)
+        return found
 
     def _aged(
         self,
@@ -99,7 +107,7 @@ class Image:
         words: list[int],
         came_ns: int | None,
         now_ns: int,
-    ) -> list[int]:
+    ) -> tuple[list[int], bool]:
         """The words with their ages of now; stale ones where their time is over."""
         words = list(words)
         since_ns = self._silence_ns if came_ns is None else max(0, now_ns - came_ns)
@@ -113,4 +121,4 @@ class Image:
             for at, register in placed(registers):
                 if register.stale is not None:
                     words[at : at + register.words] = packed((register,), {})
-        return words
+        return words, stale

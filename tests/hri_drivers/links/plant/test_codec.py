@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.modbus.codec import ModbusCodec
-from hri_drivers.links.modbus.image import Block
+from hri_drivers.links.plant.codec import RegisterCodec
+from hri_drivers.links.plant.image import Block
 from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import (
     Acknowledge,
@@ -51,13 +51,13 @@ ZONE = Zone(person=5, step=0, horizon_s=0.0, capsules=(BODY,), age_s=0.05)
 
 
 @pytest.fixture
-def codec() -> ModbusCodec:
-    made = ModbusCodec(plc_timeout_s=1.0)
+def codec() -> RegisterCodec:
+    made = RegisterCodec(plc_timeout_s=1.0)
     made.stand([1], [Pose()])
     return made
 
 
-def near(codec: ModbusCodec, advice: Advice = ADVICE) -> dict[str, int]:
+def near(codec: RegisterCodec, advice: Advice = ADVICE) -> dict[str, int]:
     block = codec.encode(advice)[1]
     assert block.address == nearest_address(1)
     return unpacked(NEAREST, block.words)
@@ -196,7 +196,7 @@ def test_what_is_not_in_the_map_is_counted(codec, block):
 
 @given(address=st.integers(0, 65535), data=st.binary(max_size=260))
 def test_any_write_is_decoded_or_counted(address, data):
-    codec = ModbusCodec(plc_timeout_s=1.0)
+    codec = RegisterCodec(plc_timeout_s=1.0)
     codec.stand([0], [Pose()])
     for at in (address, 1000, 1001, state_address(0)):
         for message in codec.decode(Block(at, data)):
@@ -217,7 +217,7 @@ def test_any_write_is_decoded_or_counted(address, data):
     )
 )
 def test_any_advice_is_words_that_permit_no_more(advice):
-    codec = ModbusCodec(plc_timeout_s=1.0)
+    codec = RegisterCodec(plc_timeout_s=1.0)
     found = unpacked(ROBOT, codec.encode(advice)[0].words)
     if not advice.level.may_move or advice.age_s is None:
         assert found["SPEED_LIMIT"] == 0

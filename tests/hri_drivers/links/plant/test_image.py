@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.modbus.image import Block, Image
+from hri_drivers.links.plant.image import Block, Image
 from hri_predict.protocol.registers import (
     NEAREST,
     NODE,

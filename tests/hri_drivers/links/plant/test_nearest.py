@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.modbus.nearest import Nearest, seen_from
+from hri_drivers.links.plant.nearest import Nearest, seen_from
 from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import Zone, ZoneCapsule
 

@@ -1,0 +1,209 @@
+"""The OPC UA server's process, which ``transport.py`` starts.
+
+The node writes blocks of the register map into a socket; presses of the button go back. It ends
+when the socket does. One thread does all: while it hangs, clients hear nothing, never something old
+that looks fresh.
+"""
+
+import asyncio
+import contextlib
+import json
+import logging
+import os
+import signal
+import socket
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+from asyncua import Server, ua
+from asyncua.common.callback import CallbackType
+from asyncua.crypto import uacrypto
+
+from hri_drivers.links.opcua import messages
+from hri_drivers.links.opcua.limits import MOST, LimitedServer, Rules, shed
+from hri_drivers.links.opcua.variables import Variables
+from hri_drivers.links.plant.image import Block, Image
+from hri_predict.protocol.registers import WRITE_BASE, WRITTEN, offset_of
+
+PERIOD_S = 0.01
+REPORT_NS = 200_000_000
+SAY_NS = 10_000_000_000
+MOST_PRESSES = 20
+"""Presses in a second; a person does not press more often."""
+NICE = 5  # the node's own threads come first, however much clients ask
+_ACK_AT = WRITE_BASE + offset_of(WRITTEN, "ACK_LATCH_ID")
+_TYPES = (ua.VariantType.UInt16, ua.VariantType.UInt32)
+
+
+class PlantServer:
+    """The server and its end of the socket.
+
+    Args:
+        link: to the node; non-blocking.
+        asked: ``OpcUaTransport``'s settings.
+    """
+
+    def __init__(self, link: socket.socket, asked: dict[str, Any]) -> None:
+        self._link, self._asked = link, asked
+        self._rules = Rules()
+        self._wake, self._ended = asyncio.Event(), False
+        self._refused = 0
+        self._presses: deque[int] = deque(maxlen=MOST_PRESSES)
+        self._shed, self._said_ns = [0, 0], -SAY_NS
+        self._variables: Variables | None = None
+
+    async def run(self) -> None:
+        """Serve until the socket ends."""
+        server = await self._opened()
+        assert server.bserver is not None
+        self._send(messages.READY + messages.number(server.bserver.port))
+        asyncio.get_running_loop().add_reader(self._link, self._hear)
+        reported_ns = 0
+        while not self._ended:
+            now_ns = time.monotonic_ns()
+            await self._refresh()
+            self._look_at(server.bserver.clients, now_ns)
+            if now_ns - reported_ns >= REPORT_NS:
+                reported_ns = now_ns
+                refused = self._refused + self._rules.refused
+                self._send(messages.COUNTS + messages.number(refused))
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._wake.wait(), PERIOD_S)
+            self._wake.clear()
+        asyncio.get_running_loop().remove_reader(self._link)
+        await server.stop()
+
+    async def _opened(self) -> Server:
+        asked = self._asked
+        trusted = None
+        if asked["certificate"]:
+            trusted = [await _certificate("trusted", path) for path in asked["trusted"]]
+            trusted = [uacrypto.der_from_x509(each) for each in trusted]
+        server = Server(iserver=LimitedServer(trusted))
+        server.limits.max_message_size = messages.MOST * 16
+        server.limits.max_chunk_count = 4
+        server.name, server.manufacturer_name = f"hri-predict {asked['name']}", "hri-predict"
+        server.product_uri, server._application_uri = "urn:hri-predict", "urn:hri-predict:server"
+        server.application_type = ua.ApplicationType.Server
+        await server.init()
+        policy = ua.SecurityPolicyType.NoSecurity
+        if asked["certificate"]:
+            policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
+            server.iserver.certificate = await _certificate("certificate", asked["certificate"])
+            server.iserver.private_key = await _private_key(asked["private_key"])
+        server.set_security_policy([policy], self._rules)
+        host, port = asked["host"], asked["port"]
+        server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
+        server.socket_address = (host, port)
+        image = Image(asked["silence_s"], asked["max_age_s"])
+        self._variables = Variables(server, image, asked["robots"])
+        await self._variables.create(self._pressed)
+        await self._refresh()
+        server.subscribe_server_callback(CallbackType.PreRead, self._refresh)
+        await server.start()
+        return server
+
+    async def _refresh(self, *_: Any) -> None:
+        if self._variables is not None:
+            self._take()  # what waits in the socket is newer than what was taken
+            await self._variables.refresh(time.monotonic_ns())
+
+    def _hear(self) -> None:
+        self._take()
+        self._wake.set()
+
+    def _take(self) -> None:
+        """Take all blocks that have come."""
+        assert self._variables is not None
+        with contextlib.suppress(BlockingIOError):
+            while data := self._link.recv(messages.MOST):
+                self._variables.put(*messages.unpacked_block(data))
+            self._ended = True
+
+    def _send(self, message: bytes) -> bool:
+        """Send to the node; whether it was taken. A node that does not read is not waited for."""
+        try:
+            self._link.send(message)
+        except BlockingIOError:
+            return False
+        except OSError:
+            self._ended = True
+            return False
+        return True
+
+    async def _pressed(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
+        """Hand a press to the node, which judges it as it does on Modbus."""
+        values = [each.Value for each in arguments]
+        if tuple(each.VariantType for each in arguments) != _TYPES or 0 in values:
+            return self._refuse(ua.StatusCodes.BadInvalidArgument)
+        now_ns = time.monotonic_ns()
+        if len(self._presses) == MOST_PRESSES and now_ns - self._presses[0] < 1_000_000_000:
+            return self._refuse(ua.StatusCodes.BadTooManyOperations)
+        self._presses.append(now_ns)
+        latch_id, ack_id = values
+        block = Block.of(_ACK_AT, [latch_id, ack_id >> 16, ack_id & 0xFFFF])
+        if not self._send(messages.PRESSED + messages.packed_block(block, now_ns)):
+            return self._refuse(ua.StatusCodes.BadTooManyOperations)
+        return ua.StatusCode()
+
+    def _refuse(self, code: int) -> ua.StatusCode:
+        self._refused += 1
+        return ua.StatusCode(code)
+
+    def _look_at(self, clients: list[Any], now_ns: int) -> None:
+        """End connections that cost too much, and say so once in a while."""
+        ended = shed(clients)
+        self._shed = [a + b for a, b in zip(self._shed, ended, strict=True)]
+        if any(self._shed) and now_ns - self._said_ns >= SAY_NS:
+            slow, over = self._shed
+            line = (
+                f"connections ended: {slow} that did not read or sent too much, {over} because "
+                f"there were more than {MOST}; find out which clients they are"
+            )
+            if self._send(messages.SAID + line.encode()):
+                self._said_ns, self._shed = now_ns, [0, 0]
+
+
+async def _certificate(key: str, path: str) -> Any:
+    try:
+        return await uacrypto.load_certificate(Path(path))
+    except Exception as error:
+        raise ValueError(f"{key} {path}: {_why(error)}; give an X.509 certificate") from None
+
+
+async def _private_key(path: str) -> Any:
+    try:
+        return await uacrypto.load_private_key(Path(path))
+    except Exception as error:
+        raise ValueError(f"private_key {path}: {_why(error)}; give an RSA key as PEM") from None
+
+
+def _why(error: Exception) -> str:
+    text = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0]
+    return f"cannot be read: {text}"
+
+
+def main(descriptor: int, settings: str) -> None:
+    """Run until the socket ends; report an error on it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the node
+    with contextlib.suppress(OSError):
+        os.nice(NICE)
+    log = logging.getLogger("asyncua")  # it logs each request that it cannot read
+    log.addHandler(logging.NullHandler())
+    log.setLevel(logging.CRITICAL)
+    log.propagate = False
+    link = socket.socket(fileno=descriptor)
+    link.setblocking(False)
+
+    async def run() -> None:
+        await PlantServer(link, json.loads(settings)).run()
+
+    try:
+        asyncio.run(run())
+    except Exception as error:
+        line = (str(error) or type(error).__name__).splitlines()[0]
+        with contextlib.suppress(OSError):
+            link.send(messages.FAILED + line.encode()[: messages.MOST - 1])
+        raise SystemExit(1) from None

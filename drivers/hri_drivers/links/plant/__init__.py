@@ -1,0 +1,1 @@
+"""Links to plants: advice, distances and acknowledges as the registers of one map."""
