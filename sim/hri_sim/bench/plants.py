@@ -7,6 +7,7 @@ subscribes. All read the same clock.
 
 import contextlib
 import json
+import logging
 import random
 import subprocess
 import sys
@@ -148,6 +149,7 @@ def _subscribe(pipe: Connection, port: int) -> dict[int, int]:
 
     from asyncua import Client, ua
 
+    logging.getLogger("asyncua").setLevel(logging.ERROR)  # it names each value that a server lowers
     heard: dict[int, int] = {}
 
     class Handler:
