@@ -269,14 +269,19 @@ def test_every_block_says_what_it_is(page: Path):
     assert not re.findall(r"^(?: {4}|\t)(?:\$ |hri-predict |python )", pages.prose(page), re.M)
 
 
+OF_ROS = {"kind: ros2": "rclpy", "message: ros4hri": "hri_msgs", "message: zed\n": "zed_msgs"}
+"""Packages that building a configuration of these words needs."""
+
+
 def yaml_id(block: Block) -> str:
     return f"{pages.name(block.page)}: {block.text.split(chr(10))[0]}"
 
 
 @pytest.mark.parametrize("block", pages.blocks("yaml"), ids=yaml_id)
 def test_a_configuration_is_valid_in_the_cell(block: Block, folder: Path, serial_port: str):
-    if "kind: ros2" in block.text:
-        pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
+    for words, package in OF_ROS.items():
+        if words in block.text:
+            pytest.importorskip(package, reason=f"needs {package}, of a ROS 2 installation")
     put_cell(folder, block.page, serial_port)
     (folder / "mine").mkdir()
     (folder / "mine" / "trajectorycnn.safetensors").symlink_to(WEIGHTS)
