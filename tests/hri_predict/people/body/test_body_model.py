@@ -159,7 +159,7 @@ def test_a_joint_more_makes_no_other_of_the_mean_posture_less_certain(more, seen
 @given(seen=SETS)
 def test_the_odder_the_posture_the_larger_the_radii(seen):
     mean = body_model().mean
-    arms_up = mean + np.isin(JOINTS, ["l_hand", "l_wrist", "l_elbow"])[:, None] * [0, 0, 0.35]
+    arms_up = mean + np.isin(JOINTS, ["l_hand", "l_wrist", "l_elbow"])[:, None] * [0, 0, 0.7]
     for size in (0.5, 1.0):
         body = (1 - size) * mean + size * arms_up
         less, more = (body_model().complete(b[None], seen[None]) for b in (mean, body))

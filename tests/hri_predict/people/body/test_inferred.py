@@ -15,6 +15,7 @@ from hri_predict.lab.calibration.inferred import read_poses
 from hri_predict.lab.datasets.splits import in_pack, split
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.inferred import Inference, rule_of
+from hri_predict.people.inferring import HIDDEN_ARM, hidden_arms
 from hri_sim.people.body import Body
 
 DATA = Path(__file__).resolve().parents[5] / "shared" / "data"
@@ -211,9 +212,10 @@ def test_true_joints_are_within_what_postures_say(poses, hidden):
 
 
 def share_held(pose, lacks, inference):
-    """Of each inferred joint that is known, whether it is within."""
+    """Of each inferred joint that is known, whether it is within, as of a body that stays so."""
     known = np.isfinite(pose).all(-1)
     filled = inference.fill(np.nan_to_num(pose), known & ~lacks)
     both = filled.observed & known & lacks
-    off = np.linalg.norm(filled.positions - np.nan_to_num(pose), axis=-1)[both]
-    return off <= filled.within_m[both]
+    off = np.linalg.norm(filled.positions - np.nan_to_num(pose), axis=-1)
+    arms = np.where(hidden_arms((known & ~lacks)[:, None]), HIDDEN_ARM, 1.0)
+    return (off <= arms * filled.within_m)[both]
