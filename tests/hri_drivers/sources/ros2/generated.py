@@ -56,7 +56,12 @@ def build() -> Path:
             check=True,
             capture_output=True,
         )
-    folder.rename(done)
+    try:
+        folder.rename(done)
+    except OSError:  # another process has built it meanwhile
+        if not done.is_dir():
+            raise
+        shutil.rmtree(folder)
     return done
 
 
