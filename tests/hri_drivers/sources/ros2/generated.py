@@ -4,6 +4,7 @@ ROS's own generators, which the wheels bring, write C and Python; the compiler m
 rclpy loads. So publishers and the node use real types, of Fast DDS alone.
 """
 
+import fcntl
 import hashlib
 import os
 import shutil
@@ -45,23 +46,19 @@ def build() -> Path:
     """Build all packages, unless that was done before; the folder belongs on the path of Python."""
     key = hashlib.sha256(repr((PACKAGES, sys.prefix, sys.version)).encode()).hexdigest()[:16]
     done = ROOT / "build" / "ros2-messages" / key
-    if done.is_dir():
-        return done
     done.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(dir=done.parent))
-    for package in PACKAGES:
-        subprocess.run(
-            [sys.executable, "-m", __name__, package, str(folder)],
-            env=_environment(),
-            check=True,
-            capture_output=True,
-        )
-    try:
-        folder.rename(done)
-    except OSError:  # another process has built it meanwhile
+    with (done.parent / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # tests that run side by side build once
         if not done.is_dir():
-            raise
-        shutil.rmtree(folder)
+            folder = Path(tempfile.mkdtemp(dir=done.parent))
+            for package in PACKAGES:
+                subprocess.run(
+                    [sys.executable, "-m", __name__, package, str(folder)],
+                    env=_environment(),
+                    check=True,
+                    capture_output=True,
+                )
+            folder.rename(done)
     return done
 
 
