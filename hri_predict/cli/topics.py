@@ -4,7 +4,7 @@ import json
 import shlex
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -12,8 +12,9 @@ from rich.table import Table
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.cli.common import JsonOption
-from hri_predict.recording.ros.bag import file_of
-from hri_predict.recording.ros.topics import BagTopic, topics_of
+
+if TYPE_CHECKING:
+    from hri_predict.recording.ros.topics import BagTopic
 
 
 def topics(
@@ -27,6 +28,11 @@ def topics(
 
     Example: hri-predict topics walk.bag
     """
+    if not bag.exists():
+        raise RecordingError(f"recording {bag}: no such file; check the path")
+    from hri_predict.recording.ros.bag import file_of  # needs rosbags: a wrong path is said first
+    from hri_predict.recording.ros.topics import topics_of
+
     try:
         found = topics_of(file_of(bag))
     except OSError as error:
@@ -38,18 +44,18 @@ def topics(
         print(json.dumps({"bag": str(bag), "topics": rows}))
         return
     if not rows:
-        print(f"{bag}: no topic can be people (PoseArray, MarkerArray)")
+        print(f"{bag}: no topic can be people (PoseArray, MarkerArray, ROS4HRI, ZED)")
         return
     _show(bag, found)
 
 
-def _options(topic: BagTopic) -> list[str]:
+def _options(topic: "BagTopic") -> list[str]:
     """Options of ``replay`` and ``convert``; the joint map only where one alone fits."""
     options = ["--topic", topic.name]
     return [*options, "--joint-map", topic.joint_maps[0]] if len(topic.joint_maps) == 1 else options
 
 
-def _show(bag: Path, found: list[BagTopic]) -> None:
+def _show(bag: Path, found: "list[BagTopic]") -> None:
     table = Table(title=f"Topics of {bag} that could be people", title_justify="left")
     for heading in ("topic", "type", "messages", "joints", "frame", "joint maps that fit"):
         table.add_column(heading, overflow="fold")
