@@ -243,7 +243,15 @@ class Moment:
             UnknownFrame: they are not connected at that time.
         """
         source = plain_frame(source)
+        if source in self._found:
+            return self._found[source]
         way = self._tree.way(source)
+        for frames in (way, self._above):
+            if len(set(frames)) < len(frames):  # two parents contradict each other
+                raise UnknownFrame(
+                    f"the frames above '{frames[0]}' form a circle; stop one of their publishers, "
+                    f"and start the node again"
+                )
         known = next((k for k, f in enumerate(way) if f in self._found or f in self._above), None)
         if known is None:
             raise UnknownFrame(f"no transform connects '{source}' to '{self._target}'")

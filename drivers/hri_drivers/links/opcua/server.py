@@ -93,6 +93,7 @@ class PlantServer:
             policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt
             server.iserver.certificate = await _certificate("certificate", asked["certificate"])
             server.iserver.private_key = await _private_key(asked["private_key"])
+            _check_pair(asked, server.iserver.certificate, server.iserver.private_key)
         server.set_security_policy([policy], self._rules)
         host, port = asked["host"], asked["port"]
         server.set_endpoint(f"opc.tcp://{f'[{host}]' if ':' in host else host}:{port}/")
@@ -117,10 +118,14 @@ class PlantServer:
     def _take(self) -> None:
         """Take all blocks that have come."""
         assert self._variables is not None
-        with contextlib.suppress(BlockingIOError):
+        try:
             while data := self._link.recv(messages.MOST):
                 self._variables.put(*messages.unpacked_block(data))
-            self._ended = True
+        except BlockingIOError:
+            return
+        except OSError:  # reset: the node closed with messages unread
+            pass
+        self._ended = True
 
     def _send(self, message: bytes) -> bool:
         """Send to the node; whether it was taken. A node that does not read is not waited for."""
@@ -178,6 +183,19 @@ async def _private_key(path: str) -> Any:
         return await uacrypto.load_private_key(Path(path))
     except Exception as error:
         raise ValueError(f"private_key {path}: {_why(error)}; give an RSA key as PEM") from None
+
+
+def _check_pair(asked: dict[str, Any], certificate: Any, private_key: Any) -> None:
+    """Refuse a key of another certificate, with which no client can connect.
+
+    Raises:
+        ValueError: it is; one line with both files.
+    """
+    if certificate.public_key() != private_key.public_key():
+        raise ValueError(
+            f"private_key {asked['private_key']} is not the key of certificate "
+            f"{asked['certificate']}; give two files of one pair"
+        )
 
 
 def _why(error: Exception) -> str:

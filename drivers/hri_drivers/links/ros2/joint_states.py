@@ -122,6 +122,8 @@ class JointStateReader:
             return None
         if missing:
             raise ValueError(f"{topic}: has no joint '{missing[0]}'; correct 'joint_states.names'")
+        if twice := [n for n in self._settings.names if list(message.name).count(n) > 1]:
+            raise ValueError(f"{topic}: names joint '{twice[0]}' twice; correct the publisher")
         if self._publishers.contradicted(heard, self._monotonic_ns()):
             raise ValueError(f"{topic}: two publishers of these joints; stop one of them")
         self._count(stamp_ns(message.header.stamp))

@@ -64,6 +64,16 @@ def test_names_say_which_joint_not_the_order():
     assert (state.positions, state.velocities) == ((1.0, 2.0), (0.1, 0.2))
 
 
+def test_a_joint_that_is_named_twice_is_refused():
+    """Which of its two values holds cannot be known; another joint may be."""
+    robot = Robot()
+    twice = {"position": (1.0, 2.0, 3.0), "velocity": (0.0, 0.0, 0.0)}
+    assert robot.hear(names=["pan", "lift", "pan"], **twice) is None
+    assert robot.counters.malformed == 1
+    assert robot.reader.refused == "/joint_states: names joint 'pan' twice; correct the publisher"
+    assert robot.hear() is not None
+
+
 @pytest.mark.parametrize(
     ("automatic", "mode"), [(False, RobotMode.UNKNOWN), (True, RobotMode.AUTOMATIC)]
 )

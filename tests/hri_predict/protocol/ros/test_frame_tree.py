@@ -53,6 +53,15 @@ def test_a_frame_that_is_not_connected_is_named():
         frames.matrix("map", "lidar", 0)
 
 
+def test_a_circle_of_frames_places_nothing():
+    """A second publisher turns an edge round: which of the two holds cannot be known."""
+    frames = tree(("map", "camera", (1.0, 0.0, 0.0), UPRIGHT))
+    frames.add(MAKER.transforms(("camera", "map", (50.0, 0.0, 0.0), UPRIGHT)), static=True)
+    for target, source in (("map", "camera"), ("camera", "map")):
+        with pytest.raises(UnknownFrame, match="form a circle; stop one of their publishers"):
+            frames.matrix(target, source, 0)
+
+
 def test_a_circle_of_frames_ends():
     nothing = (0.0, 0.0, 0.0), UPRIGHT
     frames = tree(("a", "b", *nothing), ("b", "a", *nothing))
