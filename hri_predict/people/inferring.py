@@ -77,11 +77,14 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 
 
 def hidden_arms(measured: Bools) -> Bools:
-    """(P, J) joints of arms of which nothing below the shoulder is seen in a history (P, T, J)."""
-    seen: Bools = np.asarray(measured.any(1))
-    found = np.zeros_like(seen)
+    """(P, J) joints of arms of which nothing below the shoulder is seen in a history (P, T, J).
+
+    One capture that shows such an arm does not count: see ``_LEAST_BEFORE``.
+    """
+    least = min(_LEAST_BEFORE, measured.shape[1])
+    found = np.zeros((len(measured), measured.shape[2]), bool)
     for arm in _ARMS:
-        found[:, arm] = ~seen[:, arm].any(1, keepdims=True)
+        found[:, arm] = measured[:, :, arm].any(2).sum(1, keepdims=True) < least
     return found
 
 
@@ -182,11 +185,12 @@ def _lost(person: LostPerson, inference: Inference) -> LostPerson:
     newest: Bools = person.joint_age_s <= person.joint_age_s.min()
     filled = inference.fill(np.nan_to_num(person.positions), newest)
     seen: Bools = filled.observed & ~newest
+    within = filled.within_m * np.where(hidden_arms(newest[None, None])[0], HIDDEN_ARM, 1.0)
     fastest: Floats = person.limbs_m_s[newest].max(initial=0.0)
     return replace(
         person,
         positions=np.where(seen[:, None], filled.positions, person.positions),
         joint_age_s=np.where(seen, person.joint_age_s.min(), person.joint_age_s),
         limbs_m_s=np.where(seen, np.maximum(person.limbs_m_s, _GAIN * fastest), person.limbs_m_s),
-        inferred_m=np.where(seen, filled.within_m, 0.0),
+        inferred_m=np.where(seen, within, 0.0),
     )

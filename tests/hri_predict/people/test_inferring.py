@@ -153,6 +153,23 @@ def test_an_arm_that_stays_hidden_may_be_farther_from_its_place(make_room):
     assert knee[0, JOINTS.index("l_knee")] < plain[joints].min()
 
 
+def test_one_capture_of_an_arm_does_not_make_it_a_seen_one(make_room):
+    """It is as often the other arm, or a part of the machine that the arm is in."""
+    joints, room = [JOINTS.index(name) for name in LIMB], make_room()
+    before = room.see(person(raised(0), *LIMB), times=30).inferred.within_m[0, joints]
+    room.see(person(raised(0)))
+    for _ in range(12):
+        after = room.see(person(raised(0), *LIMB)).inferred.within_m[0, joints]
+        assert (after >= before - 1e-6).all()
+
+
+def test_a_lost_person_s_hidden_arm_is_as_uncertain_as_it_was(make_room):
+    joints, room = [JOINTS.index(name) for name in LIMB], make_room()
+    before = room.see(person(raised(0), *LIMB), times=30).inferred.within_m[0, joints]
+    (lost,) = room.see(times=30).lost
+    np.testing.assert_allclose(lost.inferred_m[joints], before, rtol=0.02)
+
+
 @pytest.mark.parametrize("every", [2, 3, 5])
 @pytest.mark.parametrize("is_seen_last", [True, False])
 def test_a_hand_that_flickers_does_not_jump(make_room, every, is_seen_last):

@@ -56,10 +56,13 @@ def percent(fraction: float) -> int:
 def rounded(value: float | None, to: Callable[[float], int] = math.floor) -> float | None:
     """Return a number of four decimals that JSON can hold; ``None`` is "not available".
 
-    ``to`` is the safe side: ``math.floor`` for distances and limits, ``math.ceil`` for ages.
+    ``to`` is the safe side: ``math.floor`` for distances and limits, ``math.ceil`` for ages. Where
+    the rounding of floating point would pass to the other side, the value stays as it is.
     """
-    scaled = math.nan if value is None else 1e4 * value
-    return to(scaled) / 1e4 if math.isfinite(scaled) else None
+    if value is None or not math.isfinite(1e4 * value):
+        return None
+    found = to(1e4 * value) / 1e4
+    return (min if to is math.floor else max)(found, value)
 
 
 def advice_fields(advice: Advice, fraction: float) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import struct
+from unittest.mock import Mock
 
 import pytest
 
@@ -17,7 +18,7 @@ def test_a_node_that_ends_with_reports_unread_ends_the_server():
     with far:
         far.setblocking(False)
         server = PlantServer(far, {})
-        server._variables = object()
+        server._variables = Mock()
         server._take()  # nothing has come
         assert not server._ended
         far.send(b"C" + struct.pack(">Q", 1))
