@@ -59,8 +59,10 @@ def rounded(value: float | None, to: Callable[[float], int] = math.floor) -> flo
     ``to`` is the safe side: ``math.floor`` for distances and limits, ``math.ceil`` for ages. Where
     the rounding of floating point would pass to the other side, the value stays as it is.
     """
-    if value is None or not math.isfinite(1e4 * value):
+    if value is None or not math.isfinite(value):
         return None
+    if not math.isfinite(1e4 * value):
+        return value
     found = to(1e4 * value) / 1e4
     return (min if to is math.floor else max)(found, value)
 

@@ -138,7 +138,7 @@ def test_percent_is_rounded_down(fraction):
 @given(st.floats())
 def test_numbers_are_rounded_to_their_side_or_not_available(to, value):
     got = rounded(value, to)
-    if math.isfinite(1e4 * value):
+    if math.isfinite(value):
         assert got is not None
         assert (got <= value) if to is math.floor else (got >= value)
         # the product and the quotient are each rounded once
