@@ -53,7 +53,7 @@ def publish(domain: int) -> Iterator[Publish]:
 
     def start(program: Path = PUBLISHER, **options: Any) -> "subprocess.Popen[bytes]":
         words = [
-            f"--{name.replace('_', '-')}" if value is True else f"--{name}={value}"
+            f"--{name.replace('_', '-')}" + ("" if value is True else f"={value}")
             for name, value in options.items()
         ]
         python = os.environ.get("OTHER_ROS_PYTHON", sys.executable)
