@@ -27,5 +27,5 @@ def test_judging_leaves_nothing_behind_that_grows():
     objects, held = zip(*found, strict=True)
     # This test keeps a few objects of its own each time; one kept by each tick would be 60 more.
     assert max(objects) - min(objects) <= 2 * TIMES
-    # Less than one number, of 24 bytes and more, for each tick; what else runs keeps some bytes too.
+    # Less than a number (24 bytes or more) for each tick; what else runs keeps some bytes too.
     assert max(held) - min(held) < (TIMES - 1) * TICKS * 16
