@@ -105,11 +105,24 @@ def _modbus(seconds: float) -> dict[str, Any]:
     from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings  # needs pymodbus
 
     settings = ModbusLinkSettings(name="bench", port=free_tcp_port())
-    link = ModbusLink(settings, MonotonicClock())
+    return _served(ModbusLink(settings, MonotonicClock()), settings.port, _poll, seconds)
+
+
+def _opcua(seconds: float) -> dict[str, Any]:
+    from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings  # needs asyncua
+
+    settings = OpcUaLinkSettings(name="bench", port=free_tcp_port())
+    return _served(OpcUaLink(settings, MonotonicClock()), settings.port, _subscribe, seconds)
+
+
+def _served(
+    link: Link, port: int, client: Callable[[Connection, int], dict[int, int]], seconds: float
+) -> dict[str, Any]:
+    """Measure a link that is a server, whose ``client`` runs in a process of its own."""
     with contextlib.ExitStack() as stack:
         link.start()
         stack.callback(link.stop)
-        plc = stack.enter_context(child(_poll, settings.port))
+        plc = stack.enter_context(child(client, port))
         plc.receive()
         return _measured(link, seconds, plc.report)
 
@@ -128,19 +141,6 @@ def _poll(pipe: Connection, port: int) -> dict[int, int]:
             due_s = max(due_s + POLL_S, time.monotonic())
             time.sleep(max(0.0, due_s - time.monotonic()))
     return heard
-
-
-def _opcua(seconds: float) -> dict[str, Any]:
-    from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings
-
-    settings = OpcUaLinkSettings(name="bench", port=free_tcp_port())
-    link = OpcUaLink(settings, MonotonicClock())
-    with contextlib.ExitStack() as stack:
-        link.start()
-        stack.callback(link.stop)
-        plc = stack.enter_context(child(_subscribe, settings.port))
-        plc.receive()
-        return _measured(link, seconds, plc.report)
 
 
 def _subscribe(pipe: Connection, port: int) -> dict[int, int]:
