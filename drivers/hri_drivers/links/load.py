@@ -59,7 +59,7 @@ def check_bases(name: str, traffic: Traffic) -> None:
     """Refuse a robot that classic CAN cannot carry.
 
     Raises:
-        LinkError: there are no frames for the moving base of one of these robots.
+        LinkError: classic CAN lacks frames for the moving base of one of these robots.
     """
     for robot, shape in zip(traffic.robots, traffic.shapes, strict=True):
         if shape.moving_base and robot >= BASE_ROBOTS:

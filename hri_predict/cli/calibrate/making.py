@@ -165,7 +165,7 @@ def add_noise(
     ``path`` is the calibration, ``None``: the shipped one. All but the growth stays.
 
     Raises:
-        ConfigError: there is no calibration, or no recording can be used.
+        ConfigError: the calibration is missing, or none of the recordings is usable.
     """
     from hri_predict.lab.calibration import noise
     from hri_predict.zones.calibration import calibration_for

@@ -128,7 +128,7 @@ class Run:
         processes: the processes that share the run; default: this one alone.
 
     Raises:
-        ConfigError: the batch is smaller than the number of processes, or there is no such device.
+        ConfigError: the batch is smaller than the number of processes, or the device is missing.
     """
 
     def __init__(

@@ -58,7 +58,7 @@ class StreamSource(LiveSource, ABC):
         utc_ns: this machine's UTC clock.
 
     Raises:
-        ConfigError: there is no such joint map, or it has more joints than a stream can carry.
+        ConfigError: the joint map is unknown, or has more joints than a stream can carry.
         SourceError: the key cannot be used.
     """
 
