@@ -1,7 +1,8 @@
 # make demo: the whole cell, simulated.  make test: lint, then types, the daily tests, and what the
 # wheel holds at once, of which the tests in real time come first.
-# make test-long: the tests marked `long`, every property with 100 random examples (EXAMPLES), and
-# the wheel installed alone.
+# make test-long: the tests marked `long`, every property with 100 examples (EXAMPLES), and the wheel
+# installed alone.
+# make test-random: every property with 1000 examples (EXAMPLES), others in each run.
 # make test-ros2: the source and the link against real ROS 2 nodes in other processes.
 # make bundle: a folder that installs the node without internet, build/bundle (EXTRAS=accel,fleet).
 # make docs: the site of all pages, into build/site.
@@ -22,7 +23,7 @@ ROS2_VENV := build/ros2-venv
 # Tests start many processes: these need not compile the same modules again and again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long test-ros2 lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
+.PHONY: demo test test-long test-random test-ros2 lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
@@ -46,6 +47,10 @@ pytest: $(VENV)/.dev
 
 pytest-long: $(VENV)/.dev
 	$(BIN)/python -m tests.together long $(JOBS)
+
+test-random: $(VENV)/.dev
+	EXAMPLES=$${EXAMPLES:-1000} RANDOM_EXAMPLES=1 \
+		$(BIN)/python -m pytest -m "hypothesis and not realtime" -n $(JOBS)
 
 # The wheel's files, with the packages of .venv but without the working tree's, check the demo's
 # configuration from an empty folder.

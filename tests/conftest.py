@@ -22,14 +22,14 @@ gc.set_threshold(100_000, 50, 50)
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Daily, a property is checked with the same few examples each time, so that a test that fails fails
-# again. EXAMPLES draws others in each run, and as many: the long run does, `EXAMPLES=1000 make
-# pytest` too. How long an example takes, or takes to make, says nothing about the code here.
+# A property is checked with the same examples in each run, EXAMPLES of them, so that a commit that
+# passed passes again; RANDOM_EXAMPLES=1 draws others each time, as `make test-random` does. How
+# long an example takes, or takes to make, says nothing about the code here.
 settings.register_profile(
     "patient",
     settings(),
     max_examples=int(os.environ.get("EXAMPLES", "15")),
-    derandomize="EXAMPLES" not in os.environ,
+    derandomize="RANDOM_EXAMPLES" not in os.environ,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
 )

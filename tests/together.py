@@ -4,8 +4,8 @@
 others: beside them they failed now and then, even where the others gave way. The long ones in real
 time wait more than they compute, and run beside the others; ``beside`` runs the daily ones that
 way. A file's tests stay with one worker, which makes their fixtures once. The long run also
-checks every property with many random examples (``EXAMPLES``, 100 if it is not set). Exit status 1
-if a test fails.
+checks every property with more examples (``EXAMPLES``, 100 if it is not set). Exit status 1 if a
+test fails.
 """
 
 import os

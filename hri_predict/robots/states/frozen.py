@@ -7,7 +7,7 @@ cannot be new:
   passes ``DITHER`` within 50 ms. One that has not, although its velocities add up to ``TRAVEL``,
   was last measured when it arrived there. Its age counts from then on: the node carries it on by
   its velocity, as it does when RobotState is late, and stops believing it at the age at which
-  RobotState is stale.
+  RobotState is stale. Then its place must change: a velocity that falls to zero proves nothing.
 - *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) and
   v / a to stop. A robot that stands at once where it was, or within one cycle of its sender, is
   believed only after its place has changed: a robot that was frozen in this way looks like one
@@ -54,11 +54,13 @@ STANDS_SHARE = 0.2
 
 @dataclass(slots=True)
 class _Place:
-    """A coordinate's place, since when it is there, and how far it should have moved since."""
+    """A coordinate's place, since when it is there, how far it should have moved since, and whether
+    it was found frozen there."""
 
     at: float
     since_ns: int
     travel: float = 0.0
+    frozen: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,11 +150,11 @@ class FrozenCheck:
         """Whether the newest state cannot be believed at ``now_ns``; ``stale_s``: the age at which
         RobotState is stale."""
         of_base_s = max(stale_s, BASE_HELD_S)
-        is_held = any(
-            abs(place.travel) > TRAVEL
-            and now_ns - place.since_ns > (of_base_s if j < self._lead else stale_s) * 1e9
-            for j, place in enumerate(self._places)
-        )
+        for j, place in enumerate(self._places):
+            limit_s = of_base_s if j < self._lead else stale_s
+            late = now_ns - place.since_ns > limit_s * 1e9
+            place.frozen |= late and abs(place.travel) > TRAVEL
+        is_held = any(place.frozen for place in self._places)
         self.counter += is_held and not self._is_held
         self._is_held = is_held
         return is_held or self._stopped is not None
@@ -165,9 +167,10 @@ class FrozenCheck:
         for j, (place, q, v) in enumerate(zip(self._places, state.q, state.qd, strict=True)):
             dither = BASE_DITHER if j < self._lead else DITHER
             turned = v * place.travel < 0.0  # it may have gone there and back between two states
-            if turned or abs(v) <= MOVES or abs(q - place.at) > dither:
-                place.at, place.since_ns, place.travel = q, state.received_ns, 0.0
-            else:
+            may_be_there = not place.frozen and (turned or abs(v) <= MOVES)
+            if may_be_there or abs(q - place.at) > dither:
+                self._places[j] = _Place(q, state.received_ns)
+            elif not place.frozen:
                 place.travel += v * h
 
     def _moved(self, a: tuple[float, ...], b: tuple[float, ...]) -> bool:

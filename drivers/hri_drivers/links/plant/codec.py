@@ -263,19 +263,19 @@ def _age(age_s: float | None) -> int:
     """Milliseconds, rounded up; 65535: none."""
     if age_s is None or not math.isfinite(age_s):
         return NOT_AVAILABLE
-    return max(0, math.ceil(min(age_s * 1e3, NOT_AVAILABLE - 1)))
+    return math.ceil(min(max(age_s, 0.0) * 1e3, NOT_AVAILABLE - 1))
 
 
 def _milli(value: float | None) -> int:
     """Thousandths, rounded down; 65535: none."""
     if value is None or not math.isfinite(value):
         return NOT_AVAILABLE
-    return max(0, math.floor(min(value * 1e3, NOT_AVAILABLE - 1)))
+    return math.floor(min(max(value, 0.0) * 1e3, NOT_AVAILABLE - 1))
 
 
 def _speed(limit_m_s: float) -> int:
     """The limit in mm/s, rounded down."""
-    return max(0, math.floor(min(limit_m_s * 1e3 + 1e-6, NOT_AVAILABLE - 1)))
+    return math.floor(min(max(limit_m_s, 0.0) * 1e3 + 1e-6, NOT_AVAILABLE - 1))
 
 
 def _index(value: int | None) -> int:

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hri_drivers.links.plant.codec import RegisterCodec
@@ -216,6 +216,7 @@ def test_any_write_is_decoded_or_counted(address, data):
         time_to_breach_s=st.none() | st.floats(),
     )
 )
+@example(Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, time_to_breach_s=-1.8e308))
 def test_any_advice_is_words_that_permit_no_more(advice):
     codec = RegisterCodec(plc_timeout_s=1.0)
     found = unpacked(ROBOT, codec.encode(advice)[0].words)
