@@ -79,7 +79,8 @@ wheel-alone: $(VENV)/.dev
 # for want of a processor or by the middleware (which once crashed while a node ended), fails if it
 # fails alone too.
 ROS2_TESTS := tests/hri_drivers/links/ros2 tests/hri_drivers/sources/ros2 \
-	tests/hri_drivers/wires/test_ros2.py tests/hri_sim/fault_table/test_ros2_link.py
+	tests/hri_drivers/wires/test_ros2.py tests/hri_sim/fault_table/test_ros2_link.py \
+	tests/hri_sim/bench/test_ports.py
 test-ros2: $(ROS2_VENV)/.done
 	$(ROS2_VENV)/bin/python -m pytest -n 4 --dist worksteal $(ROS2_TESTS) || \
 		$(ROS2_VENV)/bin/python -m pytest --last-failed $(ROS2_TESTS)

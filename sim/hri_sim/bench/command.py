@@ -17,6 +17,7 @@ from hri_sim.bench.forecasts import predictors
 from hri_sim.bench.joint_maps import joint_maps
 from hri_sim.bench.links import age, links
 from hri_sim.bench.plants import plants
+from hri_sim.bench.ports import ports
 from hri_sim.bench.rows import QUICK, Row, Scope, Section
 from hri_sim.bench.trackers import trackers
 
@@ -36,7 +37,8 @@ SECTIONS = {
 it compares must take turns, and each name of a part must stay, so that runs can be compared."""
 
 app = typer.Typer(invoke_without_command=True)
-for command in (predictors, links, fleet, plants, joint_maps, trackers, faults, memory, soak):
+_CELLS = (plants, ports, joint_maps, trackers)
+for command in (predictors, links, fleet, *_CELLS, faults, memory, soak):
     app.command()(command)
 
 

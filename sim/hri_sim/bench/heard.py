@@ -67,7 +67,7 @@ def heard(
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         looking = stack.enter_context(onlookers()) if watched else None
-        receiver = stack.enter_context(_receiver(wire, rate_hz))
+        receiver = stack.enter_context(receiving(wire, rate_hz))
         settings = cell.settings(
             predictor=predictor,
             rate_hz=rate_hz,
@@ -80,14 +80,14 @@ def heard(
         path = Path(folder) / "cell.yaml"
         path.write_text(yaml.safe_dump(settings), encoding="utf-8")
         began_ns = time.monotonic_ns()
-        node = stack.enter_context(_node(path, flags, cache))
+        node = stack.enter_context(running_node(path, flags, cache))
         first_ns = receiver.receive(START_S, node)
         result: dict[str, Any] = {"first_advice_s": (first_ns - began_ns) * 1e-9}
         if looking is not None:
             looking.process.receive(START_S, node)  # both screens were seen
         time.sleep(WARM_UP_S)
         if seconds > 0:
-            result |= _used(node.pid, seconds)
+            result |= used_by(node.pid, seconds)
         result["resident_mib"] = resident_mib(node.pid)
         if looking is not None:
             result["seen_bytes"] = looking.process.report()
@@ -97,12 +97,12 @@ def heard(
         result["alerts"] = json.loads(summary).get("alerts", {})
     if seconds > 0:
         begin_ns, end_ns = result.pop("window_ns")
-        result |= _figures(told, begin_ns, end_ns, rate_hz)
+        result |= figures(told, begin_ns, end_ns, rate_hz)
     return result
 
 
 @contextlib.contextmanager
-def _receiver(wire: str, rate_hz: float) -> Iterator[Child]:
+def receiving(wire: str, rate_hz: float) -> Iterator[Child]:
     """Start the receiver at a wire's end, and the bare loop that it hears as well."""
     reading, writing = multiprocessing.Pipe(duplex=False)
     with child(hear, wire, reading) as receiver, child(bare_loop, writing, rate_hz):
@@ -112,9 +112,16 @@ def _receiver(wire: str, rate_hz: float) -> Iterator[Child]:
 
 
 @contextlib.contextmanager
-def _node(
+def running_node(
     path: Path, flags: Sequence[str], cache: Path | None
 ) -> Iterator["subprocess.Popen[str]"]:
+    """Run a node of this configuration, which ends with the context.
+
+    Args:
+        path: of the configuration.
+        flags: of ``hri-predict run``.
+        cache: the folder that the node keeps things in; ``None``: the user's own.
+    """
     command = [sys.executable, "-m", "hri_predict", "run", str(path), "--json", *flags]
     environment = dict(os.environ)
     if cache is not None:
@@ -129,7 +136,7 @@ def _node(
         node.communicate()
 
 
-def _used(pid: int, seconds: float) -> dict[str, Any]:
+def used_by(pid: int, seconds: float) -> dict[str, Any]:
     """Let the node run; what it used meanwhile."""
     before, cores, begin_ns = processor_time(pid), cores_busy(), time.monotonic_ns()
     time.sleep(seconds)
@@ -143,27 +150,25 @@ def _used(pid: int, seconds: float) -> dict[str, Any]:
     return {"cpu_percent": used, "cores_percent": busy, "window_ns": (begin_ns, end_ns)}
 
 
-def _figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -> dict[str, Any]:
+def figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -> dict[str, Any]:
     """Intervals of what came in the window; a Status that never came is one long interval."""
     inside = [m for m in told["messages"] if begin_ns <= m[1] <= end_ns]
     status = [(at, cycle) for kind, at, cycle in inside if kind == "Status"]
     steps = [(b[1] - a[1]) % CYCLES for a, b in itertools.pairwise(status)]
-    deviations = [
-        deviation
-        for kind in ("Status", "Advice")
-        for deviation in _deviations([at for name, at, _ in inside if name == kind], rate_hz)
-    ]
+    times = {name: [at for kind, at, _ in inside if kind == name] for name in ("Status", "Advice")}
     bare = [at for at in told["bare"] if begin_ns <= at <= end_ns]
     return {
-        "deviation_ms": deviations,
-        "bare_ms": _deviations(bare, rate_hz),
+        "deviation_ms": [d for at in times.values() for d in deviations(at, rate_hz)],
+        "bare_ms": deviations(bare, rate_hz),
+        "ages_ms": [age for kind, _, age in inside if kind == "Advice" and age >= 0],
+        "heard": len(times["Advice"]),
         "missing": sum(step - 1 for step in steps if step > 1),
         "stamps": told["stamps"],
         "priority": told["priority"],
     }
 
 
-def _deviations(at_ns: Sequence[int], rate_hz: float) -> list[float]:
+def deviations(at_ns: Sequence[int], rate_hz: float) -> list[float]:
     """Milliseconds between each interval and the period, without sign."""
     at_ms = np.asarray(at_ns, np.float64) * 1e-6  # 0.1 ns of a day: floats hold it
     return [float(d) for d in np.abs(np.diff(at_ms) - 1e3 / rate_hz)]

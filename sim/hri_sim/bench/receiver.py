@@ -24,6 +24,8 @@ from hri_sim.wires.slcan_adapter import SlcanAdapter
 
 PRIORITY = 10
 MULTICAST = "239.74.163.3"
+LINK = {"name": "bench", "repeat_hz": 0}
+"""Of every link that is heard: each tick is sent once, so that intervals are those of the ticks."""
 Stamped = tuple[int, Any]
 """When it came, nanoseconds of the monotonic clock, and a unit that the decoder takes."""
 
@@ -69,7 +71,7 @@ class PtyEar:
         self._fd, path = open_pty()
         # without it reading fails until the node has opened the line
         self._held = os.open(path, os.O_RDWR | os.O_NOCTTY)
-        self.link = {"name": "bench", **link, key: path}
+        self.link = LINK | link | {key: path}
         self.receiver = receiver
         self._transport = transport(self._fd)
         self._transport.open()
@@ -98,7 +100,7 @@ class UdpEar:
     def __init__(self) -> None:
         options: dict[str, Any] = {"port": free_udp_port(), "hop_limit": 0}
         wire: dict[str, Any] = {"interface": "udp_multicast", "channel": MULTICAST, "fd": True}
-        self.link = {"name": "bench", "kind": "can", **wire, "options": options}
+        self.link = LINK | wire | {"kind": "can", "options": options}
         self.receiver = CanReceiver(fd=True)
         self._bus = can.Bus(**wire, ignore_config=True, **options)
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
@@ -143,17 +145,18 @@ class Heard:
         self._receiver = receiver
         self._running = self._advised = False
         self.first_ns: int | None = None
-        self.messages: list[tuple[str, int, int]] = []  # kind, time, cycle (-1: it has none)
+        self.messages: list[tuple[str, int, int]] = []  # kind, time, and see ``take``
 
     def take(self, stamp_ns: int, unit: Any) -> None:
-        """Decode a unit."""
+        """Decode a unit; note a Status with its cycle, an Advice with its age (ms, -1: none)."""
         for message in self._receiver.feed(unit):
             if isinstance(message, Status):
                 self._running = message.node_state in (NodeState.RUNNING, NodeState.DEGRADED)
                 self.messages.append(("Status", stamp_ns, message.cycle))
             elif isinstance(message, Advice):
                 self._advised = True
-                self.messages.append(("Advice", stamp_ns, -1))
+                age_ms = -1 if message.age_s is None else round(1e3 * message.age_s)
+                self.messages.append(("Advice", stamp_ns, age_ms))
         if self._running and self.first_ns is None and self._advised:
             self.first_ns = stamp_ns
 

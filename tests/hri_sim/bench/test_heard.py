@@ -20,7 +20,7 @@ def told(status, bare=()):
 
 def test_even_messages_deviate_by_nothing():
     status = [(k * PERIOD_NS, k % 256) for k in range(300)]
-    found = heard._figures(told(status), 0, 2**62, 25.0)
+    found = heard.figures(told(status), 0, 2**62, 25.0)
     assert found["missing"] == 0  # the cycle wraps at 256
     # times of 12 s in ms as 64-bit floats: 2e-12 ms, twice
     assert max(found["deviation_ms"]) == pytest.approx(0.0, abs=1e-9)
@@ -29,7 +29,7 @@ def test_even_messages_deviate_by_nothing():
 def test_a_late_message_deviates_twice_and_a_lost_one_is_counted():
     at_ms = [0, 40, 83, 120, 200]  # the third is 3 ms late, and cycle 4 never comes
     status = [(ms * 1_000_000, cycle) for ms, cycle in zip(at_ms, (0, 1, 2, 3, 5), strict=True)]
-    found = heard._figures(told(status), 0, 2**62, 25.0)
+    found = heard.figures(told(status), 0, 2**62, 25.0)
     assert found["deviation_ms"] == pytest.approx([0.0, 3.0, 3.0, 40.0])
     assert found["missing"] == 1
 
@@ -37,7 +37,7 @@ def test_a_late_message_deviates_twice_and_a_lost_one_is_counted():
 def test_only_what_came_in_the_window_counts():
     status = [(k * PERIOD_NS, k) for k in range(10)]
     bare = [k * PERIOD_NS for k in range(10)]
-    found = heard._figures(told(status, bare), 2 * PERIOD_NS, 5 * PERIOD_NS, 25.0)
+    found = heard.figures(told(status, bare), 2 * PERIOD_NS, 5 * PERIOD_NS, 25.0)
     assert len(found["deviation_ms"]) == len(found["bare_ms"]) == 3
 
 

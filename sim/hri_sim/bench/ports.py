@@ -1,0 +1,288 @@
+"""``bench ports``: one node with ROS 2, a robot by RTDE, a PLC by Modbus and a CAN bus at once.
+
+Each other end is a process of its own: a ROS 2 node that publishes people, the made-up RTDE
+controller, a Modbus client that polls, a CAN receiver, and a bare loop that shows what the machine
+can do. Then the same cell runs with the CAN bus alone, and its people within the node.
+"""
+
+import contextlib
+import itertools
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from hri_predict.cli.common import JsonOption, need_extra
+from hri_predict.protocol.registers import NODE, NOT_AVAILABLE, ROBOT, offset_of, robot_address
+from hri_predict.protocol.registers import words_of as words
+from hri_sim.bench import cell
+from hri_sim.bench.heard import (
+    START_S,
+    WARM_UP_S,
+    deviations,
+    figures,
+    receiving,
+    running_node,
+    used_by,
+)
+from hri_sim.bench.rows import spread
+from hri_sim.bench.table import measure, report
+from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
+from hri_sim.wires.child import child
+from hri_sim.wires.ports import free_tcp_port
+
+WIRE = "CAN FD udp_multicast"
+RATE_HZ, POLL_S, RTDE_HZ = 25.0, 0.01, 125.0
+PEOPLE_HZ = 30.0
+POSE = {"xyz": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
+_COLUMNS = {
+    "receiver": "{receiver}",
+    "heard": "{heard}",
+    "lost": "{lost}",
+    "interval less period, p50 ms": "{deviation_ms[p50]}",
+    "p99": "{deviation_ms[p99]}",
+    "max": "{deviation_ms[max]}",
+    "age of its capture, p50 ms": "{age_ms[p50]}",
+    "p99 ": "{age_ms[p99]}",
+    "max ": "{age_ms[max]}",
+}
+_DASHES = dict.fromkeys(("p50", "p99", "max"), "–")
+
+
+def _demand_minutes(minutes: float) -> float:
+    if not 0.05 <= minutes <= 1440.0:
+        raise ConfigError(f"--minutes {minutes:g}: give 0.05 to 1440")
+    return minutes
+
+
+def ports(
+    minutes: Annotated[
+        float, typer.Option(callback=_demand_minutes, help="Minutes to run each of the two cells.")
+    ] = 10.0,
+    predictor: Annotated[str, typer.Option(help="Predictor of both cells.")] = "sinn",
+    as_json: JsonOption = False,
+) -> None:
+    """Run one node with ROS 2, RTDE, Modbus and CAN at once, then with CAN alone.
+
+    Each other end is a process of its own, on this machine. This runs in real time, so other
+    programs disturb it.
+
+    Example: hri-predict bench ports --minutes 0.5
+    """
+    need_extra("pymodbus", "modbus")
+    need_extra("rclpy", "ros2")
+    rows = measure(costs(60.0 * minutes, predictor), 7, "ports")
+    if not as_json:
+        rows = [{key: _DASHES if v is None else v for key, v in row.items()} for row in rows]
+    report(rows, as_json, "What each receiver hears of one node", _COLUMNS)
+
+
+def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
+    """Yield a row of each receiver: all ports at once, then CAN alone.
+
+    ``heard``: number of Advice, or of states of the registers; ``lost``: numbers that were skipped,
+    of the node's cycles, heartbeats and watchdog counts; ``deviation_ms``: of the intervals between
+    them from the period; ``age_ms``: as the advice says; both ``None``
+    where a port has none.
+    """
+    with contextlib.ExitStack() as stack:
+        modbus = free_tcp_port()
+        robot = stack.enter_context(_rtde())
+        links = [
+            {
+                "name": "ur", "kind": "rtde", "host": "127.0.0.1", "port": robot.port,
+                "delay_s": 0.01, "silence_timeout_s": 0.06, "reaction_s": 0.05,
+            },
+            {
+                "name": "plant", "kind": "modbus", "port": modbus, "delay_s": 0.03, "repeat_hz": 0,
+            },
+        ]  # fmt: skip
+        source = stack.enter_context(_people())
+        found = _run(seconds, predictor, (links, source, modbus))
+        begin_ns, end_ns = found["window_ns"]
+        yield _people_heard(found["summary"])
+        yield _can("CAN FD, 25 Hz, beside the others", found)
+        yield {"receiver": "Modbus, polled every 10 ms", **_polled(found["polled"])}
+        yield {"receiver": "RTDE, 125 Hz", **robot.between(begin_ns, end_ns)}
+        yield _bare("a bare loop beside them", found)
+    alone = _run(seconds, predictor, None)
+    yield _can("CAN FD, 25 Hz, alone", alone)
+    yield _bare("a bare loop beside it", alone)
+
+
+def _run(
+    seconds: float, predictor: str, others: tuple[list[dict[str, Any]], dict[str, Any], int] | None
+) -> dict[str, Any]:
+    """Run a cell; what its receivers heard in the window of time that was measured."""
+    with contextlib.ExitStack() as stack:
+        receiver = stack.enter_context(receiving(WIRE, RATE_HZ))
+        settings = cell.settings(
+            predictor=predictor, rate_hz=RATE_HZ, captures_hz=PEOPLE_HZ, links=[receiver.receive()]
+        )
+        if others is not None:
+            links, settings["source"], port = others
+            settings["links"] += links
+            settings["robots"][0]["motion"] = {"kind": "state", "stale_s": 0.1, "delay_s": 0.01}
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        path = folder / "cell.yaml"
+        path.write_text(yaml.safe_dump(settings), encoding="utf-8")
+        node = stack.enter_context(running_node(path, [], None))
+        receiver.receive(START_S, node)
+        plc = None if others is None else stack.enter_context(child(_poll, port))
+        if plc is not None:
+            plc.receive()
+        time.sleep(WARM_UP_S)
+        used = used_by(node.pid, seconds)
+        begin_ns, end_ns = used["window_ns"]
+        rows = [] if plc is None else plc.report()
+        polled = [row for row in rows if begin_ns <= row[0] <= end_ns]
+        node.send_signal(signal.SIGTERM)
+        summary, _ = node.communicate(timeout=30.0)
+        heard = figures(receiver.report(), begin_ns, end_ns, RATE_HZ)
+    return used | heard | {"polled": polled, "summary": json.loads(summary)}
+
+
+@contextlib.contextmanager
+def _people() -> Iterator[dict[str, Any]]:
+    """Publish two people who stand; yield the settings of the source that hears them."""
+    from hri_sim.senders.ros2 import DOMAIN, FRAME, TOPIC  # needs rclpy
+
+    with child(_publish) as publisher:
+        publisher.receive()
+        yield {
+            "kind": "ros2", "topics": [TOPIC], "frame": FRAME, "sees_room": True,
+            "domain_id": DOMAIN, "rate_hz": PEOPLE_HZ, "room_from_source": POSE,
+        }  # fmt: skip
+
+
+def _publish(pipe: Connection) -> None:
+    """Publish what the cell's own source would deliver, stamped with UTC; for ``child``."""
+    from hri_sim.senders.ros2 import Ros2End  # needs rclpy
+
+    settings = cell.settings(captures_hz=PEOPLE_HZ)["source"] | {"room_from_source": POSE}
+    source = ProceduralSource(validated(ProceduralSettings, settings, "the bench's people"))
+    source.open(time.time_ns())
+    end = Ros2End(Path())
+    end.start()
+    pipe.send("ready")
+    while not pipe.poll():
+        scene = source.poll(time.time_ns())
+        if scene is not None:
+            for unit in end.encode(scene):
+                end.write(unit)
+        time.sleep(0.001)
+    end.stop()
+
+
+class _Robot:
+    """The made-up controller: its port, and when it heard which watchdog count."""
+
+    def __init__(self, controller: "subprocess.Popen[str]") -> None:
+        assert controller.stdout is not None
+        self._lines = controller.stdout
+        self.port: int = json.loads(self._lines.readline())["port"]
+        self._heard: list[tuple[int, int]] = []
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        for line in self._lines:
+            found = json.loads(line)
+            self._heard.append((found["at_ns"], found["watchdog"]))
+
+    def between(self, begin_ns: int, end_ns: int) -> dict[str, Any]:
+        """Figures of that time."""
+        rows = [row for row in self._heard if begin_ns <= row[0] <= end_ns]
+        return _row([at for at, _ in rows], [n for _, n in rows], RTDE_HZ, [])
+
+
+@contextlib.contextmanager
+def _rtde() -> Iterator[_Robot]:
+    command = [sys.executable, "-m", "hri_sim.rtde", "--port", "0", "--each"]
+    controller = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    try:
+        yield _Robot(controller)
+    finally:
+        controller.kill()
+        controller.wait()
+
+
+def _poll(pipe: Connection, port: int) -> list[tuple[int, int, int]]:
+    """Poll the registers; return when which heartbeat was read first, and the advice's age, ms."""
+    from pymodbus.client import ModbusTcpClient
+
+    heartbeat, age = offset_of(NODE, "HEARTBEAT"), offset_of(ROBOT, "AGE")
+    heard: dict[int, tuple[int, int, int]] = {}
+    with ModbusTcpClient("127.0.0.1", port=port) as client:
+        pipe.send("ready")
+        due_s = time.monotonic()
+        while not pipe.poll():
+            of_node = client.read_input_registers(0, count=words(NODE)).registers
+            of_robot = client.read_input_registers(robot_address(0), count=words(ROBOT)).registers
+            beat = of_node[heartbeat]
+            heard.setdefault(beat, (time.monotonic_ns(), beat, of_robot[age]))
+            due_s = max(due_s + POLL_S, time.monotonic())
+            time.sleep(max(0.0, due_s - time.monotonic()))
+    return list(heard.values())
+
+
+def _polled(rows: Sequence[tuple[int, int, int]]) -> dict[str, Any]:
+    ages = [age for _, _, age in rows if age != NOT_AVAILABLE]
+    return _row([at for at, _, _ in rows], [beat for _, beat, _ in rows], RATE_HZ, ages)
+
+
+def _people_heard(summary: dict[str, Any]) -> dict[str, Any]:
+    """What the node itself counts, from its start to its end."""
+    counted = summary["source"]["live"]
+    return {
+        "receiver": "node: ROS 2, 30 Hz",
+        "heard": counted["scenes"],
+        "lost": counted["lost"],
+        "deviation_ms": None,
+        "age_ms": None,
+        **{key: summary[key] for key in ("late_ticks", "seconds_at", "unknown_because")},
+    }
+
+
+def _can(receiver: str, found: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "receiver": receiver,
+        "heard": found["heard"],
+        "lost": found["missing"],
+        "deviation_ms": spread(found["deviation_ms"], 2),
+        "age_ms": spread(found["ages_ms"], 0),
+        "cpu_percent": found["cpu_percent"],
+    }
+
+
+def _bare(receiver: str, found: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "receiver": receiver,
+        "heard": len(found["bare_ms"]) + 1,
+        "lost": 0,
+        "deviation_ms": spread(found["bare_ms"], 2),
+        "age_ms": None,
+    }
+
+
+def _row(
+    at_ns: Sequence[int], numbers: Sequence[int], rate_hz: float, ages_ms: Sequence[float]
+) -> dict[str, Any]:
+    steps = [(b - a) % 65_536 for a, b in itertools.pairwise(numbers)]
+    return {
+        "heard": len(numbers),
+        "lost": sum(step - 1 for step in steps if step > 1),
+        "deviation_ms": spread(deviations(at_ns, rate_hz), 2),
+        "age_ms": spread(ages_ms, 0) if ages_ms else None,
+    }
