@@ -71,6 +71,10 @@ class LevelCounter(Listener):
             self.seconds_at[name] = self.seconds_at.get(name, 0.0) + lasted_s
 
 
+LATE_TICKS, LATE_SHARE = 5, 0.01
+"""More ticks that are late or left out than either, and the summary says that it was too slow."""
+
+
 @dataclass(kw_only=True)
 class Summary:
     """The results of a run. ``as_dict`` returns the data for JSON."""
@@ -105,6 +109,8 @@ class Summary:
     def print(self, console: Console) -> None:
         """Print the summary as tables."""
         console.print(self._run_table())
+        if self.too_slow:
+            console.print(self.too_slow, highlight=False, markup=False, soft_wrap=True)
         if self.source.get("live") is not None:
             console.print(source_table(self.source))
         if self.links:
@@ -115,6 +121,20 @@ class Summary:
             console.print(self._controller_table())
         for hook in self.alerts:
             console.print(_alerts(hook), highlight=False, markup=False, soft_wrap=True)
+
+    @property
+    def too_slow(self) -> str:
+        """One line if the machine could not keep the rate; empty if it could."""
+        missed = self.counted.get("missed_ticks", 0)
+        wanted = self.ticks + missed
+        if self.late_ticks + missed <= max(LATE_TICKS, LATE_SHARE * wanted):
+            return ""
+        return (
+            f"too slow: {self.late_ticks} of {wanted} ticks were late and {missed} left out, which "
+            "also makes input and robot states look late or their clocks wrong; stop other "
+            "programs, lower rate_hz, or choose a predictor that costs less (hri-predict bench "
+            "predictors)"
+        )
 
     def _run_table(self) -> Table:
         table = Table(title="Summary", title_justify="left", show_header=False)

@@ -229,6 +229,20 @@ def test_the_table_shows_it():
     assert "contacts, moving robot" in text
 
 
+@pytest.mark.parametrize(
+    ("late", "missed", "says"), [(0, 0, False), (5, 0, False), (11, 0, True), (3, 8, True)]
+)
+def test_a_machine_that_is_too_slow_is_named_in_one_line(late, missed, says):
+    out = io.StringIO()
+    summary = summary_of(np.full(1000 - missed, 39.0))
+    summary.late_ticks, summary.counted["missed_ticks"] = late, missed
+    summary.print(Console(file=out, width=120))
+    told = [line for line in out.getvalue().splitlines() if line.startswith("too slow: ")]
+    assert len(told) == says
+    if says:
+        assert f"{late} of 1000 ticks were late and {missed} left out" in told[0]
+
+
 def test_what_went_wrong_on_a_link_stands_under_the_table():
     out = io.StringIO()
     summary = summary_of()
