@@ -1,11 +1,9 @@
-"""Messages to payloads and back; framing is up to the links.
-
-Both directions are compiled once from the definition: a payload is one integer, each field a shift.
-"""
+"""Messages to payloads and back; framing is up to the links."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
-from math import ceil, floor, isfinite, isnan, remainder, tau
+from collections.abc import Sequence
+from itertools import count
+from math import isfinite, remainder, tau
 from typing import Any
 
 from hri_predict.protocol.definition import (
@@ -15,11 +13,7 @@ from hri_predict.protocol.definition import (
     SCHEMA_VERSION,
     needed_bytes,
 )
-from hri_predict.protocol.fields import (
-    MAX_ROBOTS,
-    Definition,
-    Field,
-)
+from hri_predict.protocol.fields import MAX_ROBOTS, Definition
 from hri_predict.protocol.messages import (
     BaseMotion,
     Message,
@@ -28,6 +22,7 @@ from hri_predict.protocol.messages import (
     Zone,
     ZoneCapsule,
 )
+from hri_predict.protocol.packing import Malformed, packer, unpacker
 from hri_predict.protocol.robot_state import MAX_JOINTS
 
 __all__ = [
@@ -39,119 +34,6 @@ __all__ = [
     "robot_of",
 ]
 
-_EPSILON = (
-    1e-6  # of a step: a decimal fraction is inexact in binary, and must not round the wrong way
-)
-
-
-class Malformed(ValueError):
-    """A payload with the right CRC but an impossible length or value."""
-
-
-def _round(rounding: str) -> Callable[[float], int]:
-    if rounding == "down":
-        return lambda steps: floor(steps + _EPSILON)
-    if rounding == "up":
-        return lambda steps: ceil(steps - _EPSILON)
-    return round
-
-
-def _encoder(field: Field) -> Callable[[Any], int]:
-    """Return the function from a value to the raw bits of ``field``."""
-    mask = (1 << field.bits) - 1
-    low, high = field.raw_range
-    missing = None if field.not_available is None else field.not_available & mask
-    scale, rounded = field.scale, _round(field.rounding)
-
-    if field.wraps:
-        return lambda value: int(value) & mask
-
-    if field.flag:
-        return lambda value: int(value is True)
-
-    if not scale:
-
-        def integer(value: Any) -> int:
-            if value is None:
-                if missing is None:
-                    raise ValueError(f"{field.signal} must be a number")
-                return missing
-            if missing is not None and field.bounded and not low <= value <= high:
-                return missing
-            return low if value < low else high if value > high else int(value)
-
-        return integer
-
-    assert missing is not None  # every scaled field has the code
-    above, below = (missing, missing) if field.bounded else (high & mask, low & mask)
-
-    def number(value: Any) -> int:
-        if value is None or isnan(value):
-            return missing
-        steps = value * scale
-        if steps >= high:
-            return high & mask if steps < high + 1 else above
-        if steps <= low:
-            return low & mask if steps > low - 1 else below
-        return rounded(steps) & mask
-
-    return number
-
-
-def _decoder(field: Field) -> Callable[[int], Any]:
-    """Return the function from the raw bits of ``field`` to a value; it raises ``Malformed``."""
-    enum, fallback = field.enum, field.fallback
-    if enum is not None:
-        known = {int(e): e for e in enum}
-        return lambda raw: known.get(raw, fallback)
-    if field.flag:
-        return lambda raw: raw == 1
-    mask = (1 << field.bits) - 1
-    missing = None if field.not_available is None else field.not_available & mask
-    if not field.scale and missing is None:
-        return lambda raw: raw
-    sign, wrap = (1 << (field.bits - 1) if field.signed else 1 << field.bits), 1 << field.bits
-    scale, optional, signal = field.scale, field.optional, field.signal
-
-    def number(raw: int) -> Any:
-        if raw == missing:
-            if optional:
-                return None
-            raise Malformed(f"{signal} is not available")
-        if raw >= sign:
-            raw -= wrap
-        return raw / scale if scale else raw
-
-    return number
-
-
-class _Packer:
-    """Packs a row of values into bytes and unpacks it."""
-
-    def __init__(self, fields: Sequence[Field]):
-        self.size = sum(f.bits for f in fields) // 8
-        self._pack: list[tuple[Callable[[Any], int], int]] = []
-        self._unpack: list[tuple[Callable[[int], Any], int, int]] = []
-        shift = 0
-        for field in fields:
-            self._pack.append((_encoder(field), shift))
-            self._unpack.append((_decoder(field), shift, (1 << field.bits) - 1))
-            shift += field.bits
-
-    def pack(self, values: Sequence[Any]) -> bytes:
-        bits = 0
-        for (encode, shift), value in zip(self._pack, values, strict=True):
-            bits |= encode(value) << shift
-        return bits.to_bytes(self.size, "little")
-
-    def unpack(self, data: bytes) -> list[Any]:
-        bits = int.from_bytes(data, "little")
-        return [decode(bits >> shift & mask) for decode, shift, mask in self._unpack]
-
-
-_FIXED = {t: _Packer(d.fields) for t, d in BY_TYPE.items()}
-_ITEM = {t: _Packer(d.item) for t, d in BY_TYPE.items() if d.item}
-
 
 def _members(definition: Definition) -> tuple[str, ...]:
     """Return the attribute of the message for each field; "" where the codec computes the value."""
@@ -159,13 +41,20 @@ def _members(definition: Definition) -> tuple[str, ...]:
     return tuple(f.member if f.member in own else "" for f in definition.fields)
 
 
+def _values(members: tuple[str, ...]) -> list[str]:
+    """Return expressions by which a packing function finds the value of each field."""
+    computed = count()
+    return [f"m.{name}" if name else f"c[{next(computed)}]" for name in members]
+
+
 _MEMBERS = {t: _members(d) for t, d in BY_TYPE.items()}
-
-
-def _row(message: Message, computed: Iterable[Any] = ()) -> list[Any]:
-    """Return the values of all fields: attributes, and ``computed`` ones where there are none."""
-    more = iter(computed)
-    return [getattr(message, name) if name else next(more) for name in _MEMBERS[type(message)]]
+_PACK = {t: packer(d.fields, _values(_MEMBERS[t])) for t, d in BY_TYPE.items()}
+_UNPACK = {t: unpacker(d.fields) for t, d in BY_TYPE.items()}
+_WITH_ITEMS = {t: d for t, d in BY_TYPE.items() if d.item}
+_PACK_ITEM = {
+    t: packer(d.item, [f"c[{k}]" for k in range(len(d.item))]) for t, d in _WITH_ITEMS.items()
+}
+_UNPACK_ITEM = {t: unpacker(d.item) for t, d in _WITH_ITEMS.items()}
 
 
 def _robot_state_computed(m: RobotState) -> list[Any]:
@@ -210,20 +99,20 @@ def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
     if not 0 <= robot_of(message) < MAX_ROBOTS:
         raise ValueError(f"robot {robot_of(message)} is not one of 0..{MAX_ROBOTS - 1}")
     computed = _robot_state_computed(message) if isinstance(message, RobotState) else ()
-    return [_FIXED[type(message)].pack(_row(message, computed))]
+    return [_PACK[type(message)](message, computed)]
 
 
 def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | None) -> list[bytes]:
     """Distribute the items over as many payloads as needed, at least one."""
     kind = type(message)
-    fixed, packer, room = _FIXED[kind], _ITEM[kind], room or BY_TYPE[kind].items_per_frame
+    pack, pack_item, room = _PACK[kind], _PACK_ITEM[kind], room or BY_TYPE[kind].items_per_frame
     if len(items) > MAX_ITEMS:
         raise ValueError(f"{kind.__name__} of {len(items)} items; at most {MAX_ITEMS} fit")
     payloads = []
     for first in range(0, max(1, len(items)), room):
         chunk = items[first : first + room]
-        head = fixed.pack(_row(message, (first, len(items), len(chunk))))
-        payloads.append(head + b"".join(packer.pack(item) for item in chunk))
+        head = pack(message, (first, len(items), len(chunk)))
+        payloads.append(head + b"".join([pack_item(None, item) for item in chunk]))
     return payloads
 
 
@@ -239,21 +128,23 @@ def decode_payload(
     Raises:
         Malformed: too short, or an impossible value.
     """
-    fixed = _FIXED[definition.type]
     if len(payload) < needed_bytes(definition, payload):
         raise Malformed(f"{definition.name} of {len(payload)} bytes")
-    row = fixed.unpack(payload[: fixed.size])  # what is missing at its end reads as zeros
+    row = _UNPACK[definition.type](payload[: definition.fixed_bytes])
     if definition.item and row[-1] > (items or definition.items_per_frame):
         raise Malformed(f"{definition.name} holds {row[-1]} items")
     return _message(definition, row, robot, payload)
 
 
-def _message(definition: Definition, row: list[Any], robot: int, payload: bytes) -> Message:
-    named = list(zip(_MEMBERS[definition.type], row, strict=True))
-    given = {name: value for name, value in named if name}
-    computed = [value for name, value in named if not name]
+def _message(definition: Definition, row: tuple[Any, ...], robot: int, payload: bytes) -> Message:
+    members = _MEMBERS[definition.type]
+    given = dict(zip(members, row, strict=True))
     if definition.per_robot:
         given["robot"] = robot
+    if "" not in given:
+        return definition.type(**given)
+    del given[""]
+    computed = [value for name, value in zip(members, row, strict=True) if not name]
     if definition.type is RobotState:
         given |= _joints_and_base(computed)
     elif definition.type is Zone:
@@ -262,7 +153,7 @@ def _message(definition: Definition, row: list[Any], robot: int, payload: bytes)
             for segment, ax, ay, az, bx, by, bz, radius in _items(definition, computed, payload)
         )
     elif definition.type is Pose:
-        given["joints"] = tuple(map(tuple, _items(definition, computed, payload)))
+        given["joints"] = tuple(_items(definition, computed, payload))
     return definition.type(**given)
 
 
@@ -290,15 +181,19 @@ def _base_of(*row: float) -> BaseMotion:
     return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=rate)
 
 
-def _items(definition: Definition, computed: list[Any], payload: bytes) -> list[list[Any]]:
+def _items(definition: Definition, computed: list[Any], payload: bytes) -> list[tuple[Any, ...]]:
     first, total, count = computed
-    packer, start = _ITEM[definition.type], definition.fixed_bytes
+    unpack, start, size = (
+        _UNPACK_ITEM[definition.type],
+        definition.fixed_bytes,
+        definition.item_bytes,
+    )
     if first + count > total:
         raise Malformed(f"{definition.name} holds items {first}..{first + count} of {total}")
-    if len(payload) < start + count * packer.size:
+    if len(payload) < start + count * size:
         raise Malformed(f"{definition.name} of {len(payload)} bytes")
-    offsets = range(start, start + count * packer.size, packer.size)
-    return [packer.unpack(payload[i : i + packer.size]) for i in offsets]
+    offsets = range(start, start + count * size, size)
+    return [unpack(payload[i : i + size]) for i in offsets]
 
 
 def robot_of(message: Message) -> int:

@@ -94,8 +94,7 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
 
     ``heard``: number of Advice, or of states of the registers; ``lost``: numbers that were skipped,
     of the node's cycles, heartbeats and watchdog counts; ``deviation_ms``: of the intervals between
-    them from the period; ``age_ms``: as the advice says; both ``None``
-    where a port has none.
+    them from the period; ``age_ms``: as the advice says; both ``None`` where a port has none.
     """
     with contextlib.ExitStack() as stack:
         modbus = free_tcp_port()
@@ -113,13 +112,13 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
         found = _run(seconds, predictor, (links, source, modbus))
         begin_ns, end_ns = found["window_ns"]
         yield _people_heard(found["summary"])
-        yield _can("CAN FD, 25 Hz, beside the others", found)
+        yield _can("CAN FD, 25 Hz, all ports", found)
         yield {"receiver": "Modbus, polled every 10 ms", **_polled(found["polled"])}
         yield {"receiver": "RTDE, 125 Hz", **robot.between(begin_ns, end_ns)}
-        yield _bare("a bare loop beside them", found)
+        yield _bare("bare loop, all ports", found)
     alone = _run(seconds, predictor, None)
     yield _can("CAN FD, 25 Hz, alone", alone)
-    yield _bare("a bare loop beside it", alone)
+    yield _bare("bare loop, alone", alone)
 
 
 def _run(
@@ -243,7 +242,7 @@ def _polled(rows: Sequence[tuple[int, int, int]]) -> dict[str, Any]:
 
 
 def _people_heard(summary: dict[str, Any]) -> dict[str, Any]:
-    """What the node itself counts, from its start to its end."""
+    """The counts of the node itself, from its start to its end."""
     counted = summary["source"]["live"]
     return {
         "receiver": "node: ROS 2, 30 Hz",
