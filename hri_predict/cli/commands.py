@@ -35,7 +35,7 @@ class Commands(TyperGroup):
         return [*(n for n in ORDER if n in points), *sorted(set(points) - set(ORDER))]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command to list, not to run: only its name and its text."""
+        """Return a command for a list of commands: its name and text, nothing to run."""
         point = _points().get(cmd_name)
         return None if point is None else TyperCommand(cmd_name, help=_summary(point))
 

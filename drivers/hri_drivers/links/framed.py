@@ -98,7 +98,7 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
     _noise_said = False
 
     def _receive(self, units: list[bytes], now_ns: int) -> None:
-        """See ``SupervisedLink``; say once that bytes arrive of which none are frames."""
+        """See ``SupervisedLink``; log once if the bytes that arrive hold no frames."""
         super()._receive(units, now_ns)
         counts = self.counters
         heard = counts.messages_received + counts.unexpected + counts.foreign

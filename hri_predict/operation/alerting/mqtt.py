@@ -55,7 +55,7 @@ _REFUSALS = {
 
 
 class MqttHook(HookSettings):
-    """``kind: mqtt``. Without ``levels``: what the broker keeps must be what holds now."""
+    """``kind: mqtt``. No ``levels``: the state that the broker keeps must be true."""
 
     secrets: ClassVar[tuple[str, ...]] = ("password",)
 

@@ -37,7 +37,7 @@ BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
 BACK_M = 0.05
 """A person who moved inwards by more than this since crossing is coming back."""
 RESUMED_S, RESUMED_M = 1.0, 0.1
-"""A person found again on the way out so lately has left after moving on by this much."""
+"""A track resumed on the way out counts as left, within this time, once it went on this far."""
 
 
 class Doors:

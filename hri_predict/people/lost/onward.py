@@ -58,7 +58,7 @@ def _measured(track: Track, apart_s: float) -> tuple[float, float, float] | None
 
 
 def speed_reached(track: Track) -> float:
-    """Which speed (m/s) a body may reach that speeds up as it was seen to; 0: it did not."""
+    """Return the speed (m/s) that an accelerating body may reach; 0 for any other body."""
     found = speeding(track)
     if found is None or found[1] < SPEEDING_M_S2:
         return 0.0

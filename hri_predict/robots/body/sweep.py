@@ -65,7 +65,8 @@ class Pieces:
         ddq: Floats,
         half: Floats,
     ) -> Floats:
-        """(..., K, C) how far an axis may be from the middle of its places at a stretch's ends.
+        """(..., K, C) maximum distance of an axis from the mean of its two places, at the ends of a
+        stretch.
 
         Args:
             ends, before: (2, ..., K, C, 3) both ends at the stretch's end and at its start.

@@ -86,7 +86,7 @@ class AdaptiveWidening:
         self._log[slot] = self._missed[slot] = self._lent[slot] = 0.0
 
     def own(self, slots: Ints) -> Floats:
-        """(Q, B) each band's own factor e^w, whose misses ``update`` wants."""
+        """(Q, B) each band's own factor e^w; ``update`` takes the misses of radii that have it."""
         factor: Floats = np.exp(self._log[slots])
         return factor
 

@@ -201,7 +201,7 @@ def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[
 _STAGES = {"wait": "wait", "inference": "inference", "node": "node", "link": "link", "total": "age"}
 _AIM_MS = 15.0  # p99 of what the node adds, from capture to last byte
 _WAIT = "floor of wait: at a fixed rate a capture waits half a period on average, at best"
-_AGE = "aim of age: 15 ms, and at a fixed rate a period more"
+_AGE = "aim for age: 15 ms, plus one period at a fixed rate"
 
 
 def age(scope: Scope) -> Iterator[Row]:

@@ -80,7 +80,7 @@ class Course:
 
 
 class CourseReferee(Referee):
-    """The referee, for a course that is over. It comes to the same as tick by tick."""
+    """The referee of a course that is over; its findings equal those made tick by tick."""
 
     def judge(self, course: Course) -> None:
         """Judge all of it."""

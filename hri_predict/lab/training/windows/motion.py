@@ -165,7 +165,7 @@ class MotionSamples:
         return tracks
 
     def _usable_s(self, track: Track) -> float:
-        """Seconds in which a window with something observed may end.
+        """Return the total time (s) at which a window may end that holds observed joints.
 
         A time is observed if it lies between adjacent captures of one joint. A window bridges a
         pause shorter than itself, so only longer pauses are left out.
