@@ -28,6 +28,7 @@ DEFAULT_BASE_ID = 0x680  # up to 0x6DF: neither a default nor a reserved id of C
 LAST_NUMBER = max((*frame_table(classic=True), *frame_table(classic=False)))
 CLASSIC_BYTES = e2e.PROFILE_2_HEADER + PART_BYTES
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+_FD_LENGTH = [next(n for n in FD_LENGTHS if n >= length) for length in range(FD_LENGTHS[-1] + 1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def fd_length(definition: Definition, payload_bytes: int) -> int:
     """
     if definition.item:
         payload_bytes = definition.max_bytes
-    return next(n for n in FD_LENGTHS if n >= e2e.PROFILE_5_HEADER + payload_bytes)
+    return _FD_LENGTH[e2e.PROFILE_5_HEADER + payload_bytes]
 
 
 def padded(definition: Definition, payload: bytes) -> bytes:
