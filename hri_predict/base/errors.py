@@ -84,9 +84,18 @@ class OsErrorAs:
             raise self._kind(f"{self._what}: {error.strerror or error}{remedy}") from error
 
 
+_OTHERS = {
+    **dict.fromkeys(("rpy", "euler", "rotation", "orientation", "quaternion"), "quaternion_xyzw"),
+    **dict.fromkeys(("position", "translation", "origin"), "xyz"),
+}
+"""Other programs' words for ours."""
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return ``"; did you mean 'x'?"`` for the known word nearest to ``word``, or ``""``."""
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.5)
+    known = list(known)
+    ours = _OTHERS.get(word.lower())
+    close = [ours] if ours in known else difflib.get_close_matches(word, known, n=1, cutoff=0.5)
     return f"; did you mean '{close[0]}'?" if close else ""
 
 

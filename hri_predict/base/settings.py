@@ -301,6 +301,8 @@ def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{expected}; got {got}{about}"
     if isinstance(found["input"], dict):  # of the whole block; its value adds nothing
         return message
+    if found["type"] == "literal_error":
+        message += nearest(str(found["input"]), found["ctx"]["expected"].split("'")[1::2])
     if found["type"] == "string_type" and isinstance(found["input"], bool | int | float | date):
         message += ", so put it in quotes"  # no, on, 12 and 2026-01-01 are no text in YAML
     return f"{message}; got {_echo(found['input'])}{about}{_hint(found, unit)}"

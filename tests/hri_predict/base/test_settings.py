@@ -1,3 +1,5 @@
+from typing import Literal
+
 import numpy as np
 import pytest
 from pydantic import Field
@@ -26,6 +28,25 @@ def test_misspelt_key_names_the_path_and_the_nearest():
 def test_misspelt_key_in_a_list_names_the_nearest():
     with pytest.raises(ConfigError, match=r"several.1.spede: unknown key; did you mean 'speed'"):
         validated(Outer, {"name": "a", "several": [{}, {"spede": 2}]}, "x")
+
+
+class Choice(Settings):
+    mode: Literal["predictive", "iso"] = "iso"
+
+
+def test_misspelt_choice_names_the_nearest():
+    said = r"mode: input should be .*; did you mean 'predictive'"
+    with pytest.raises(ConfigError, match=said):
+        validated(Choice, {"mode": "predictve"}, "x")
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [("rpy", "quaternion_xyzw"), ("Rotation", "quaternion_xyzw"), ("origin", "xyz")],
+)
+def test_other_programs_words_name_ours(theirs, ours):
+    with pytest.raises(ConfigError, match=rf"{theirs}: unknown key; did you mean '{ours}'"):
+        validated(Pose, {theirs: [0, 0, 1]}, "x")
 
 
 @pytest.mark.parametrize(
