@@ -32,7 +32,8 @@ test: lint
 	$(MAKE) --no-print-directory -j 3 types wheel pytest
 	@echo "all checks passed"
 
-test-long: pytest-long wheel-alone
+test-long: $(VENV)/.dev
+	$(MAKE) --no-print-directory -j 2 pytest-long wheel-alone
 	@echo "all long checks passed"
 
 lint: $(VENV)/.dev
@@ -67,13 +68,13 @@ wheel: $(VENV)/.dev
 # from an empty folder.
 wheel-alone: $(VENV)/.dev
 	rm -rf build/dist $(WHEEL_VENV) build/empty
-	$(BIN)/python -m build --outdir build/dist .
-	$(PYTHON) -m venv $(WHEEL_VENV)
-	$(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) \
+	nice -n 19 $(BIN)/python -m build --outdir build/dist .
+	nice -n 19 $(PYTHON) -m venv $(WHEEL_VENV)
+	nice -n 19 $(WHEEL_VENV)/bin/python -m pip install --quiet --disable-pip-version-check $(PIP_FLAGS) \
 		-c constraints.txt build/dist/*.whl
 	mkdir -p build/empty
-	cd build/empty && ../wheel-venv/bin/hri-predict check demo.yaml
-	cd build/empty && ../wheel-venv/bin/hri-predict demo --speed max
+	cd build/empty && nice -n 19 ../wheel-venv/bin/hri-predict check demo.yaml
+	cd build/empty && nice -n 19 ../wheel-venv/bin/hri-predict demo --speed max
 
 # They wait more than they compute, each in a ROS domain of its own: four at a time. What fails then,
 # for want of a processor or by the middleware (which once crashed while a node ended), fails if it

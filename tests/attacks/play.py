@@ -163,7 +163,9 @@ class _Watch(session.View):
         self.outcome, self._attack = outcome, attack
         self.outcome.stood = attack.moving is not None
         self.assembly: assemble.Assembly | None = None
-        self.distance_m = np.inf
+        self._truth = Staged(attack)
+        self._truth.open(session.VIRTUAL_START_NS)
+        self.stepped: tuple[MockCell, int] | None = None  # the cell, and when it last moved
 
     def bind(self, assembly: assemble.Assembly) -> None:
         self.assembly = assembly
@@ -171,7 +173,7 @@ class _Watch(session.View):
     def on_tick(self, tick: Tick) -> None:
         t = (tick.now_ns - session.VIRTUAL_START_NS) * 1e-9
         advice = tick.advices[0]
-        if advice.level is Level.CLEAR and self.distance_m < self._attack.near_m:
+        if advice.level is Level.CLEAR and self._distance_m() < self._attack.near_m:
             self.outcome.clear_near += 1
         since_s, until_s = self._attack.moving or (0.0, 0.0)
         if since_s <= t < until_s and (advice.speed_limit_m_s or 0.0) > 0.3:
@@ -179,6 +181,16 @@ class _Watch(session.View):
         now = (advice.level.name, advice.reason.name)
         if not self.outcome.levels or self.outcome.levels[-1][1:] != now:
             self.outcome.levels.append((round(t, 2), *now))
+
+    def _distance_m(self) -> float:
+        """The true distance of the nearest body, when the cell last moved."""
+        if self.assembly is None or self.stepped is None:
+            return np.inf
+        cell, at_ns = self.stepped
+        referee = Referee(self.assembly.robots, tool_of=cell.tool_of)
+        referee.observe(at_ns, self._truth.truth(at_ns), cell.robot_truth(at_ns))
+        known = referee.min_separation_m
+        return np.inf if known is None else known
 
 
 def play(attack: Attack, mode: str) -> Outcome:
@@ -219,8 +231,6 @@ def _run(attack: Attack, mode: str, folder: Path, state: Path | None) -> Outcome
 def _staged(attack: Attack, watch: _Watch) -> Iterator[None]:
     """The attack's source in place of the configured one, and eyes and hands in the cell."""
     step, transports = MockCell.step, MockCell.transports
-    truth = Staged(attack)
-    truth.open(session.VIRTUAL_START_NS)
 
     def connected(cell: MockCell) -> Mapping[str, Any]:
         ends = transports(cell)
@@ -232,11 +242,7 @@ def _staged(attack: Attack, watch: _Watch) -> Iterator[None]:
         step(cell, now_ns)
         if attack.step is not None:
             attack.step(cell, (now_ns - session.VIRTUAL_START_NS) * 1e-9)
-        if watch.assembly is not None:  # a referee of one instant knows the distance now
-            referee = Referee(watch.assembly.robots, tool_of=cell.tool_of)
-            referee.observe(now_ns, truth.truth(now_ns), cell.robot_truth(now_ns))
-            known = referee.min_separation_m
-            watch.distance_m = np.inf if known is None else known
+        watch.stepped = (cell, now_ns)
 
     with (
         patch.object(assemble, "build_source", lambda config, with_faults=True: Staged(attack)),

@@ -1,9 +1,12 @@
-"""Runs many command lines in one environment, each in a process forked from this one.
+"""Runs command lines, each in a process forked from this one, in an environment of its own.
 
-Reads a JSON list of command lines, and prints a JSON list of ``[status, output, errors]``. Only the
-import is shared: a fork has the standard files, encodings and limits that a shell would give it.
+Reads a JSON list of ``[environment, command line]``; prints a JSON list of ``[status, output,
+errors]``. Only the import of the commands, and of the packages named after the folder, is shared: a
+fork has the standard files, encodings and limits that a shell would give it.
 """
 
+import contextlib
+import importlib
 import io
 import json
 import os
@@ -25,10 +28,13 @@ CRASHED = 99
 
 def main() -> None:
     """See the module."""
-    environment, folder = sys.argv[1], Path(sys.argv[2])
+    folder, *packages = sys.argv[1:]
     _import_all(root())
-    lines = json.loads(sys.stdin.read())
-    print(json.dumps([_forked(line, environment, folder) for line in lines]))
+    for name in packages:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    runs = json.loads(sys.stdin.read())
+    print(json.dumps([_forked(line, environment, Path(folder)) for environment, line in runs]))
 
 
 def _import_all(command: Any) -> None:
