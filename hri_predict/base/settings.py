@@ -34,6 +34,7 @@ from hri_predict.base.files import load_yaml, yaml_problem
 from hri_predict.base.geometry import crosses_itself, is_in_polygon
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.quantities.units import meant, phrase, unit_at
+from hri_predict.base.quantities.whole import whole
 
 
 class Settings(BaseModel):
@@ -361,7 +362,8 @@ def set_key(data: dict[str, Any], change: str) -> None:
 
 def _entry(entries: list[Any], index: str) -> Any:
     """The entry of a list at ``index``, or ``None``."""
-    return entries[int(index)] if index.isdecimal() and int(index) < len(entries) else None
+    number = whole(index)
+    return entries[number] if number is not None and number < len(entries) else None
 
 
 def _echo(value: Any) -> str:

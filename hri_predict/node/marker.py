@@ -43,7 +43,7 @@ class Mark:
             data = json.loads(os.pread(file, _BYTES, 0))
             changed_ns = None if data["changed_ns"] is None else int(data["changed_ns"])
             return cls(str(data["name"]), int(data["writes"]), changed_ns)
-        except (KeyError, TypeError, ValueError, OSError):
+        except (KeyError, TypeError, ValueError, OverflowError, OSError):
             return None
 
     def begin(self, file: int) -> "Mark":

@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest
 from hri_predict.base.files import data_path, line_of, read_text, read_yaml
 from hri_predict.base.machine.realtime import RealtimeSettings
+from hri_predict.base.quantities.whole import whole
 from hri_predict.base.settings import Abbreviated, Settings, name_problem, validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import ChecksTogether, LinkSettings
@@ -178,7 +179,7 @@ class Config:
                 links = [link.name for link in self.links]
                 if named[0] == "links" and named[1:2] and named[1] in links:
                     named[1] = str(links.index(named[1]))
-                way = [int(key) if key.isdecimal() else key for key in named]
+                way = [key if (number := whole(key)) is None else number for key in named]
                 error.args = (f"{self.path}:{line_of(self.text, way)}: {said}",)
             raise
 

@@ -22,6 +22,7 @@ from rclpy.node import Node
 
 from hri_drivers.wires.ros2_settings import MAX_DOMAIN, Discovery, Ros2Settings
 from hri_predict.base.errors import LinkError
+from hri_predict.base.quantities.whole import whole
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE"
@@ -149,12 +150,13 @@ def _domain(settings: Ros2Settings) -> int:
     if settings.domain_id is not None:
         return settings.domain_id
     text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+    domain = whole(text)
+    if domain is None or domain > MAX_DOMAIN:
         raise LinkError(
-            f"ROS_DOMAIN_ID: '{text}' is not a number from 0 to {MAX_DOMAIN}; correct it, or set "
-            f"'domain_id'"
+            f"ROS_DOMAIN_ID: '{text[:40]}' is not a number from 0 to {MAX_DOMAIN}; correct it, or "
+            f"set 'domain_id'"
         )
-    return int(text)
+    return domain
 
 
 @contextlib.contextmanager

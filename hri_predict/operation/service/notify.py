@@ -10,6 +10,8 @@ import time
 from collections.abc import MutableMapping
 from typing import Self
 
+from hri_predict.base.quantities.whole import whole
+
 
 class Notifier:
     """Reports the node's state to the service manager.
@@ -41,8 +43,8 @@ class Notifier:
         if address[:1] not in ("/", "@") or len(address) < 2:
             return None
         ours = pid in ("", str(os.getpid()))
-        is_watched = ours and usec.isascii() and usec.isdigit() and int(usec) > 0
-        return cls(address, int(usec) * 1e-6 if is_watched else None)
+        watched = whole(usec) if ours else None
+        return cls(address, watched * 1e-6 if watched else None)
 
     def ready(self, status: str) -> None:
         """The node runs, or has done what it reloaded."""

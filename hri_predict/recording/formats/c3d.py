@@ -116,7 +116,7 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> tuple[_Layout, s
     layout = _Layout(
         start=(int(block) - 1) * BLOCK if 0 < block < MAX_BLOCK else 0,
         frames=0,
-        points=word(data, 2) or int(number("POINT", "USED", 0.0)),
+        points=word(data, 2) or parameters.count("POINT", "USED", MAX_POINTS),
         analog=word(data, 4),
         scale=scale,
     )
@@ -146,7 +146,7 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> tuple[_Layout, s
 
 def _counts(data: bytes, parameters: Parameters) -> dict[str, int]:
     """The counts of frames that the file states, the most specific first; none of 0 or less."""
-    word, number = parameters.header_word, parameters.number
+    word = parameters.header_word
     counts: dict[str, int] = {}
     start = parameters.words("TRIAL", "ACTUAL_START_FIELD")
     end = parameters.words("TRIAL", "ACTUAL_END_FIELD")
@@ -155,7 +155,7 @@ def _counts(data: bytes, parameters: Parameters) -> dict[str, int]:
             (end[0] + (end[1] << 16)) - (start[0] + (start[1] << 16)) + 1
         )
     for name in ("LONG_FRAMES", "FRAMES"):  # a float where 65535 are too few
-        counts[f"POINT:{name}"] = int(min(number("POINT", name, 0.0), MAX_FRAMES))
+        counts[f"POINT:{name}"] = parameters.count("POINT", name, MAX_FRAMES)
     counts["header"] = word(data, 8) - word(data, 6) + 1
     most = max(counts.values())
     full = (MAX_COUNT - 1, MAX_COUNT, most % (MAX_COUNT + 1))  # what a word can say of more

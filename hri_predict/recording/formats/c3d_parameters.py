@@ -61,6 +61,10 @@ class Parameters:
         value = float(self.array(record.data, 0, 1, floats=record.kind == 4)[0])
         return value % 65536 if record.kind == 2 else value
 
+    def count(self, group: str, name: str, most: int) -> int:
+        """The first value of a parameter as a count, 0 to ``most``; 0 if it is not a number."""
+        return int(max(0.0, min(self.number(group, name, 0.0), most)))
+
     def words(self, group: str, name: str) -> list[int]:
         """All values of an integer parameter, unsigned; empty if missing."""
         record = self.records.get((group, name))

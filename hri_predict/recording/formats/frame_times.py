@@ -19,6 +19,8 @@ _COARSE_S = 0.0055
 """A time with two decimals is off by up to half of the last one."""
 _SAME = 0.01
 """Rates that differ by less are one rate."""
+_FAR_S = 1e9
+"""Times beyond this are as wrong as this: ``check_gaps`` refuses them, and it fits nanoseconds."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ def _explains(nominal_hz: float, counts: Floats, since_s: Floats) -> bool:
 
 
 def _made(path: Path, since_s: Floats, rate_hz: float, notes: list[str]) -> FrameTimes:
-    stamps = [round(s * 1e9) for s in since_s.tolist()]
+    stamps = [round(min(s, _FAR_S) * 1e9) for s in since_s.tolist()]
     check_gaps(path, stamps)
     return FrameTimes(rate_hz, stamps, "; ".join([*notes, *gaps(stamps, rate_hz)]))
 

@@ -7,7 +7,7 @@ from pydantic import Field
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import load_yaml, read_yaml
 from hri_predict.base.geometry import transform
-from hri_predict.base.settings import Pose, Region, Settings, Vector3, validated
+from hri_predict.base.settings import Pose, Region, Settings, Vector3, set_key, validated
 
 
 class Inner(Settings):
@@ -47,6 +47,15 @@ def test_misspelt_choice_names_the_nearest():
 def test_other_programs_words_name_ours(theirs, ours):
     with pytest.raises(ConfigError, match=rf"{theirs}: unknown key; did you mean '{ours}'"):
         validated(Pose, {theirs: [0, 0, 1]}, "x")
+
+
+@pytest.mark.parametrize("index", ["1", "x", "9" * 5000])
+def test_an_entry_that_a_list_does_not_have_is_refused(index):
+    data = {"several": [{"speed": 1}]}
+    set_key(data, "several.0.speed=2")
+    assert data == {"several": [{"speed": 2}]}
+    with pytest.raises(ConfigError, match="'several' has no keys"):
+        set_key(data, f"several.{index}.speed=2")
 
 
 @pytest.mark.parametrize(

@@ -285,6 +285,14 @@ def test_what_cannot_be_read_is_not_trusted(tmp_path, content, caplog):
     assert json.loads((tmp_path / "state.json").read_bytes())["parts"]["part"] == {"latch": 0}
 
 
+@pytest.mark.parametrize("number", [b"Infinity", b"1e999", b"9" * 5000, b"{}"])
+def test_a_lock_file_that_cannot_be_read_is_none(tmp_path, number):
+    Node(tmp_path).run()
+    lock = b'{"name": "n", "writes": 1, "changed_ns": ' + number + b"}"
+    (tmp_path / "state.json.lock").write_bytes(lock)
+    assert "has no lock file" in Node(tmp_path).run().part.why
+
+
 def test_two_nodes_on_one_file_are_refused(tmp_path):
     first = Node(tmp_path)
     first.memory.open()

@@ -89,11 +89,12 @@ def test_nobody_here_needs_no_predictor():
 
 
 def test_a_hanging_predictor_delays_no_tick_and_recovers():
-    release = threading.Event()
+    asked, release = threading.Event(), threading.Event()
     calls = []
 
     def hangs_once(history):
         calls.append(1)
+        asked.set()
         if len(calls) == 1:
             release.wait()
         return good(history)
@@ -103,9 +104,10 @@ def test_a_hanging_predictor_delays_no_tick_and_recovers():
     assert runner.run(snapshot(1)) == (None, Reason.PREDICTOR_LATE)
     assert runner.run(snapshot(1)) == (None, Reason.PREDICTOR_LATE)  # still busy: not asked again
     assert runner.late == 2
+    assert asked.wait(60)  # its thread may begin later than both are late
     assert len(calls) == 1
     release.set()
-    forecast, deadline = None, time.monotonic() + 10
+    forecast, deadline = None, time.monotonic() + 60
     while forecast is None and time.monotonic() < deadline:
         time.sleep(0.005)
         forecast, _reason = runner.run(snapshot(1))

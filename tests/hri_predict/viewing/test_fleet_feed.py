@@ -102,8 +102,8 @@ def test_waking_often_makes_no_more_than_twenty_pictures_a_second(tmp_path, monk
         while time.monotonic() - began_s < 0.5:
             feed.wake()
             time.sleep(0.001)
-        asked = said.asked - before
-    assert asked <= 12  # 0.5 s by 0.05 s, and one at each end
+        asked, took_s = said.asked - before, time.monotonic() - began_s
+    assert asked <= took_s / 0.05 + 2  # one at each end; a busy machine takes longer than 0.5 s
 
 
 @pytest.mark.parametrize("code", ["pass", "import time\ntime.sleep(60)"])

@@ -39,7 +39,7 @@ def test_a_screen_that_hangs_costs_pictures_and_no_time(screen):
     before_s = time.perf_counter()
     taken = [screen.show(LARGE) for _ in range(200)]
     assert taken == [True] + 199 * [False]
-    assert time.perf_counter() - before_s < 1.0  # 5 ms each, on a busy machine
+    assert time.perf_counter() - before_s < 30.0  # the first that waited would take 60 s
     assert screen.dropped == 199
     assert screen.is_waiting
 

@@ -38,8 +38,8 @@ def seen_from(base_from_room: Floats, capsules: Sequence[ZoneCapsule]) -> tuple[
     share = np.clip(-(a * along).sum(axis=1) / length, 0.0, 1.0)
     points = a + share[:, None] * along
     distances = np.hypot(points[:, 0], points[:, 1]) - [c.radius for c in capsules]
-    k = int(distances.argmin())
-    return max(0.0, float(distances[k])), math.atan2(points[k, 1], points[k, 0])
+    k = int(distances.argmin())  # the first that is not a number, if there is one
+    return float(np.maximum(distances[k], 0.0)), math.atan2(points[k, 1], points[k, 0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +62,14 @@ class Nearest:
         self._kept: dict[int, _Kept] = {}
 
     def take(self, zone: Zone, now_ns: int) -> None:
-        """Take the zone of one person at the capture."""
+        """Take the zone of one person at the capture; without numbers, the person is unknown."""
         if self._base_from_room is None or not zone.capsules:
             return
-        distance_m, angle_rad = seen_from(self._base_from_room, zone.capsules)
+        with np.errstate(all="ignore"):
+            distance_m, angle_rad = seen_from(self._base_from_room, zone.capsules)
+        if not math.isfinite(distance_m + angle_rad):
+            self._kept.pop(zone.person, None)
+            return
         age_s = math.inf if zone.age_s is None else zone.age_s
         seen = Seen(zone.person, distance_m, angle_rad, age_s)
         self._kept[zone.person] = _Kept(seen, now_ns)

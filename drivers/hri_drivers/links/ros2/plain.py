@@ -53,17 +53,19 @@ def percent(fraction: float) -> int:
     return min(100, max(0, math.floor(100.0 * fraction)))
 
 
-def rounded(value: float | None, to: Callable[[float], int] = math.floor) -> float | None:
-    """Return a number of four decimals that JSON can hold; ``None`` is "not available".
+def rounded(
+    value: float | None, to: Callable[[float], int] = math.floor, steps: float = 1e4
+) -> float | None:
+    """Return a multiple of 1 / ``steps`` that JSON can hold; ``None`` is "not available".
 
     ``to`` is the safe side: ``math.floor`` for distances and limits, ``math.ceil`` for ages. Where
     the rounding of floating point would pass to the other side, the value stays as it is.
     """
     if value is None or not math.isfinite(value):
         return None
-    if not math.isfinite(1e4 * value):
+    if not math.isfinite(steps * value):
         return value
-    found = to(1e4 * value) / 1e4
+    found = to(steps * value) / steps
     return (min if to is math.floor else max)(found, value)
 
 
@@ -76,7 +78,7 @@ def advice_fields(advice: Advice, fraction: float) -> dict[str, Any]:
         "reason": advice.reason.name,
         "reason_text": advice.reason.text,
         "clears_when": advice.reason.clears_when,
-        "speed_fraction": math.floor(1e6 * fraction) / 1e6,
+        "speed_fraction": rounded(fraction, steps=1e6),
         "speed_limit_m_s": rounded(advice.speed_limit_m_s) if fraction else 0.0,
         "separation_m": rounded(advice.separation_m),
         "predicted_separation_m": rounded(advice.predicted_separation_m),
@@ -183,8 +185,8 @@ class PlainMessages:
         joints = {joint: (x, y, z) for joint, x, y, z in pose.joints}
         unknown = (math.nan,) * 3
         places = [joints.get(joint, unknown) for joint in range(max(joints, default=-1) + 1)]
-        ahead_s = pose.horizon_s - (pose.age_s or 0.0)
-        when_ns = look["stamp_ns"] + round(1e9 * (ahead_s if math.isfinite(ahead_s) else 0.0))
+        ahead_ns = 1e9 * (pose.horizon_s - (pose.age_s or 0.0))
+        when_ns = look["stamp_ns"] + (round(ahead_ns) if math.isfinite(ahead_ns) else 0)
         return [
             Sample("forecast", cdr.pose_array(when_ns, self._frame_id, places)),
             Sample("forecast_markers", pose_markers(pose, **look)),

@@ -79,8 +79,10 @@ class SpeedSlider:
         permits = advice.level.may_move and limit is not None and math.isfinite(limit)
         self._wanted = max(0.0, min(1.0, (limit or 0.0) / self._full_speed)) if permits else 0.0
         self._level = advice.level
-        left_s = -1.0 if advice.age_s is None else self._max_age_s - advice.age_s
-        self._until_ns = now_ns + round(min(left_s, self._silence_s) * 1e9)
+        left_s = 0.0
+        if advice.age_s is not None:  # not a number: 0 is left, as of any age that is too high
+            left_s = max(0.0, min(self._max_age_s - advice.age_s, self._silence_s))
+        self._until_ns = now_ns + round(left_s * 1e9)
         self._watchdog = (self._watchdog + 1) % COUNTS
 
     def at(self, now_ns: int) -> Written:

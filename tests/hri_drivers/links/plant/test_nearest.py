@@ -70,6 +70,15 @@ def test_without_a_base_nothing_is_known():
     assert nearest.at(1, 0) is None
 
 
+@pytest.mark.parametrize("x", [math.nan, math.inf, -math.inf])
+def test_a_person_without_a_place_is_unknown_at_once(x):
+    nearest = Nearest(Pose())
+    nearest.take(zone(1, 4.0, 0.0), 0)
+    nearest.take(zone(2, 3.0, 0.0), 0)
+    nearest.take(zone(2, x, 0.0), MS)
+    assert nearest.at(2, 2 * MS) is None
+
+
 coordinate = st.floats(-10, 10)
 point = st.tuples(coordinate, coordinate, coordinate)
 

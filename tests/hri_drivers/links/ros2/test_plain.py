@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hri_drivers.links.ros2.codec import worst_bits
@@ -92,9 +92,12 @@ def said(advice: Advice) -> dict[str, Any]:
 ADVICE = Advice(
     robot=0, level=Level.SLOW, reason=Reason.PERSON_NEAR, speed_limit_m_s=0.75, separation_m=1.25
 )
+BELOW_5_STEPS = replace(ADVICE, speed_limit_m_s=FULL_M_S * math.nextafter(5e-6, 0.0))
+"""A fraction that is 5 millionths once it is multiplied, and less before."""
 
 
 @given(advices)
+@example(BELOW_5_STEPS)
 def test_every_topic_of_an_advice_says_the_same(advice):
     messages = by_topic(plain().of(advice))
     fraction, fields = messages["speed_fraction"].data, said(advice)
@@ -236,6 +239,17 @@ def test_the_forecast_is_at_its_time_and_a_missing_joint_is_not_a_number():
     assert xs[0] == 1.0
     assert math.isnan(xs[1])
     assert xs[2] == 4.0
+
+
+@given(st.floats(), any_number)
+@example(1e300, None)
+@example(-1e300, 1e300)
+def test_a_forecast_of_any_time_is_sent(horizon_s, age_s):
+    pose = Pose(person=1, step=0, horizon_s=horizon_s, joints=((0, 1.0, 2.0, 3.0),), age_s=age_s)
+    stamp = by_topic(plain().of(pose))["forecast"].header.stamp
+    ahead_s = horizon_s - (age_s or 0.0)
+    if abs(ahead_s) < 1e8:  # from 1970 to 2038; half a nanosecond, and 3 roundings of 1e17 ns
+        assert stamp.sec * 10**9 + stamp.nanosec == pytest.approx(NOW_NS + 1e9 * ahead_s, abs=64)
 
 
 def test_colours_are_those_of_the_most_urgent_robot():

@@ -1,5 +1,6 @@
 """The speed slider: 0 is held, it rises with a slope, falls at once, and 0 without advice."""
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,6 +16,7 @@ CLEAR = Advice(robot=0, level=Level.CLEAR, reason=Reason.NONE, speed_limit_m_s=1
 STOP = replace(CLEAR, level=Level.STOP, speed_limit_m_s=0.0)
 MS = 1_000_000
 CYCLE_MS = 8
+NO_AGES = (math.inf, math.nan, 1e300)  # nanoseconds of none of them are an integer
 
 
 class Run:
@@ -89,6 +91,7 @@ def test_silence_is_zero_and_unknown_and_the_watchdog_stands():
         replace(CLEAR, speed_limit_m_s=0.009),
         replace(CLEAR, age_s=None),
         replace(CLEAR, age_s=0.41),
+        *(replace(CLEAR, age_s=age_s) for age_s in NO_AGES),
     ],
 )
 def test_what_permits_nothing_is_zero_at_once(advice):
@@ -97,7 +100,7 @@ def test_what_permits_nothing_is_zero_at_once(advice):
     assert run.run(CYCLE_MS, advice) == [0.0]
 
 
-@pytest.mark.parametrize("age_s", [None, 0.41])
+@pytest.mark.parametrize("age_s", [None, 0.41, *NO_AGES])
 def test_an_advice_without_a_fresh_capture_is_unknown(age_s):
     run = Run()
     run.run(80, replace(CLEAR, age_s=age_s))

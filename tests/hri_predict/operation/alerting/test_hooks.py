@@ -109,7 +109,7 @@ def test_nobody_waits_for_one_that_is_left_out_and_hangs(tmp_path):
         ended(hooks)
         eventually(lambda: not hooks._ending)  # two waited for its end
         rows = {row["name"]: row for row in hooks.report()}
-    assert took_s < 1.0  # its bound is 2.5 s
+    assert took_s < 2.0  # its bound is 2.5 s
     assert rows[hanging.label]["dropped"] == 1
 
 

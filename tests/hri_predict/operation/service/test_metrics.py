@@ -191,7 +191,7 @@ def server():
     one.close()
 
 
-def asked(port, request, timeout_s=5.0):
+def asked(port, request, timeout_s=60.0):
     with socket.create_connection(("127.0.0.1", port), timeout_s) as s:
         s.sendall(request)
         answer = b""
@@ -225,11 +225,11 @@ def test_both_pages_are_answered_and_others_are_not(server):
 def test_slow_silent_and_endless_clients_are_ended_and_others_are_served(server):
     one, port = server
     silent = [socket.create_connection(("127.0.0.1", port)) for _ in range(CONNECTIONS + 4)]
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while one.refused < 4 and time.monotonic() < end:
         time.sleep(0.01)
     assert one.refused >= 4  # there is room for some only
-    slow = time.monotonic() + 5.0
+    slow = time.monotonic() + 60.0
     while one.failed < CONNECTIONS and time.monotonic() < slow:
         time.sleep(0.02)
     assert get(port, "/healthz").startswith(b"HTTP/1.1 200")  # their time was over
@@ -237,7 +237,7 @@ def test_slow_silent_and_endless_clients_are_ended_and_others_are_served(server)
         each.close()
     failed = one.failed
     asked(port, b"GET /" + b"x" * 100_000)  # no end of its first line
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while one.failed == failed and time.monotonic() < end:
         time.sleep(0.01)
     assert one.failed > failed

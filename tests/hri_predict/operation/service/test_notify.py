@@ -46,7 +46,9 @@ def test_without_a_socket_that_we_know_nobody_is_told(environ):
 
 
 @pytest.mark.parametrize(
-    "watched", [{}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_PID": "1"}]
+    "watched",
+    [{}, {"WATCHDOG_USEC": "soon"}, {"WATCHDOG_USEC": "0"}, {"WATCHDOG_PID": "1"}]
+    + [{"WATCHDOG_USEC": "9" * digits} for digits in (400, 5000)],  # beyond floats, beyond int()
 )
 def test_a_watchdog_of_others_or_of_no_time_is_none(watched):
     environ = {"NOTIFY_SOCKET": "/nowhere", "WATCHDOG_USEC": "5", **watched}

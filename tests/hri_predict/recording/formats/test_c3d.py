@@ -327,6 +327,15 @@ def test_more_frames_than_the_header_can_count_are_all_read(tmp_path, name):
     assert "65533 of 65537 frames" in _error(path)
 
 
+@pytest.mark.parametrize("count", [float("nan"), float("inf"), float("-inf"), -5.0, 1e30])
+def test_counts_that_are_not_numbers_count_nothing(tmp_path, count):
+    path = tmp_path / "a.c3d"
+    path.write_bytes(with_parameters(2, 1, LABELS=["C7"], FRAMES=count, LONG_FRAMES=count))
+    assert len(open_recording(path, any_joints=True).scenes) == 2
+    path.write_bytes(with_parameters(2, 0, LABELS=["C7"], USED=count))
+    assert "is empty" in _error(path) or "truncated" in _error(path)
+
+
 @pytest.mark.parametrize("start", [float("nan"), float("inf"), -1e30, 1e30, 0.5])
 def test_points_that_start_nowhere_are_refused(tmp_path, start):
     path = tmp_path / "a.c3d"

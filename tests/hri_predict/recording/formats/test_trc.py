@@ -204,3 +204,12 @@ def test_names_that_would_break_the_columns_are_refused(tmp_path):
     with pytest.raises(ConfigError, match="rename it"):
         write_recording(recording, tmp_path / "a.trc", "trc")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("times", [["", "", "", ""], ["0", "0.01", "0.02", "1e305"]])
+def test_a_frame_at_no_time_is_refused(save, times):
+    text = OPENSIM[: OPENSIM.index("\n\n") + 2]
+    for number, time in zip(("1", "2", "3", "1e305"), times, strict=True):
+        text += f"{number}\t{time}\t100\t1000\t300\t100\t1000\t-300\n"
+    with pytest.raises(RecordingError, match="scene 4 arrives 1e\\+09 s after"):
+        open_recording(save(text.replace("60.00\t60.00\t3", "60.00\t60.00\t4")), any_joints=True)
