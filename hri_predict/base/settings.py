@@ -3,7 +3,6 @@
 Each source, predictor, robot and link has a model in its own package, derived from ``Settings``.
 """
 
-import itertools
 import math
 import reprlib
 import unicodedata
@@ -13,7 +12,6 @@ from datetime import date
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 import numpy as np
-import yaml
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -30,11 +28,9 @@ from pydantic_core import CoreSchema, ErrorDetails
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, expected_shape, nearest
-from hri_predict.base.files import load_yaml, yaml_problem
 from hri_predict.base.geometry import crosses_itself, is_in_polygon
 from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.quantities.units import meant, phrase, unit_at
-from hri_predict.base.quantities.whole import whole
 
 
 class Settings(BaseModel):
@@ -334,36 +330,6 @@ def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[str, str
                 said = field.description or ""
                 return f" ({phrase(key, said)})" if said else "", unit_at(key, said)
     return "", ""
-
-
-def set_key(data: dict[str, Any], change: str) -> None:
-    """Set one ``key.key=value`` of the command line, its value written as in YAML.
-
-    Raises:
-        ConfigError: it is not written so; one line with the remedy.
-    """
-    keys, equals, text = change.partition("=")
-    path = keys.strip().split(".")
-    if not equals or not all(path):
-        raise ConfigError(f"--set {change}: write it as key=value, such as train.epochs=20")
-    try:
-        value = load_yaml(text)
-    except (yaml.YAMLError, RecursionError) as error:
-        why = yaml_problem(error)
-        raise ConfigError(f"--set {change}: its value is not valid YAML{why}; quote it") from error
-    at: Any = data
-    for key, after in itertools.pairwise(path):
-        empty: Any = [] if after.isdecimal() else {}
-        at = _entry(at, key) if isinstance(at, list) else at.setdefault(key, empty)
-        if not isinstance(at, dict) and not (isinstance(at, list) and _entry(at, after)):
-            raise ConfigError(f"--set {change}: '{key}' has no keys; see the configuration")
-    at[path[-1]] = value
-
-
-def _entry(entries: list[Any], index: str) -> Any:
-    """The entry of a list at ``index``, or ``None``."""
-    number = whole(index)
-    return entries[number] if number is not None and number < len(entries) else None
 
 
 def _echo(value: Any) -> str:

@@ -11,7 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.base.settings import set_key, validated
+from hri_predict.base.set_key import set_key
+from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import AnyLinkClass, LinkSettings
 from hri_predict.protocol.can import DEFAULT_BASE_ID

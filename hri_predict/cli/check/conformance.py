@@ -16,7 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hri_predict.base.errors import ConfigError, nearest
-from hri_predict.base.settings import set_key, validated
+from hri_predict.base.set_key import set_key
+from hri_predict.base.settings import validated
 from hri_predict.cli.common import JsonOption
 from hri_predict.contracts import registry
 from hri_predict.library.conformance.checks import NOTHING_CAME, CheckResult

@@ -14,7 +14,7 @@ import yaml
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import YAML_ENDINGS, load_yaml
 from hri_predict.base.quantities.units import phrase
-from hri_predict.base.settings import set_key
+from hri_predict.base.set_key import set_key
 from hri_predict.cli.common import tell, without_effect
 from hri_predict.cli.generate.config import write
 from hri_predict.cli.init.cell import DOORS_M, HORIZONS_S, Answers, cell, hints

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.files import data_path, load_yaml, yaml_problem
-from hri_predict.base.settings import Mistake, Settings, mistakes, set_key
+from hri_predict.base.set_key import set_key
+from hri_predict.base.settings import Mistake, Settings, mistakes
 from hri_predict.cli.common import one_of
 from hri_predict.cli.init.cell import Answers, link_block, robot_block, source_block
 from hri_predict.contracts import registry

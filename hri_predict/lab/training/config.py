@@ -6,7 +6,8 @@ from typing import Any, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from hri_predict.base.files import read_yaml
-from hri_predict.base.settings import Settings, set_key, validated
+from hri_predict.base.set_key import set_key
+from hri_predict.base.settings import Settings, validated
 
 
 class ShapeSettings(Settings):

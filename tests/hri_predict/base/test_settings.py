@@ -7,7 +7,8 @@ from pydantic import Field
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import load_yaml, read_yaml
 from hri_predict.base.geometry import transform
-from hri_predict.base.settings import Pose, Region, Settings, Vector3, set_key, validated
+from hri_predict.base.set_key import set_key
+from hri_predict.base.settings import Pose, Region, Settings, Vector3, validated
 
 
 class Inner(Settings):
