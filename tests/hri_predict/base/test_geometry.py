@@ -20,7 +20,15 @@ TOLERANCE = 1e-9
 coordinate = st.floats(-3, 3, allow_nan=False, width=64)
 point = st.tuples(coordinate, coordinate, coordinate).map(np.array)
 radius = st.floats(0.01, 0.3)
+
+
 # Coarse points meet often: shared ends, parallel, collinear, crossing, equal.
+def short_axes() -> tuple[Any, ...]:
+    """Two axes of a hundredth of a millimetre that cross: one is a point to coal."""
+    a, b, c = (np.array([x, 0.5, z]) for x, z in ((0.0, 0.0), (1e-5, 0.0), (5e-6, -1e-3)))
+    return a, b, 0.1, c, c + np.array([0.0, 0.0, 2e-3]), 0.2
+
+
 coarse = st.tuples(*[st.integers(-2, 2).map(float)] * 3).map(np.array)
 any_point = st.one_of(point, coarse)
 
@@ -45,6 +53,13 @@ def by_coal(a: Floats, b: Floats, ra: float, c: Floats, d: Floats, rb: float) ->
     second, second_pose = shape(c, d, rb)
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     return float(coal.distance(first, first_pose, second, second_pose, request, result))
+
+
+def coal_slack_m(a: Floats, b: Floats, c: Floats, d: Floats) -> float:
+    """How far coal may be off: it takes an axis whose square is below 1e-7 for a point, and is off
+    by up to 1.3e-5 m (of 1,500 drawn pairs of each length) where one is below a few centimetres."""
+    shortest = float(min(np.linalg.norm(b - a), np.linalg.norm(d - c)))
+    return 1e-6 if shortest > 0.1 else 1e-4 if shortest > 5e-4 else 5e-4
 
 
 def by_sampling(a: Floats, b: Floats, c: Floats, d: Floats) -> float:
@@ -81,12 +96,12 @@ def test_equals_coal_to_the_last_digits() -> None:
 
 
 @given(point, point, radius, point, point, radius)
+@example(*short_axes())
 def test_equals_coal_on_hostile_input(
     a: Floats, b: Floats, ra: float, c: Floats, d: Floats, rb: float
 ) -> None:
-    # Not closer than this: coal takes an axis of less than about 1e-7 m for a point.
     ours = float(capsule_distance(capsule(a, b, ra), capsule(c, d, rb)))
-    assert ours == pytest.approx(by_coal(a, b, ra, c, d, rb), abs=1e-6)
+    assert ours == pytest.approx(by_coal(a, b, ra, c, d, rb), abs=coal_slack_m(a, b, c, d))
 
 
 @given(any_point, any_point, any_point, any_point)
@@ -188,7 +203,8 @@ def test_horizontal_distance_is_that_of_a_tall_post(a, b, r, base):
     # oracle: coal's distance to a post of 1 mm that reaches far above and below everything
     low, high = (np.array([base[0], base[1], z]) for z in (-50.0, 50.0))
     found = float(horizontal_distance(capsule(a, b, r), base))
-    assert found - 0.001 == pytest.approx(by_coal(a, b, r, low, high, 0.001), abs=1e-6)
+    coal_m = by_coal(a, b, r, low, high, 0.001)
+    assert found - 0.001 == pytest.approx(coal_m, abs=coal_slack_m(a, b, low, high))
     up = np.array([0, 0, 7.0])  # the height of the capsule changes nothing
     lifted = float(horizontal_distance(capsule(a + up, b + up, r), base))
     assert lifted == pytest.approx(found, abs=1e-9)
