@@ -195,6 +195,7 @@ def marked() -> Iterator[Any]:
             yield pytest.param(page, command, id=f"{pages.name(page)}: {command}", marks=marks)
 
 
+@pytest.mark.timeout(600)  # a machine that is busy with other tests
 @pytest.mark.parametrize(("page", "command"), [*marked()])
 def test_command(
     page: Path, command: str, folder: Path, serial_port: str, request: pytest.FixtureRequest
@@ -262,7 +263,7 @@ def test_command(
             time.sleep(0.1)
         time.sleep(1.0)
         process.send_signal(signal.SIGTERM)
-    out, err = process.communicate(timeout=150)
+    out, err = process.communicate(timeout=500)
     if beside is not None:
         beside.kill()
         beside.wait()
