@@ -66,7 +66,7 @@ def weights_of(tmp_path_factory, random_network):
     return find
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def build(weights_of):
     """Builds a registered predictor: 1 s at 25 Hz, with weights where it needs some."""
 

@@ -15,10 +15,11 @@ DAILY = {"zero_velocity", "constant_velocity", "kalman", "trajectorycnn", "avera
 
 
 @pytest.fixture(
+    scope="module",  # half a second each
     params=[
         pytest.param(name, marks=[] if name in DAILY else [pytest.mark.long])
         for name in registry.names("predictors")
-    ]
+    ],
 )
 def predictor(request, build) -> Predictor:
     cls = registry.load("predictors", request.param)

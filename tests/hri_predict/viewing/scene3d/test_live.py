@@ -25,6 +25,23 @@ def scene(browser: Browser) -> np.ndarray:
     return image[:, : image.shape[1] - 420, :3]
 
 
+def changed(browser: Browser, before: np.ndarray) -> float:
+    """The share of the screen that is not as before."""
+    return float((np.abs(scene(browser) - before).max(axis=-1) > 0.1).mean())
+
+
+def settled(browser: Browser) -> np.ndarray:
+    """The screen once it stays as it is; software draws about one frame a second."""
+
+    def stays() -> bool:
+        before = scene(browser)
+        time.sleep(2.0)
+        return bool(np.abs(scene(browser) - before).max() < 0.02)
+
+    wait_for(stays, 60)
+    return scene(browser)
+
+
 PAUSE = "[...document.querySelectorAll('input[type=checkbox]')].at(-1).click()"
 
 
@@ -50,14 +67,10 @@ def test_the_sliders_move_the_forecast_and_go_back_in_time():
         left, top, right, bottom = browser.box(track(0))
         middle = 0.5 * (top + bottom)
         browser.click(left + 1, middle)
-        time.sleep(3.0)  # software draws about one frame a second
-        now = scene(browser)
-        time.sleep(2.0)
-        assert np.abs(scene(browser) - now).max() < 0.02  # nothing moves by itself
+        now = settled(browser)
         browser.click(right - 1, middle)
-        time.sleep(3.0)
-        ahead = np.abs(scene(browser) - now).max(axis=-1) > 0.1
-        assert ahead.mean() > 0.01  # zones grow, and bodies are drawn ahead
+        # zones grow, and bodies are drawn ahead
+        wait_for(lambda: changed(browser, now) > 0.01, 60)
 
         left, top, right, bottom = browser.box(track(1))
         browser.click(left + (right - left) * (1 - 6.0 / 60), 0.5 * (top + bottom))
@@ -95,9 +108,8 @@ def test_a_browser_shows_the_cell_as_it_changes():
         browser.wait_for_text("arm: STOP")
         browser.wait_for_text(stop.facts["robots"][0]["reason"])
         browser.wait_for_text(f"{stop.facts['robots'][0]['separation_m']:.2f} m")
-        time.sleep(2.0)  # software draws about one frame a second
-        changed = np.abs(scene(browser) - before).max(axis=-1) > 0.1
-        assert changed.mean() > 0.02  # a person and zones came: more than a fiftieth of the room
+        # a person and zones came: more than a fiftieth of the room
+        wait_for(lambda: changed(browser, before) > 0.02, 60)
 
         injected = Picture(
             {**stop.facts, "robots": [{**stop.facts["robots"][0], "reason": "<b>x</b> & y"}]},
