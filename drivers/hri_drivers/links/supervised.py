@@ -323,7 +323,7 @@ class SupervisedLink(Generic[U]):
             except TransportBusy as error:
                 self._busy(message, error, now_ns)
                 return
-            except ValueError as error:  # a value does not fit its field: only this message is lost
+            except (ValueError, OverflowError) as error:  # a value fits no field: it alone is lost
                 self.counters.write_errors += 1
                 self._note(error)
             except Exception:

@@ -251,6 +251,25 @@ def test_a_value_that_no_field_holds_costs_that_message_alone():
     assert "robot 9" in str(link.last_error)
 
 
+@pytest.mark.parametrize("error", [ValueError("no room"), OverflowError("no room")])
+def test_a_value_that_is_no_integer_costs_that_message_alone(monkeypatch, error):
+    link = make("serial pipe", VirtualClock()).link
+    encode = link._codec.encode
+
+    def encoded(message):
+        if isinstance(message, Advice):
+            raise error
+        return encode(message)
+
+    monkeypatch.setattr(link._codec, "encode", encoded)
+    link.post(advice())
+    link.post(STATUS)
+    link.service(0)
+    assert link.connected
+    assert (link.counters.messages_sent, link.counters.write_errors) == (1, 1)
+    assert link.last_error == "no room"
+
+
 def test_an_inbox_that_nobody_empties_keeps_every_acknowledge():
     pair = make("serial pipe", VirtualClock())
     pair.link.service(0)
