@@ -74,6 +74,7 @@ def held(arm: Arm, velocities: str) -> Any:
 @settings(max_examples=10)
 @given(st.floats(0, 6.4), st.floats(0.05, 1), st.sampled_from(["old", "true"]))
 @example(2.625, 0.9375, "true")  # it arrives while its place is held
+@example(5.8125, 0.96875, "true")
 def test_a_place_that_is_held_in_motion_is_old_at_once_and_unknown_when_stale(
     phase_s: float, rate: float, velocities: str
 ) -> None:
