@@ -78,15 +78,20 @@ class UdpReceiver:
         datagrams: list[bytes] = []
         try:
             opened.settimeout(timeout_s)
-            datagrams.append(opened.recv(self._size))
-            opened.settimeout(0.0)
-            while len(datagrams) < AT_ONCE:
-                datagrams.append(opened.recv(self._size))
+            for _ in range(AT_ONCE):
+                data, sender = opened.recvfrom(self._size)
+                if self.accepts(sender):
+                    datagrams.append(data)
+                opened.settimeout(0.0)
         except (TimeoutError, BlockingIOError):
             pass
         except OSError as error:
             raise SourceError(f"udp {self._host}: lost ({error}); check the network") from error
         return datagrams
+
+    def accepts(self, sender: object) -> bool:
+        """Whether a datagram of this address is taken; here: of every one."""
+        return True
 
     def close(self) -> None:
         """Close the socket."""
