@@ -4,7 +4,6 @@ import contextlib
 import socket
 import time
 from abc import ABC, abstractmethod
-from pathlib import Path
 from typing import Any
 
 from hri_predict.contracts.scene import Scene
@@ -15,56 +14,39 @@ HOURS_2_S = 7200.0
 """Programs with a clock of their own start it here, so that it can step back."""
 
 
-class MocapEnd(ABC):
-    """A program that sends datagrams to one port."""
+class Program(ABC):
+    """A program that sends captures; what it writes, without the socket."""
 
-    checked = False
-    stamped = True
     kind: str
-
-    def __init__(self, _: Path) -> None:
-        self._address = ("127.0.0.1", free_udp_port())
-        self.source: dict[str, Any] = {
-            "kind": self.kind, "sees_room": True, "port": self._address[1],
-        }  # fmt: skip
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._began_ns = 0
+    _began_ns = 0
 
     def start(self) -> None:
-        """The program's clock starts again."""
+        """Start, or start again: its clock does, too."""
         self._began_ns = time.time_ns()
 
     @abstractmethod
     def encode(self, scene: Scene) -> list[bytes]:
-        """Return the datagrams of one capture."""
+        """Return the datagrams of one capture of canonical joints; its stamp is ns of UTC."""
 
-    def write(self, unit: bytes) -> None:
-        """Send one."""
-        with contextlib.suppress(OSError):
-            self._socket.sendto(unit, self._address)
-
-    def stop(self) -> None:
-        """Pause; the next start goes on with the same socket."""
-        self._began_ns = 0
-
-    def _time_s(self, scene: Scene) -> float:
+    def time_s(self, scene: Scene) -> float:
+        """Time of a capture on the program's clock."""
         return (scene.stamp_ns - self._began_ns) * 1e-9 + HOURS_2_S
 
 
-class VmcEnd(MocapEnd):
+class VmcPerformer(Program):
     """A performer in an MR mode."""
 
     kind = "vmc"
 
     def encode(self, scene: Scene) -> list[bytes]:
         """Return the packets of the first person, whom alone a performer has."""
-        time_s = self._time_s(scene)
+        time_s = self.time_s(scene)
         if not scene.people:
             return [vmc.bundle([vmc.message("/VMC/Ext/OK", 0), vmc.message("/VMC/Ext/T", time_s)])]
         return vmc.capture(scene.people[0].positions, time_s)
 
 
-class RokokoEnd(MocapEnd):
+class RokokoStudio(Program):
     """Rokoko Studio, without compression."""
 
     kind = "rokoko"
@@ -72,10 +54,10 @@ class RokokoEnd(MocapEnd):
     def encode(self, scene: Scene) -> list[bytes]:
         """Return one datagram."""
         actors = {f"actor {person.id}": person.positions for person in scene.people}
-        return [rokoko.capture(actors, self._time_s(scene))]
+        return [rokoko.capture(actors, self.time_s(scene))]
 
 
-class ZedEnd(MocapEnd):
+class ZedLiveLink(Program):
     """Stereolabs' sender for Unreal."""
 
     kind = "zed_livelink"
@@ -84,3 +66,39 @@ class ZedEnd(MocapEnd):
         """Return a datagram for each person."""
         people = {person.id: person.positions for person in scene.people}
         return zed_livelink.for_unreal(people, scene.stamp_ns, scene.sequence)
+
+
+PROGRAMS: dict[str, type[Program]] = {
+    program.kind: program for program in (VmcPerformer, RokokoStudio, ZedLiveLink)
+}
+
+
+class MocapEnd:
+    """A program on this machine, which sends to the node's port; see ``live_ends.LiveEnd``."""
+
+    checked = False
+    stamped = True
+
+    def __init__(self, program: Program) -> None:
+        self._program = program
+        self._address = ("127.0.0.1", free_udp_port())
+        self.source: dict[str, Any] = {
+            "kind": program.kind, "sees_room": True, "port": self._address[1],
+        }  # fmt: skip
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def start(self) -> None:
+        """Start the program."""
+        self._program.start()
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return the datagrams of one capture."""
+        return self._program.encode(scene)
+
+    def write(self, unit: bytes) -> None:
+        """Send one."""
+        with contextlib.suppress(OSError):
+            self._socket.sendto(unit, self._address)
+
+    def stop(self) -> None:
+        """Pause; the next start goes on with the same socket."""

@@ -90,7 +90,7 @@ def _hierarchy(
         arm = {f"{side}{bone}": point for bone, point in zip(_ARM, points[:4], strict=True)}
         leg = {f"{side}{bone}": point for bone, point in zip(_LEG, points[4:], strict=True)}
         chest = next(b for b in ("UpperChest", "Chest", "Spine") if b not in leave_out)
-        chains += [(chest, arm), ("Hips", leg)]
+        chains += [(chest, arm), ("root" if "Hips" in leave_out else "Hips", leg)]
     parents, places = {}, {}
     for parent, chain in chains:
         for name, place in chain.items():

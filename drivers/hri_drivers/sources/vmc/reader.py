@@ -126,9 +126,11 @@ def _checked(message: Message) -> Pose:
     """
     wanted = {"/VMC/Ext/Root/Pos": (_POSE, _SCALED), "/VMC/Ext/Bone/Pos": (_POSE,)}
     if message.address == "/VMC/Ext/T":
-        if len(message.arguments) != 1:
-            raise FrameError("/VMC/Ext/T must have one number")
-        stamp_of_s(message.arguments[0])
+        try:
+            (seconds,) = message.arguments
+            stamp_of_s(seconds)
+        except ValueError as error:
+            raise FrameError(f"/VMC/Ext/T must have one number: {error}") from None
         return ()
     if message.address == "/VMC/Ext/OK":
         if not message.arguments or not all(type(each) is int for each in message.arguments):

@@ -1,11 +1,9 @@
 """The whole node on the virtual clock, from the datagrams of each kind of sender to advice."""
 
 from collections import deque
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterable
 from typing import Any
 
-import numpy as np
 import pytest
 
 from hri_drivers.sources.mocap.source import MocapSource
@@ -17,18 +15,15 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
 from hri_sim.people.procedural import ProceduralSource
-from hri_sim.senders.mocap_ends import MocapEnd, RokokoEnd, VmcEnd, ZedEnd
+from hri_sim.senders.mocap_ends import PROGRAMS, Program
 
 S, MS = 10**9, 10**6
 UTC = 1_790_000_000 * S
 BEGINS_S, ENDS_S = 3.5, 6.0
 ACTS_S = 0.3
 """A fault shows within this time: two periods and a tick, with what a late tick adds."""
-ENDS: dict[str, Callable[[Path], MocapEnd]] = {
-    "vmc": VmcEnd,
-    "rokoko": RokokoEnd,
-    "zed_livelink": ZedEnd,
-}
+REACHED_S = BEGINS_S + 2.3
+"""By now a person 6 m away who runs (at 1.6 m/s) is near enough to count."""
 NOWHERE = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 STANDS: list[dict[str, Any]] = [{"do": "wait", "seconds": 60}]
 WALKS = [{"do": "wait", "seconds": 1.5}, {"do": "walk", "to": [1.0, 0.3]}, *STANDS]
@@ -37,10 +32,19 @@ Script = list[dict[str, Any]]
 Units = Callable[["Sender", float, Scene], list[bytes]]
 
 
+def some(cases: Iterable[Any], *daily: Any) -> list[Any]:
+    """All cases, of which only these run daily."""
+    marks = [pytest.mark.long]
+    return [
+        pytest.param(*(c if isinstance(c, tuple) else (c,)), marks=[] if c in daily else marks)
+        for c in cases
+    ]
+
+
 class Sender:
     """A program on the virtual clock, which shows one person."""
 
-    def __init__(self, end: MocapEnd, script: Script, rate_hz: float) -> None:
+    def __init__(self, end: Program, script: Script, rate_hz: float) -> None:
         self.end, self.period_ns = end, round(S / rate_hz)
         data = {
             "kind": "procedural", "room_from_source": NOWHERE, "rate_hz": rate_hz, "noise_m": 0.002,
@@ -110,13 +114,13 @@ Watch = Callable[..., tuple[Levels, Any]]
 
 
 @pytest.fixture
-def watch(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Watch:
+def watch(monkeypatch: pytest.MonkeyPatch) -> Watch:
     def ran(kind: str, script: Script, units: Units, **settings: Any) -> tuple[Levels, Any]:
         config = configuration.load(configuration.shipped(f"live_{kind}.yaml"))
         config = config.with_source(config.source.model_dump() | settings)
         source = assemble.build_source(config)
         assert isinstance(source, MocapSource)
-        sender = Sender(ENDS[kind](tmp_path), script, config.source.rate_hz)  # type: ignore[attr-defined]
+        sender = Sender(PROGRAMS[kind](), script, config.source.rate_hz)  # type: ignore[attr-defined]
         played, levels = Played(source, sender, units), Levels()
         monkeypatch.setattr(assemble, "build_source", lambda *_, **__: played)
         run(config, Options(factor=None, duration_s=ENDS_S, view=levels))
@@ -135,10 +139,10 @@ def until_fault(fault: Units) -> Units:
     )
 
 
-@pytest.mark.parametrize("kind", ENDS)
+@pytest.mark.parametrize("kind", some(PROGRAMS, "vmc"))
 def test_a_person_who_walks_to_the_robot_stops_it(watch: Watch, kind: str) -> None:
     levels, counters = watch(kind, WALKS, sent)
-    assert Level.CLEAR in levels.between(1.0, 1.6)
+    assert Level.CLEAR in levels.between(1.8, 3.0)
     assert levels.between(ENDS_S - 0.3, ENDS_S - 0.1) == {Level.STOP}
     assert counters.malformed == counters.lost == counters.out_of_order == 0
 
@@ -164,30 +168,30 @@ def half_lost(sender: Sender, _: float, scene: Scene) -> list[bytes]:
 
 
 FAULTS = {"silent": silent, "empty": empty, "repeated": repeated, "cut": half_lost}
+DAILY = (("vmc", "silent"), ("rokoko", "empty"), ("zed_livelink", "cut"))
 
 
-@pytest.mark.parametrize("kind", ENDS)
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(
+    ("kind", "fault"), some([(kind, fault) for kind in PROGRAMS for fault in FAULTS], *DAILY)
+)
 def test_no_fault_of_the_sender_is_clear(watch: Watch, kind: str, fault: str) -> None:
     levels, counters = watch(kind, STANDS, until_fault(FAULTS[fault]))
     assert levels.between(3.0, BEGINS_S) == {Level.CLEAR}
-    after = levels.between(BEGINS_S + ACTS_S, ENDS_S - 0.1)
-    assert Level.CLEAR not in after
-    if fault != "empty":
-        assert after == {Level.UNKNOWN}
+    if (kind, fault) == ("rokoko", "empty"):  # a scene without people; the person is lost
+        assert Level.CLEAR not in levels.between(REACHED_S, ENDS_S - 0.1)
+    else:
+        assert levels.between(BEGINS_S + ACTS_S, ENDS_S - 0.1) == {Level.UNKNOWN}
     assert fault != "cut" or counters.malformed > 0
     assert fault != "repeated" or counters.replayed > 0
 
 
-@pytest.mark.parametrize("kind", ["vmc", "rokoko"])
+@pytest.mark.parametrize("kind", some(["vmc", "rokoko"], "vmc"))
 def test_a_stream_whose_hips_stay_at_one_point_is_refused_by_name(watch: Watch, kind: str) -> None:
     def relative(sender: Sender, _: float, scene: Scene) -> list[bytes]:
         (person,) = scene.people
-        waist = person.positions[JOINTS.index("waist")]
-        hips = person.positions[[JOINTS.index(f"{side}_hip") for side in "lr"]].mean(axis=0)
-        assert np.isfinite(hips).all()
-        centred = person.positions - [waist[0], waist[1], 0.0]
-        centred[JOINTS.index("waist"), :2] = 0.0
+        waist = JOINTS.index("waist")
+        centred = person.positions - person.positions[waist] * [1.0, 1.0, 0.0]
+        centred[waist, :2] = 0.0  # exactly
         shown = Person(1, centred, person.observed)
         return sender.end.encode(Scene(scene.stamp_ns, scene.sequence, True, (shown,)))
 
@@ -200,7 +204,7 @@ def test_who_is_not_tracked_by_the_performer_is_not_seen(watch: Watch) -> None:
     from hri_sim.senders import vmc
 
     def lost(sender: Sender, _: float, scene: Scene) -> list[bytes]:
-        time_s = sender.end._time_s(scene)
+        time_s = sender.end.time_s(scene)
         return vmc.capture(scene.people[0].positions, time_s, ok=(1, 3, 1, 0))
 
     levels, counters = watch("vmc", STANDS, until_fault(lost))
@@ -208,7 +212,7 @@ def test_who_is_not_tracked_by_the_performer_is_not_seen(watch: Watch) -> None:
     assert "lost its trackers" in counters.last_error
 
 
-@pytest.mark.parametrize("kind", ENDS)
+@pytest.mark.parametrize("kind", some(PROGRAMS, "rokoko"))
 def test_a_source_that_does_not_cover_the_room_is_never_clear(watch: Watch, kind: str) -> None:
     levels, _ = watch(kind, STANDS, sent, sees_room=False)
     assert Level.CLEAR not in {level for _, level in levels.seen}

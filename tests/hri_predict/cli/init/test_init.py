@@ -68,7 +68,7 @@ def test_every_mode_passes_check(call, tmp_path, mode):
 
 
 NEEDED = {
-    "mvn": ["source.sees_room=true"],
+    **{kind: ["source.sees_room=true"] for kind in ("mvn", "vmc", "rokoko", "zed_livelink")},
     "ros2": ["source.topics=[/people]", "source.frame=map", "source.sees_room=true"],
     "serial_skeleton": ["source.port=/dev/ttyUSB9"],
     "zenoh": ["source.cell=hall"],
