@@ -26,6 +26,7 @@ COUNTS = {
     "daz23": 23,
     "marker_clusters9": 9,
     "mediapipe33": 33,
+    "motive21": 21,
     "rokoko23": 23,
     "ros4hri": 14,
     "smpl22": 22,
@@ -35,6 +36,7 @@ COUNTS = {
     "zed34": 34,
     "zed38": 38,
 }
+LEFT_HANDED = ("rokoko23", "unity22")
 # (source, joint, its index in the documents of the source)
 INDICES = [
     ("azure_kinect32", "HANDTIP_RIGHT", 16),
@@ -56,6 +58,8 @@ INDICES = [
     ("mediapipe33", "left_index", 19),
     ("mediapipe33", "right_foot_index", 32),
     ("ros4hri", "r_ankle", 13),
+    ("motive21", "LUArm", 6),
+    ("motive21", "RToe", 20),
     ("rokoko23", "rightHand", 12),
     ("rokoko23", "rightToeEnd", 22),
     ("smpl22", "left_shoulder", 16),
@@ -209,7 +213,8 @@ def test_bad_axes_are_refused(axes, left_handed, message):
 def test_axes_keep_distances_and_handedness(name):
     rotation = load_joint_map(name).rotation
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3))
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
+    hand = -1.0 if name in LEFT_HANDED else 1.0
+    assert np.linalg.det(rotation) == pytest.approx(hand)
 
 
 def test_midpoints_need_all_their_sources():
