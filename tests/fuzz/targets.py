@@ -21,10 +21,9 @@ from hri_drivers.links.rtde.link import RtdeCodec
 from hri_drivers.links.rtde.packets import Packet as RtdePacket
 from hri_drivers.links.rtde.packets import Splitter as RtdeSplitter
 from hri_drivers.links.rtde.packets import framed as framed_packet
-from hri_drivers.sources.mocap.source import MocapSource
+from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.mvn.codec import StreamSplitter
 from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
-from hri_drivers.sources.rokoko.source import RokokoSource
 from hri_drivers.sources.ros2.decoder import Ros2Decoder
 from hri_drivers.sources.scene_json.codec import LineSplitter, SceneReader
 from hri_drivers.sources.scene_json.json_source import JsonDecoder
@@ -32,12 +31,11 @@ from hri_drivers.sources.scene_stream import codec as scene_codec
 from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
 from hri_drivers.sources.sent import SentScene
-from hri_drivers.sources.vmc.source import VmcSource
-from hri_drivers.sources.zed_livelink.source import ZedLiveLinkSource
 from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.operation.monitoring.fleet import Fleet
@@ -54,6 +52,7 @@ from hri_predict.protocol.ros.placing import READERS, PeopleReader
 from hri_predict.protocol.ros.tracked import IDS_LIST
 from hri_predict.protocol.ros.zed import OBJECTS
 from hri_predict.protocol.serial import SerialReceiver
+from hri_sim.senders import natnet as natnet_sender
 from hri_sim.senders import rokoko as rokoko_sender
 from hri_sim.senders import vmc as vmc_sender
 from hri_sim.senders import zed_livelink as zed_sender
@@ -104,6 +103,7 @@ def targets() -> list[Target]:
         _vmc(),
         _rokoko(),
         _zed_livelink(),
+        _natnet(),
         *(_ros2(kind) for kind in READERS if find_spec("rosbags") is not None),
     ]
 
@@ -307,32 +307,38 @@ def _body() -> Floats:
     return np.arange(63, dtype=np.float64).reshape(21, 3) / 40
 
 
-def _mocap(name: str, source: type[MocapSource], seeds: list[bytes]) -> Target:
-    settings = validated(
-        source.settings_model,
-        {"kind": name, "rate_hz": 60, "sees_room": True, "room_from_source": {}},
-        "source",
-    )
-    return Target(name, seeds, _checked(source(settings)._decoder.feed))
+def _mocap(kind: str, seeds: list[bytes]) -> Target:
+    cls = registry.load("sources", kind)
+    data = {"kind": kind, "rate_hz": 60, "sees_room": True, "room_from_source": {}}
+    source = cls(validated(cls.settings_model, data, "source"))
+    assert isinstance(source, LiveSource)
+    return Target(kind, seeds, _checked(source._decoder.feed))
 
 
 def _vmc() -> Target:
     seeds = [packet for k in range(4) for packet in vmc_sender.capture(_body() + k, k / 60)]
-    return _mocap("vmc", VmcSource, seeds)
+    return _mocap("vmc", seeds)
 
 
 def _rokoko() -> Target:
     seeds = [rokoko_sender.capture({"a": _body() + k, "b": _body()}, k / 60) for k in range(3)]
     if find_spec("lz4") is not None:
         seeds.append(rokoko_sender.capture({"a": _body()}, 1.0, lz4=True))
-    return _mocap("rokoko", RokokoSource, seeds)
+    return _mocap("rokoko", seeds)
 
 
 def _zed_livelink() -> Target:
     people = {1: _body() + 1, 2: _body() + 2}
     seeds = [zed_sender.for_unity(people, UTC), zed_sender.for_unity({}, UTC + 1)]
     seeds += [each for k in range(3) for each in zed_sender.for_unreal(people, UTC + k, k)]
-    return _mocap("zed_livelink", ZedLiveLinkSource, [*seeds, zed_sender.camera(UTC, 9)])
+    return _mocap("zed_livelink", [*seeds, zed_sender.camera(UTC, 9)])
+
+
+def _natnet() -> Target:
+    seeds = [natnet_sender.server_info(), natnet_sender.model_definitions({1: "a", 2: "b"})]
+    people = {1: _body(), 2: _body() + 1}
+    seeds += [natnet_sender.frame(k, k / 120, people) for k in range(3)]
+    return _mocap("natnet", seeds)
 
 
 def _ros2(kind: str) -> Target:

@@ -14,7 +14,13 @@ from typing import Any, Protocol
 
 from hri_drivers.sources.scene_stream.key_file import read_key
 from hri_predict.contracts.scene import Scene
-from hri_sim.senders.mocap_ends import PROGRAMS, MocapEnd
+from hri_sim.senders.mocap_ends import (
+    MocapEnd,
+    NatNetEnd,
+    RokokoStudio,
+    VmcPerformer,
+    ZedLiveLink,
+)
 from hri_sim.senders.stream_ends import (
     JsonEnd,
     MvnTcpEnd,
@@ -96,9 +102,11 @@ LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {
     "mvn": MvnUdpEnd,
     "mvn over tcp": MvnTcpEnd,
     "json": JsonEnd,
+    "vmc": lambda _: MocapEnd(VmcPerformer()),
+    "rokoko": lambda _: MocapEnd(RokokoStudio()),
+    "zed_livelink": lambda _: MocapEnd(ZedLiveLink()),
+    "natnet": lambda _: NatNetEnd(),
 }
-for _kind, _program in PROGRAMS.items():
-    LIVE_ENDS[_kind] = lambda _, program=_program: MocapEnd(program())  # type: ignore[misc]
 if find_spec("websockets") is not None:
     LIVE_ENDS["websocket"] = WebSocketEnd
 if find_spec("zenoh") is not None:

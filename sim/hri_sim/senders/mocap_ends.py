@@ -4,10 +4,10 @@ import contextlib
 import socket
 import time
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 from hri_predict.contracts.scene import Scene
-from hri_sim.senders import rokoko, vmc, zed_livelink
+from hri_sim.senders import natnet, rokoko, vmc, zed_livelink
 from hri_sim.wires.ports import free_udp_port
 
 HOURS_2_S = 7200.0
@@ -18,6 +18,8 @@ class Program(ABC):
     """A program that sends captures; what it writes, without the socket."""
 
     kind: str
+    greeting: tuple[bytes, ...] = ()
+    """What it sends to a client that asks, before the first capture."""
     _began_ns = 0
 
     def start(self) -> None:
@@ -68,8 +70,21 @@ class ZedLiveLink(Program):
         return zed_livelink.for_unreal(people, scene.stamp_ns, scene.sequence)
 
 
+class MotiveProgram(Program):
+    """Motive with one skeleton."""
+
+    kind = "natnet"
+    skeletons: ClassVar[dict[int, str]] = {1: "person"}
+    greeting = (natnet.server_info(), natnet.model_definitions(skeletons))
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return one frame."""
+        people = {person.id: person.positions for person in scene.people}
+        return [natnet.frame(scene.sequence, self.time_s(scene), people)]
+
+
 PROGRAMS: dict[str, type[Program]] = {
-    program.kind: program for program in (VmcPerformer, RokokoStudio, ZedLiveLink)
+    program.kind: program for program in (VmcPerformer, RokokoStudio, ZedLiveLink, MotiveProgram)
 }
 
 
@@ -102,3 +117,32 @@ class MocapEnd:
 
     def stop(self) -> None:
         """Pause; the next start goes on with the same socket."""
+
+
+class NatNetEnd:
+    """Motive on this machine; see ``live_ends.LiveEnd``."""
+
+    checked = False
+    stamped = True
+
+    def __init__(self) -> None:
+        self._program = MotiveProgram()
+        self._server = natnet.Motive(MotiveProgram.skeletons)
+        self.source: dict[str, Any] = {
+            "kind": "natnet", "sees_room": True, "command_port": self._server.port,
+        }  # fmt: skip
+
+    def start(self) -> None:
+        """Start the program."""
+        self._program.start()
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return the frame of one capture."""
+        return self._program.encode(scene)
+
+    def write(self, unit: bytes) -> None:
+        """Send one to the client that asked last."""
+        self._server.send(unit)
+
+    def stop(self) -> None:
+        """Pause; the server goes on answering."""

@@ -15,29 +15,11 @@ from hri_predict.base.arrays import Floats
 from hri_sim.senders.body_points import BodyPoints
 
 SERVER_INFO, MODELS, FRAME = 1, 5, 7
-BONES = [
-    "Hip",
-    "Ab",
-    "Chest",
-    "Neck",
-    "Head",
-    "LShoulder",
-    "LUArm",
-    "LFArm",
-    "LHand",
-    "RShoulder",
-    "RUArm",
-    "RFArm",
-    "RHand",
-    "LThigh",
-    "LShin",
-    "LFoot",
-    "LToe",
-    "RThigh",
-    "RShin",
-    "RFoot",
-    "RToe",
-]
+BONES = (
+    "Hip", "Ab", "Chest", "Neck", "Head",
+    "LShoulder", "LUArm", "LFArm", "LHand", "RShoulder", "RUArm", "RFArm", "RHand",
+    "LThigh", "LShin", "LFoot", "LToe", "RThigh", "RShin", "RFoot", "RToe",
+)  # fmt: skip
 PARENTS = (0, 1, 2, 3, 4, 3, 6, 7, 8, 3, 10, 11, 12, 1, 14, 15, 16, 1, 18, 19, 20)
 """Ids (from 1) of the bones' parents; 0 of the root."""
 OFFSET = (0.1, 0.2, 0.3)
@@ -146,14 +128,18 @@ def _text(text: str) -> bytes:
 class Motive:
     """A server on this machine, in unicast: answers a client, and sends frames to it.
 
+    Args:
+        skeletons: names by id.
+        port: of its commands; 0: any that is free.
+
     Attributes:
         port: of its commands.
     """
 
-    def __init__(self, skeletons: Mapping[int, str]) -> None:
+    def __init__(self, skeletons: Mapping[int, str], port: int = 0) -> None:
         self._answers = {0: server_info(), 4: model_definitions(skeletons)}
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(("127.0.0.1", 0))
+        self._socket.bind(("127.0.0.1", port))
         self.port = int(self._socket.getsockname()[1])
         self._client: tuple[str, int] | None = None
         threading.Thread(target=self._answer, name="motive", daemon=True).start()

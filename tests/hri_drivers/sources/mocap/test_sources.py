@@ -16,6 +16,7 @@ from hri_predict.contracts import registry
 from hri_predict.contracts.scene import Person, Scene
 from hri_sim.people.body import Body
 from hri_sim.senders.mocap_ends import PROGRAMS
+from hri_sim.wires.ports import free_udp_port
 
 pytestmark = pytest.mark.realtime
 
@@ -57,8 +58,10 @@ def test_a_program_in_another_process_is_heard_and_may_restart(
     hear: Hear, starts: Starts, kind: str
 ) -> None:
     turned = {"xyz": [10, 20, 0], "quaternion_xyzw": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]}
-    ear = hear(kind, port=0, sees_room=True, room_from_source=turned)
-    first = starts(kind, ear.port)
+    port = free_udp_port()
+    key = "command_port" if kind == "natnet" else "port"
+    ear = hear(kind, sees_room=True, room_from_source=turned, **{key: port})
+    first = starts(kind, port)
     scene = soon(ear, 3)[-1]
     (person,) = scene.people
     assert scene.sees_room
@@ -69,7 +72,7 @@ def test_a_program_in_another_process_is_heard_and_may_restart(
     first.kill()
     first.wait()
     heard = ear.counters.packets
-    starts(kind, ear.port)  # another socket, which is refused until the first one is forgotten
+    starts(kind, port)  # another socket, which is refused until the first one is forgotten
     assert soon(ear, 40)[-1].sequence > scene.sequence
     assert ear.counters.packets > heard
 
