@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> None:
     asked = parser.parse_args(arguments)
     program = PROGRAMS[asked.kind]()
     program.start()
-    send = _motive(asked.port) if asked.kind == "natnet" else _datagrams(asked.host, asked.port)
+    send = opened(asked.kind, asked.host, asked.port)
     body, begin_s = Body(1.75), time.monotonic()
     for k in range(round(asked.seconds * asked.rate)):
         time.sleep(max(0.0, begin_s + k / asked.rate - time.monotonic()))
@@ -41,13 +41,12 @@ def main(arguments: list[str] | None = None) -> None:
             send(unit)
 
 
-def _datagrams(host: str, port: int) -> Callable[[bytes], object]:
+def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
+    """What puts a datagram on the wire to a source; ``port``: of Motive's commands, for natnet."""
+    if kind == MotiveProgram.kind:
+        return Motive(MotiveProgram.skeletons, port).send
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     return lambda unit: out.sendto(unit, (host, port))
-
-
-def _motive(port: int) -> Callable[[bytes], object]:
-    return Motive(MotiveProgram.skeletons, port).send
 
 
 _ALL = np.ones(len(JOINTS), np.bool_)

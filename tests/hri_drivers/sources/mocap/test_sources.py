@@ -43,7 +43,8 @@ def starts() -> Iterator[Starts]:
 
 def soon(ear: Any, count: int) -> list[Scene]:
     """Scenes of a program that is starting, however long that takes on a busy machine."""
-    end_s, found = time.monotonic() + PATIENCE_S, []
+    end_s = time.monotonic() + PATIENCE_S
+    found: list[Scene] = []
     while len(found) < count:
         assert time.monotonic() < end_s, f"no scenes: {ear.counters}"
         ear.source.arrived.wait(0.1)

@@ -55,7 +55,9 @@ class Sender:
         end._began_ns = UTC
 
     def scene(self, k: int) -> Scene:
-        scene = self._person.poll(self._person.next_ns())
+        due_ns = self._person.next_ns()
+        assert due_ns is not None
+        scene = self._person.poll(due_ns)
         assert scene is not None
         (person,) = scene.people
         return Scene(
@@ -188,6 +190,17 @@ def test_no_fault_of_the_sender_is_clear(watch: Watch, kind: str, fault: str) ->
         assert levels.between(BEGINS_S + ACTS_S, ENDS_S - 0.1) == {Level.UNKNOWN}
     assert fault != "cut" or counters.malformed > 0
     assert fault != "repeated" or counters.replayed > 0
+
+
+@pytest.mark.parametrize("kind", some(PROGRAMS, "vmc"))
+def test_a_sender_that_comes_back_is_believed_again(watch: Watch, kind: str) -> None:
+    def paused(sender: Sender, since_s: float, scene: Scene) -> list[bytes]:
+        return [] if since_s < BEGINS_S + 0.5 else sent(sender, since_s, scene)
+
+    levels, counters = watch(kind, STANDS, until_fault(paused))
+    assert levels.between(BEGINS_S + ACTS_S, BEGINS_S + 0.5) == {Level.UNKNOWN}
+    assert levels.between(ENDS_S - 0.3, ENDS_S - 0.1) & {Level.CLEAR, Level.SLOW}
+    assert counters.malformed == counters.out_of_order == 0
 
 
 @pytest.mark.parametrize("kind", some(["vmc", "rokoko"], "vmc"))
