@@ -19,7 +19,7 @@ class Program(ABC):
 
     kind: str
     greeting: tuple[bytes, ...] = ()
-    """What it sends to a client that asks, before the first capture."""
+    """Datagrams for a client that asks, before the first capture."""
     _began_ns = 0
 
     def start(self) -> None:
@@ -41,7 +41,7 @@ class VmcPerformer(Program):
     kind = "vmc"
 
     def encode(self, scene: Scene) -> list[bytes]:
-        """Return the packets of the first person, whom alone a performer has."""
+        """Return the packets of the first person; a performer has no other."""
         time_s = self.time_s(scene)
         if not scene.people:
             return [vmc.bundle([vmc.message("/VMC/Ext/OK", 0), vmc.message("/VMC/Ext/T", time_s)])]

@@ -42,7 +42,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
-    """What puts a datagram on the wire to a source; ``port``: of Motive's commands, for natnet."""
+    """Return the function that sends a datagram to a source; ``port``: of Motive's commands, for natnet."""
     if kind == MotiveProgram.kind:
         return Motive(MotiveProgram.skeletons, port).send
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -28,7 +28,7 @@ class Frame:
         stamp_ns: time of the capture on the sender's clock; ``None`` if it sends none.
         number: the sender's count of captures; ``None`` if it sends none.
         people: every person, in the units and axes of the joint map.
-        tracks: whether the sender says that it tracks; if not, nobody is seen.
+        tracks: whether the sender says that it tracks; if not, no person is seen.
     """
 
     stamp_ns: int | None

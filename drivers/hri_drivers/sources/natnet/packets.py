@@ -97,7 +97,7 @@ class Cursor:
         return int(self.take(_I32)[0])
 
     def count(self, each: int) -> int:
-        """The next i32 as a number of things of at least so many bytes."""
+        """The next i32 as a number of things, each at least ``each`` bytes long."""
         count = self.whole()
         if not 0 <= count * each <= self.left:
             raise FrameError(f"{count} things where {self.left} bytes are left")

@@ -25,7 +25,7 @@ class RokokoSettings(MocapSettings):
 
     @property
     def notes(self) -> list[str]:
-        """What ``check`` says: the exposure, and a package that compressed streams need."""
+        """Notes for ``check``: the exposure, and a package that compressed streams need."""
         return [*super().notes, *([] if has_lz4() else [NEEDS_LZ4])]
 
 

@@ -1,4 +1,4 @@
-"""Where an avatar's bones are: from local poses to global positions.
+"""Positions of an avatar's bones: from local poses to global ones.
 
 Names and hierarchy are those of Unity's ``HumanBodyBones``, which VMC uses. A bone's local pose is
 in its parent's frame; the parent is the nearest of these bones that the avatar has (UpperChest,

@@ -3,7 +3,7 @@
 Nothing in VMC says where a capture ends, and it may take several datagrams. A performer sends its
 time with every capture, before the bones or after them. A capture is whole when every bone that
 the avatar has came since the newest time. Bones of a lost datagram are missing: the capture is
-dropped and counted, so nobody is put together from two captures, or with a parent left out.
+dropped and counted, so no body is put together from two captures, or with a parent left out.
 """
 
 from hri_drivers.sources.vmc.bones import Pose

@@ -1,4 +1,4 @@
-"""``kind: zed_livelink``: people whom ZED cameras see, by Stereolabs' Live Link senders.
+"""``kind: zed_livelink``: people seen by ZED cameras, by Stereolabs' Live Link senders.
 
 Each datagram states its units and axes, or has Unity's; the joint map gives only the names.
 """
