@@ -42,7 +42,12 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
-    """Return the function that sends a datagram to a source; ``port``: of Motive's commands, for natnet."""
+    """Return the function that sends a datagram to a source.
+
+    Args:
+        kind: of the source.
+        host, port: of the source; for natnet, the port of Motive's commands on this machine.
+    """
     if kind == MotiveProgram.kind:
         return Motive(MotiveProgram.skeletons, port).send
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
