@@ -75,19 +75,18 @@ class UdpReceiver:
         opened = self._socket
         if opened is None:
             raise SourceError(f"udp {self._host}: the socket is closed; open it first")
-        datagrams: list[bytes] = []
+        received: list[tuple[bytes, object]] = []
         try:
             opened.settimeout(timeout_s)
-            for _ in range(AT_ONCE):
-                data, sender = opened.recvfrom(self._size)
-                if self.accepts(sender):
-                    datagrams.append(data)
-                opened.settimeout(0.0)
+            received.append(opened.recvfrom(self._size))
+            opened.settimeout(0.0)
+            while len(received) < AT_ONCE:
+                received.append(opened.recvfrom(self._size))
         except (TimeoutError, BlockingIOError):
             pass
         except OSError as error:
             raise SourceError(f"udp {self._host}: lost ({error}); check the network") from error
-        return datagrams
+        return [data for data, sender in received if self.accepts(sender)]
 
     def accepts(self, sender: object) -> bool:
         """Whether a datagram of this address is taken; here: of every one."""

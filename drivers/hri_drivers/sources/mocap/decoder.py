@@ -74,12 +74,12 @@ class MocapDecoder:
         if frame is None or stamp_ns is None or not self._order.advances(stamp_ns, frame.number):
             return []
         people = self._placed(frame)
-        whole = frame.tracks and len(people) == len(frame.people) and not self._contradicted()
+        whole = frame.tracks and frame.complete and len(people) == len(frame.people)
         return [
             SentScene(
                 stamp_ns=stamp_ns,
                 sequence=self._order.sequence,
-                sees_room=whole and self._settings.sees_room,
+                sees_room=whole and self._settings.sees_room and not self._contradicted(),
                 people=people,
                 session=self._order.session,
             )

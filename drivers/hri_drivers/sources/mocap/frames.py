@@ -29,12 +29,14 @@ class Frame:
         number: the sender's count of captures; ``None`` if it sends none.
         people: every person, in the units and axes of the joint map.
         tracks: whether the sender says that it tracks; if not, no person is seen.
+        complete: false if the sender names a person without saying where.
     """
 
     stamp_ns: int | None
     number: int | None = None
     people: tuple[SentPerson, ...] = ()
     tracks: bool = True
+    complete: bool = True
 
 
 class Reader(Protocol):

@@ -15,6 +15,7 @@ Positions are global, in metres: x to the right, y up, z forward, left-handed. R
 quaternions x, y, z, w) are not needed. Studio may compress a datagram as one LZ4 frame.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from typing import Any
@@ -42,7 +43,7 @@ NEEDS_LZ4 = (
     "LZ4 needs a package that is not installed; run: pip install 'hri-predict[rokoko]', or select "
     "JSON v3 without compression in Rokoko Studio"
 )
-VERSIONS = range(3, 5)
+_VERSION = re.compile(r"[34]([.,]\d+)?$", re.ASCII)
 
 
 class RokokoReader:
@@ -66,9 +67,10 @@ class RokokoReader:
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
         found = json_object(_decompressed(data) if data.startswith(LZ4_MAGIC) else data)
-        version = found.get("version")
-        if not isinstance(version, int | float) or int(version) not in VERSIONS:
-            raise FrameError(f"version {shown(str(version))}; select JSON v3 in Rokoko Studio")
+        if not _VERSION.match(str(found.get("version"))):  # 3, 3.0, or "3,0"
+            raise FrameError(
+                f"version {shown(str(found.get('version')))}; select JSON v3 in Rokoko Studio"
+            )
         if "scene" not in found:
             raise FrameError("JSON v2, by its content; select JSON v3 in Rokoko Studio")
         scene = member(found, "scene", dict)
@@ -82,6 +84,7 @@ class RokokoReader:
         return Frame(
             stamp_ns=stamp_of_s(scene.get("timestamp")),
             people=tuple(each for each in people if each is not None),
+            complete=None not in people,
         )
 
     def _person(self, name: str, actor: Mapping[str, Any]) -> SentPerson | None:

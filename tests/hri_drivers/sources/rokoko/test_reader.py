@@ -84,11 +84,16 @@ def test_a_name_keeps_its_id() -> None:
     assert [person.id for person in frame.people] == [2]
 
 
-def test_an_actor_without_a_suit_is_not_a_person() -> None:
+def test_an_actor_without_a_suit_is_somewhere() -> None:
     scene = SAMPLE["scene"]["actors"][0] | {"meta": {"hasBody": False}, "body": None}
     frame = fresh().read(changed({"scene": SAMPLE["scene"] | {"actors": [scene]}}))
     assert frame is not None
-    assert frame.people == ()
+    assert (frame.people, frame.complete) == ((), False)
+
+
+@pytest.mark.parametrize("version", [3, 3.0, "3,0", "3.0", 4])
+def test_each_way_to_write_the_version_is_taken(version: object) -> None:
+    assert fresh().read(changed({"version": version})) is not None
 
 
 def scene(change: dict[str, Any]) -> dict[str, Any]:
