@@ -126,7 +126,7 @@ def test_what_is_not_a_capture_is_refused_with_the_remedy(data: bytes, says: str
         fresh().read(data)
 
 
-def test_a_compressed_capture_without_the_package_names_it(monkeypatch) -> None:  # type: ignore[no-untyped-def]
+def test_a_compressed_capture_without_the_package_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rokoko_reader, "has_lz4", lambda: False)
     with pytest.raises(FrameError, match=r"pip install 'hri-predict\[rokoko\]'"):
         fresh().read(LZ4_MAGIC + bytes(8))
