@@ -37,7 +37,9 @@ class NatNetSettings(GroupSettings):
     multicast_group: str | None = Field(
         None, description="Motive's multicast group, 239.255.42.99; default: unicast"
     )
-    up: Literal["y", "z"] = Field("y", description="Motive's up axis, as streamed")
+    up: Literal["y", "z"] | None = Field(
+        None, description="Motive's up axis, as streamed; default: the joint map's, y"
+    )
 
     safety: ClassVar[Safety] = harmless("command_port")
 
@@ -74,7 +76,9 @@ class NatNetSource(LiveSource):
             ConfigError: the joint map is wrong.
         """
         counters = SourceCounters()
-        joint_map = sender_joints(settings, base_dir).with_axes(AXES[settings.up])
+        joint_map = sender_joints(settings, base_dir)
+        if settings.up is not None:
+            joint_map = joint_map.with_axes(AXES[settings.up])
         reader = NatNetReader(joint_map.source_joints, counters)
         super().__init__(
             settings=settings,

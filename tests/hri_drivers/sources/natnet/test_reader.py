@@ -208,3 +208,12 @@ def test_a_wrong_configuration_is_refused_in_one_line(change: dict[str, Any], sa
     with pytest.raises(ConfigError, match=says) as error:
         cls(validated(cls.settings_model, data, "source"))
     assert "\n" not in str(error.value)
+
+
+def test_z_up_is_configured() -> None:
+    cls = registry.load("sources", "natnet")
+    data = {"kind": "natnet", "room_from_source": {}, "rate_hz": 120, "sees_room": True}
+    source = cls(validated(cls.settings_model, data | {"up": "z"}, "source"))
+    np.testing.assert_array_equal(source.joint_map.rotation, np.eye(3))
+    source = cls(validated(cls.settings_model, data, "source"))
+    np.testing.assert_array_equal(source.joint_map.rotation, MAP.rotation)
