@@ -53,6 +53,7 @@ from hri_predict.protocol.ros.tracked import IDS_LIST
 from hri_predict.protocol.ros.zed import OBJECTS
 from hri_predict.protocol.serial import SerialReceiver
 from hri_sim.senders import natnet as natnet_sender
+from hri_sim.senders import qualisys as qtm_sender
 from hri_sim.senders import rokoko as rokoko_sender
 from hri_sim.senders import vmc as vmc_sender
 from hri_sim.senders import zed_livelink as zed_sender
@@ -104,6 +105,7 @@ def targets() -> list[Target]:
         _rokoko(),
         _zed_livelink(),
         _natnet(),
+        _qualisys(),
         *(_ros2(kind) for kind in READERS if find_spec("rosbags") is not None),
     ]
 
@@ -339,6 +341,12 @@ def _natnet() -> Target:
     people = {1: _body(), 2: _body() + 1}
     seeds += [natnet_sender.frame(k, k / 120, people) for k in range(3)]
     return _mocap("natnet", seeds)
+
+
+def _qualisys() -> Target:
+    people = {"a": _body(), "b": _body() + 1}
+    seeds = [qtm_sender.packet(1, b"Version set to 1.25\0"), qtm_sender.parameters(["a", "b"])]
+    return _mocap("qualisys", seeds + [qtm_sender.data(k, k * 10_000, people) for k in range(3)])
 
 
 def _ros2(kind: str) -> Target:

@@ -16,10 +16,11 @@ from hri_drivers.sources.scene_stream.key_file import read_key
 from hri_predict.contracts.scene import Scene
 from hri_sim.senders.mocap_ends import (
     MocapEnd,
-    NatNetEnd,
     RokokoStudio,
     VmcPerformer,
     ZedLiveLink,
+    motive,
+    qtm,
 )
 from hri_sim.senders.stream_ends import (
     JsonEnd,
@@ -105,7 +106,8 @@ LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {
     "vmc": lambda _: MocapEnd(VmcPerformer()),
     "rokoko": lambda _: MocapEnd(RokokoStudio()),
     "zed_livelink": lambda _: MocapEnd(ZedLiveLink()),
-    "natnet": lambda _: NatNetEnd(),
+    "natnet": lambda _: motive(),
+    "qualisys": lambda _: qtm(),
 }
 if find_spec("websockets") is not None:
     LIVE_ENDS["websocket"] = WebSocketEnd

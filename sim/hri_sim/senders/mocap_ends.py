@@ -4,14 +4,21 @@ import contextlib
 import socket
 import time
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from hri_predict.contracts.scene import Scene
-from hri_sim.senders import natnet, rokoko, vmc, zed_livelink
+from hri_sim.senders import natnet, qualisys, rokoko, vmc, zed_livelink
 from hri_sim.wires.ports import free_udp_port
 
 HOURS_2_S = 7200.0
 """Programs with a clock of their own start it here, so that it can step back."""
+
+
+class Server(Protocol):
+    """Sends units to the client that asked for them."""
+
+    def send(self, unit: bytes) -> None:
+        """Send one, if there is a client."""
 
 
 class Program(ABC):
@@ -83,8 +90,27 @@ class MotiveProgram(Program):
         return [natnet.frame(scene.sequence, self.time_s(scene), people)]
 
 
+class QtmProgram(Program):
+    """Qualisys Track Manager with one skeleton."""
+
+    kind = "qualisys"
+    skeletons: ClassVar[list[str]] = ["person"]
+    greeting = (
+        qualisys.packet(1, b"QTM RT Interface connected\0"),
+        qualisys.packet(1, b"Version set to 1.25\0"),
+        qualisys.parameters(skeletons),
+    )
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return one data packet."""
+        (name,) = self.skeletons
+        people = {name: scene.people[0].positions} if scene.people else {}
+        return [qualisys.data(scene.sequence, round(self.time_s(scene) * 1e6), people)]
+
+
 PROGRAMS: dict[str, type[Program]] = {
-    program.kind: program for program in (VmcPerformer, RokokoStudio, ZedLiveLink, MotiveProgram)
+    program.kind: program
+    for program in (VmcPerformer, RokokoStudio, ZedLiveLink, MotiveProgram, QtmProgram)
 }
 
 
@@ -119,25 +145,28 @@ class MocapEnd:
         """Pause; the next start goes on with the same socket."""
 
 
-class NatNetEnd:
-    """Motive on this machine; see ``live_ends.LiveEnd``."""
+class ServedEnd:
+    """A program on this machine that answers a client, as Motive and QTM do; see ``LiveEnd``.
+
+    Args:
+        program: writes the captures.
+        server: answers, and sends them.
+        source: settings of the source, without its kind.
+    """
 
     checked = False
     stamped = True
 
-    def __init__(self) -> None:
-        self._program = MotiveProgram()
-        self._server = natnet.Motive(MotiveProgram.skeletons)
-        self.source: dict[str, Any] = {
-            "kind": "natnet", "sees_room": True, "command_port": self._server.port,
-        }  # fmt: skip
+    def __init__(self, program: Program, server: Server, **source: Any) -> None:
+        self._program, self._server = program, server
+        self.source: dict[str, Any] = {"kind": program.kind, "sees_room": True} | source
 
     def start(self) -> None:
         """Start the program."""
         self._program.start()
 
     def encode(self, scene: Scene) -> list[bytes]:
-        """Return the frame of one capture."""
+        """Return the units of one capture."""
         return self._program.encode(scene)
 
     def write(self, unit: bytes) -> None:
@@ -146,3 +175,15 @@ class NatNetEnd:
 
     def stop(self) -> None:
         """Pause; the server goes on answering."""
+
+
+def motive() -> ServedEnd:
+    """Motive with one skeleton."""
+    server = natnet.Motive(MotiveProgram.skeletons)
+    return ServedEnd(MotiveProgram(), server, command_port=server.port)
+
+
+def qtm() -> ServedEnd:
+    """QTM with one skeleton."""
+    server = qualisys.Qtm(QtmProgram.skeletons)
+    return ServedEnd(QtmProgram(), server, port=server.port)

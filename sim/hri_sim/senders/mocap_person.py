@@ -13,8 +13,9 @@ import numpy as np
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person, Scene
 from hri_sim.people.body import Body
-from hri_sim.senders.mocap_ends import PROGRAMS, MotiveProgram
+from hri_sim.senders.mocap_ends import PROGRAMS, MotiveProgram, QtmProgram
 from hri_sim.senders.natnet import Motive
+from hri_sim.senders.qualisys import Qtm
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -23,7 +24,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("kind", choices=sorted(PROGRAMS), help="kind of source that receives")
     parser.add_argument("--host", default="127.0.0.1", help="address to send to")
     parser.add_argument(
-        "--port", type=int, required=True, help="UDP port of the source; natnet: command_port"
+        "--port", type=int, required=True, help="port of the source; natnet: command_port"
     )
     parser.add_argument("--rate", type=float, default=60.0, help="captures per second")
     parser.add_argument("--seconds", type=float, default=10.0, help="time to send")
@@ -46,10 +47,12 @@ def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
 
     Args:
         kind: of the source.
-        host, port: of the source; for natnet, the port of Motive's commands on this machine.
+        host, port: of the source; for natnet and qualisys, the server's on this machine.
     """
     if kind == MotiveProgram.kind:
         return Motive(MotiveProgram.skeletons, port).send
+    if kind == QtmProgram.kind:
+        return Qtm(QtmProgram.skeletons, port).send
     out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     return lambda unit: out.sendto(unit, (host, port))
 

@@ -43,7 +43,7 @@ def _send(kind: str, port: int, times: Connection) -> None:
 def test_a_scene_is_there_soon_after_its_packets(hear: Callable[..., Any], kind: str) -> None:
     port = free_udp_port()
     key = "command_port" if kind == MotiveProgram.kind else "port"
-    ear = hear(kind, sees_room=True, **{key: port})
+    ear = hear(kind, sees_room=True, wait_for_device=kind == "qualisys", **{key: port})
     ours, theirs = multiprocessing.get_context("spawn").Pipe()
     sender = multiprocessing.get_context("spawn").Process(target=_send, args=(kind, port, theirs))
     sender.start()

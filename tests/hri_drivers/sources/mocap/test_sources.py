@@ -16,7 +16,7 @@ from hri_predict.contracts import registry
 from hri_predict.contracts.scene import Person, Scene
 from hri_sim.people.body import Body
 from hri_sim.senders.mocap_ends import PROGRAMS
-from hri_sim.wires.ports import free_udp_port
+from hri_sim.wires.ports import free_tcp_port, free_udp_port
 
 pytestmark = pytest.mark.realtime
 
@@ -59,9 +59,11 @@ def test_a_program_in_another_process_is_heard_and_may_restart(
     hear: Hear, starts: Starts, kind: str
 ) -> None:
     turned = {"xyz": [10, 20, 0], "quaternion_xyzw": [0, 0, np.sqrt(0.5), np.sqrt(0.5)]}
-    port = free_udp_port()
-    key = "command_port" if kind == "natnet" else "port"
-    ear = hear(kind, sees_room=True, room_from_source=turned, **{key: port})
+    port = free_tcp_port() if kind == "qualisys" else free_udp_port()
+    where = {"command_port" if kind == "natnet" else "port": port}
+    # a client of a server that starts later
+    where |= {"wait_for_device": True} if kind == "qualisys" else {}
+    ear = hear(kind, sees_room=True, room_from_source=turned, **where)
     first = starts(kind, port)
     scene = soon(ear, 3)[-1]
     (person,) = scene.people

@@ -67,7 +67,7 @@ def test_every_mode_passes_check(call, tmp_path, mode):
     assert read(tmp_path)[1]["risk"]["mode"] == mode
 
 
-MOCAP = ("vmc", "rokoko", "zed_livelink", "natnet")
+MOCAP = ("vmc", "rokoko", "zed_livelink", "natnet", "qualisys")
 NEEDED = {
     **{kind: ["source.sees_room=true"] for kind in ("mvn", *MOCAP)},
     "ros2": ["source.topics=[/people]", "source.frame=map", "source.sees_room=true"],
