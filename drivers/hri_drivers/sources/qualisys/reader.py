@@ -59,6 +59,8 @@ class QtmReader:
             self.wanted = STREAM
         else:
             self._counters.ignored += 1
+            if kind == packets.COMMAND and not text.startswith("QTM RT Interface"):
+                self._counters.note(f"qualisys: QTM answers: {shown(text)}")
         return None
 
     def _frame(self, frame: packets.QtmFrame) -> Frame | None:

@@ -63,6 +63,13 @@ def test_it_asks_for_what_it_needs_in_order() -> None:
     assert client.reader.wanted == VERSION
 
 
+def test_a_version_that_qtm_does_not_have_is_named() -> None:
+    client = Client(knows=False)
+    client.read(qualisys.packet(1, b"Version NOT supported\0"))
+    assert client.reader.wanted == VERSION
+    assert "Version NOT supported" in str(client.counters.last_error)
+
+
 def test_every_joint_is_where_the_person_has_it() -> None:
     (frame,) = Client().read(both(7))
     assert (frame.number, frame.stamp_ns) == (7, 1_000_007_000)
