@@ -49,7 +49,7 @@ MAY_IMPORT = {  # from the ground up
     "hri_sim.referee": "base robots contracts",
     "hri_sim.wires": "base protocol hri_drivers.wires",
     "hri_sim.senders": "base protocol contracts hri_drivers.wires hri_drivers.sources "
-    "hri_sim.wires",
+    "hri_sim.wires hri_sim.people",
     "hri_sim.faults": "base protocol contracts hri_drivers.wires",
     "hri_sim.controllers": "base protocol robots contracts hri_drivers.wires hri_drivers.links "
     "hri_sim.wires hri_sim.faults hri_sim.referee",

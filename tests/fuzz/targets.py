@@ -21,6 +21,7 @@ from hri_drivers.links.rtde.link import RtdeCodec
 from hri_drivers.links.rtde.packets import Packet as RtdePacket
 from hri_drivers.links.rtde.packets import Splitter as RtdeSplitter
 from hri_drivers.links.rtde.packets import framed as framed_packet
+from hri_drivers.sources.live import LiveSource
 from hri_drivers.sources.mvn.codec import StreamSplitter
 from hri_drivers.sources.mvn.source import MvnDecoder, MvnSettings
 from hri_drivers.sources.ros2.decoder import Ros2Decoder
@@ -31,7 +32,10 @@ from hri_drivers.sources.scene_stream.receiver import SceneStream
 from hri_drivers.sources.scene_stream.serial_source import FramedStream, framed
 from hri_drivers.sources.sent import SentScene
 from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, TF, TF_STATIC, Heard
+from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import LinkError
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.operation.monitoring.fleet import Fleet
@@ -48,6 +52,11 @@ from hri_predict.protocol.ros.placing import READERS, PeopleReader
 from hri_predict.protocol.ros.tracked import IDS_LIST
 from hri_predict.protocol.ros.zed import OBJECTS
 from hri_predict.protocol.serial import SerialReceiver
+from hri_sim.senders import natnet as natnet_sender
+from hri_sim.senders import qualisys as qtm_sender
+from hri_sim.senders import rokoko as rokoko_sender
+from hri_sim.senders import vmc as vmc_sender
+from hri_sim.senders import zed_livelink as zed_sender
 from tests.hri_drivers.sources.scene_streaming import KEY, UTC, joint_map, names
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -92,6 +101,11 @@ def targets() -> list[Target]:
         _json(),
         _mvn(in_stream=False),
         _mvn(in_stream=True),
+        _vmc(),
+        _rokoko(),
+        _zed_livelink(),
+        _natnet(),
+        _qualisys(),
         *(_ros2(kind) for kind in READERS if find_spec("rosbags") is not None),
     ]
 
@@ -289,6 +303,50 @@ def _mvn(in_stream: bool) -> Target:
         return [scene for unit in units for scene in decoder.feed(unit, received_ns)]
 
     return Target("mvn_tcp" if in_stream else "mvn", _files("mvn"), _checked(feed))
+
+
+def _body() -> Floats:
+    return np.arange(63, dtype=np.float64).reshape(21, 3) / 40
+
+
+def _mocap(kind: str, seeds: list[bytes]) -> Target:
+    cls = registry.load("sources", kind)
+    data = {"kind": kind, "rate_hz": 60, "sees_room": True, "room_from_source": {}}
+    source = cls(validated(cls.settings_model, data, "source"))
+    assert isinstance(source, LiveSource)
+    return Target(kind, seeds, _checked(source._decoder.feed))
+
+
+def _vmc() -> Target:
+    seeds = [packet for k in range(4) for packet in vmc_sender.capture(_body() + k, k / 60)]
+    return _mocap("vmc", seeds)
+
+
+def _rokoko() -> Target:
+    seeds = [rokoko_sender.capture({"a": _body() + k, "b": _body()}, k / 60) for k in range(3)]
+    if find_spec("lz4") is not None:
+        seeds.append(rokoko_sender.capture({"a": _body()}, 1.0, lz4=True))
+    return _mocap("rokoko", seeds)
+
+
+def _zed_livelink() -> Target:
+    people = {1: _body() + 1, 2: _body() + 2}
+    seeds = [zed_sender.for_unity(people, UTC), zed_sender.for_unity({}, UTC + 1)]
+    seeds += [each for k in range(3) for each in zed_sender.for_unreal(people, UTC + k, k)]
+    return _mocap("zed_livelink", [*seeds, zed_sender.camera(UTC, 9)])
+
+
+def _natnet() -> Target:
+    seeds = [natnet_sender.server_info(), natnet_sender.model_definitions({1: "a", 2: "b"})]
+    people = {1: _body(), 2: _body() + 1}
+    seeds += [natnet_sender.frame(k, k / 120, people) for k in range(3)]
+    return _mocap("natnet", seeds)
+
+
+def _qualisys() -> Target:
+    people = {"a": _body(), "b": _body() + 1}
+    seeds = [qtm_sender.packet(1, b"Version set to 1.25\0"), qtm_sender.parameters(["a", "b"])]
+    return _mocap("qualisys", seeds + [qtm_sender.data(k, k * 10_000, people) for k in range(3)])
 
 
 def _ros2(kind: str) -> Target:

@@ -75,18 +75,22 @@ class UdpReceiver:
         opened = self._socket
         if opened is None:
             raise SourceError(f"udp {self._host}: the socket is closed; open it first")
-        datagrams: list[bytes] = []
+        received: list[tuple[bytes, object]] = []
         try:
             opened.settimeout(timeout_s)
-            datagrams.append(opened.recv(self._size))
+            received.append(opened.recvfrom(self._size))
             opened.settimeout(0.0)
-            while len(datagrams) < AT_ONCE:
-                datagrams.append(opened.recv(self._size))
+            while len(received) < AT_ONCE:
+                received.append(opened.recvfrom(self._size))
         except (TimeoutError, BlockingIOError):
             pass
         except OSError as error:
             raise SourceError(f"udp {self._host}: lost ({error}); check the network") from error
-        return datagrams
+        return [data for data, sender in received if self.accepts(sender)]
+
+    def accepts(self, sender: object) -> bool:
+        """Whether a datagram of this address is taken; here: of every one."""
+        return True
 
     def close(self) -> None:
         """Close the socket."""

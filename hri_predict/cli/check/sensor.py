@@ -83,7 +83,7 @@ def show_touch(found: dict[str, Any], as_json: bool) -> bool:
 # -- check --listen: do the people of a live source stand on the floor, and if not, what would? ----
 
 LEAST_CAPTURES = 10
-IN_SCENE = ("json", "websocket")
+IN_SCENE = ("json", "websocket", "zed_livelink")
 """Kinds of source whose scenes state units and axes: those of the joint map have no effect."""
 IN_SOURCE = ("mvn", "recording")
 """Kinds of source that have keys for them in their own block, which replace the joint map's."""

@@ -14,6 +14,14 @@ from typing import Any, Protocol
 
 from hri_drivers.sources.scene_stream.key_file import read_key
 from hri_predict.contracts.scene import Scene
+from hri_sim.senders.mocap_ends import (
+    MocapEnd,
+    RokokoStudio,
+    VmcPerformer,
+    ZedLiveLink,
+    motive,
+    qtm,
+)
 from hri_sim.senders.stream_ends import (
     JsonEnd,
     MvnTcpEnd,
@@ -95,6 +103,11 @@ LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {
     "mvn": MvnUdpEnd,
     "mvn over tcp": MvnTcpEnd,
     "json": JsonEnd,
+    "vmc": lambda _: MocapEnd(VmcPerformer()),
+    "rokoko": lambda _: MocapEnd(RokokoStudio()),
+    "zed_livelink": lambda _: MocapEnd(ZedLiveLink()),
+    "natnet": lambda _: motive(),
+    "qualisys": lambda _: qtm(),
 }
 if find_spec("websockets") is not None:
     LIVE_ENDS["websocket"] = WebSocketEnd

@@ -29,3 +29,4 @@ def test_a_shipped_configuration_builds_its_source(name: str) -> None:
 def test_each_kind_of_live_source_has_one() -> None:
     kinds = {configuration.load(configuration.shipped(name)).source.kind for name in LIVE}
     assert {"udp", "serial_skeleton", "mvn", "json", "websocket"} <= kinds
+    assert {"vmc", "rokoko", "zed_livelink", "natnet", "qualisys"} <= kinds

@@ -67,8 +67,9 @@ def test_every_mode_passes_check(call, tmp_path, mode):
     assert read(tmp_path)[1]["risk"]["mode"] == mode
 
 
+MOCAP = ("vmc", "rokoko", "zed_livelink", "natnet", "qualisys")
 NEEDED = {
-    "mvn": ["source.sees_room=true"],
+    **{kind: ["source.sees_room=true"] for kind in ("mvn", *MOCAP)},
     "ros2": ["source.topics=[/people]", "source.frame=map", "source.sees_room=true"],
     "serial_skeleton": ["source.port=/dev/ttyUSB9"],
     "zenoh": ["source.cell=hall"],

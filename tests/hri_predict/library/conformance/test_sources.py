@@ -54,6 +54,7 @@ def test_a_recording_keeps_the_contract(tmp_path):
 
 def test_every_source_is_checked_here():
     tried = {*FORESEEN, "recording", "udp", "serial_skeleton", "mvn", "json", "websocket", "zenoh"}
+    tried |= {"vmc", "rokoko", "zed_livelink", "natnet", "qualisys"}
     by_real_nodes = {"ros2"}  # tests/hri_drivers/sources/ros2
     assert set(registry.names("sources")) == tried | by_real_nodes
 

@@ -1,0 +1,1 @@
+"""Qualisys Track Manager: skeletons by its real-time protocol."""

@@ -1,0 +1,1 @@
+"""Rokoko Studio: actors as JSON."""

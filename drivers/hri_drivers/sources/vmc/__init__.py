@@ -1,0 +1,1 @@
+"""VMC: the bones of an avatar over OSC."""

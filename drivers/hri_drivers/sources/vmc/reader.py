@@ -1,0 +1,173 @@
+"""Captures of one performer in VMC messages.
+
+Source: VMC Protocol, "Marionette" specification V2.7 (protocol.vmc.info/marionette-spec):
+
+- ``/VMC/Ext/OK (int) loaded [(int) calibration state (int) calibration mode [(int) tracking]]``
+- ``/VMC/Ext/T (float) time`` in seconds of the performer's own clock
+- ``/VMC/Ext/Root/Pos "root" p.x p.y p.z q.x q.y q.z q.w [s.x s.y s.z o.x o.y o.z]``
+- ``/VMC/Ext/Bone/Pos name p.x p.y p.z q.x q.y q.z q.w``, local, metres
+
+A capture's time is the newest one that was heard. Performers that send it after the bones thus
+stamp each capture one period early, always.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hri_drivers.sources.mocap.frames import Frame, FrameError, person, stamp_of_s
+from hri_drivers.sources.vmc.bones import HIPS, ROOT, Pose, global_positions, needed
+from hri_drivers.sources.vmc.osc import Argument, Message, OscError, messages
+from hri_drivers.sources.vmc.segments import Segments
+from hri_predict.base.arrays import Floats
+from hri_predict.contracts.source import SourceCounters
+
+PERFORMER = 1
+"""Id of the only person of a port."""
+CALIBRATED = 3
+NORMAL_MODE = 0
+_POSE = 7
+_SCALED = _POSE + 6
+_MAX_M = 1e4
+
+
+class VmcReader:
+    """See ``hri_drivers.sources.mocap.frames.Reader``.
+
+    Args:
+        joints: names of bones, the joints of the source.
+        normal_mode: whether the normal calibration mode is believed, in which the avatar keeps its
+            own size.
+        counters: counts ``incomplete`` and ``ignored``.
+    """
+
+    def __init__(self, joints: Sequence[str], normal_mode: bool, counters: SourceCounters) -> None:
+        self._joints = joints
+        self._placing = needed(joints)
+        self._normal_mode = normal_mode
+        self._counters = counters
+        self._why_not: str | None = "the performer has not sent /VMC/Ext/OK"
+        self._stamp_ns: int | None = None
+        self._root: Pose | None = None
+        self._scale = np.ones(3)
+        self._offset = np.zeros(3)
+        self._segments = Segments(counters)
+
+    def reset(self) -> None:
+        """Forget the capture that is arriving."""
+        self._segments.reset()
+
+    def read(self, data: bytes) -> Frame | None:
+        """See ``Reader``."""
+        try:
+            found = messages(data)
+        except OscError as error:
+            raise FrameError(f"not an OSC packet: {error}") from None
+        poses = [_checked(message) for message in found]
+        frame = None
+        for message, pose in zip(found, poses, strict=True):
+            frame = self._take(message, pose) or frame
+        if not any(message.address.startswith("/VMC/Ext/") for message in found):
+            self._counters.ignored += 1
+        return self._captured() or frame
+
+    def _take(self, message: Message, pose: Pose) -> Frame | None:
+        """Take one message; return the capture that ends with it, if that is not whole later."""
+        if message.address == "/VMC/Ext/OK":
+            self._why_not = _why_not(message.arguments, self._normal_mode)
+        elif message.address == "/VMC/Ext/Root/Pos":
+            self._root = pose[:_POSE]
+            self._scale = np.array(pose[_POSE : _POSE + 3] or (1.0, 1.0, 1.0))
+            self._offset = np.array(pose[_POSE + 3 :] or (0.0, 0.0, 0.0))
+        elif message.address == "/VMC/Ext/Bone/Pos":
+            if message.arguments[0] in self._placing:  # fingers and eyes place no joint
+                self._segments.add(str(message.arguments[0]), pose)
+        elif message.address == "/VMC/Ext/T":
+            captured = self._captured()
+            self._segments.end()
+            self._stamp_ns = stamp_of_s(message.arguments[0])
+            if self._why_not is not None:
+                self._counters.note(f"vmc: {self._why_not}")
+                return Frame(stamp_ns=self._stamp_ns, tracks=False)
+            return captured
+        return None
+
+    def _captured(self) -> Frame | None:
+        """The capture that is whole by now, of a performer that tracks."""
+        if self._why_not is not None or self._stamp_ns is None or not self._segments.whole():
+            return None
+        bones = self._segments.bones
+        if HIPS not in bones or self._root is None:
+            lacks = ROOT if HIPS in bones else HIPS
+            self._counters.note(
+                f"vmc: a relative stream, without '{lacks}'; let the performer send all bones"
+            )
+            return Frame(stamp_ns=self._stamp_ns, tracks=False)
+        people = (person(PERFORMER, self._positions(self._root, bones)),)
+        return Frame(stamp_ns=self._stamp_ns, people=people)
+
+    def _positions(self, root: Pose, bones: dict[str, Pose]) -> Floats:
+        """(J, 3) in Unity's frame; true to the wearer's size where the performer sends a scale.
+
+        The avatar is larger than the wearer by ``s``, and moved by ``o``.
+        """
+        places = global_positions(root, bones)
+        found = np.array([places.get(joint, np.full(3, np.nan)) for joint in self._joints])
+        sized: Floats = (found - self._offset) / self._scale
+        return sized
+
+
+def _checked(message: Message) -> Pose:
+    """The pose in a message; empty if its kind has none.
+
+    Raises:
+        FrameError: its arguments are not those of its kind.
+    """
+    wanted = {"/VMC/Ext/Root/Pos": (_POSE, _SCALED), "/VMC/Ext/Bone/Pos": (_POSE,)}
+    if message.address == "/VMC/Ext/T":
+        try:
+            (seconds,) = message.arguments
+            stamp_of_s(seconds)
+        except ValueError as error:
+            raise FrameError(f"/VMC/Ext/T must have one number: {error}") from None
+        return ()
+    if message.address == "/VMC/Ext/OK":
+        if not message.arguments or not all(type(each) is int for each in message.arguments):
+            raise FrameError("/VMC/Ext/OK must have whole numbers")
+        return ()
+    if message.address not in wanted:
+        return ()
+    name, *numbers = message.arguments or (None,)
+    if not isinstance(name, str) or len(numbers) not in wanted[message.address]:
+        raise FrameError(f"{message.address} must have a name, a position and a quaternion")
+    return _pose(message.address, numbers)
+
+
+def _pose(address: str, numbers: Sequence[Argument]) -> Pose:
+    pose = tuple(float(each) for each in numbers if type(each) is float)
+    if len(pose) < len(numbers) or not all(abs(each) <= _MAX_M for each in pose):
+        raise FrameError(f"{address} has a number that is not finite, or out of range")
+    if not 0.5 <= math.hypot(*pose[3:_POSE]) <= 2.0:
+        raise FrameError(f"{address} has a quaternion that is not of length 1")
+    if not all(each > 1e-3 for each in pose[_POSE : _POSE + 3]):
+        raise FrameError(f"{address} has a scale that is not positive")
+    return pose
+
+
+def _why_not(arguments: Sequence[Argument], normal_mode: bool) -> str | None:
+    """Why the performer's bones are not those of a person; ``None`` if they are."""
+    given: list[Argument] = [*arguments[:4], None, None, None]
+    loaded, state, mode, tracking = given[:4]
+    if loaded != 1:
+        return "the performer has loaded no avatar"
+    if state is not None and state != CALIBRATED:
+        return "the performer is not calibrated"
+    if mode == NORMAL_MODE and not normal_mode:
+        return (
+            "calibrated in the normal mode, in which the avatar keeps its own size; calibrate in "
+            "an MR mode, or set 'normal_mode: true' if avatar and wearer are of the same size"
+        )
+    if tracking is not None and tracking != 1:
+        return "the performer has lost its trackers"
+    return None

@@ -1,0 +1,1 @@
+"""ZED Live Link: bodies that ZED cameras see, as JSON."""

@@ -1,0 +1,64 @@
+"""Sends a person who sways, as a motion capture program would: to try a source without its system.
+
+python -m hri_sim.senders.mocap_person vmc --port 39539 --seconds 10
+"""
+
+import argparse
+import socket
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Person, Scene
+from hri_sim.people.body import Body
+from hri_sim.senders.mocap_ends import PROGRAMS, MotiveProgram, QtmProgram
+from hri_sim.senders.natnet import Motive
+from hri_sim.senders.qualisys import Qtm
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Send until the time is over."""
+    parser = argparse.ArgumentParser(description="Send a person who sways.")
+    parser.add_argument("kind", choices=sorted(PROGRAMS), help="kind of source that receives")
+    parser.add_argument("--host", default="127.0.0.1", help="address to send to")
+    parser.add_argument(
+        "--port", type=int, required=True, help="port of the source; natnet: command_port"
+    )
+    parser.add_argument("--rate", type=float, default=60.0, help="captures per second")
+    parser.add_argument("--seconds", type=float, default=10.0, help="time to send")
+    parser.add_argument("--place", type=float, nargs=2, default=(2.0, 0.0), help="x and y, metres")
+    asked = parser.parse_args(arguments)
+    program = PROGRAMS[asked.kind]()
+    program.start()
+    send = opened(asked.kind, asked.host, asked.port)
+    body, begin_s = Body(1.75), time.monotonic()
+    for k in range(round(asked.seconds * asked.rate)):
+        time.sleep(max(0.0, begin_s + k / asked.rate - time.monotonic()))
+        place = np.array(asked.place) + 0.02 * np.sin(3.0 * k / asked.rate + np.arange(2))
+        person = Person(1, body.joints(body.standing(place, np.pi)), _ALL)
+        for unit in program.encode(Scene(time.time_ns(), k, True, (person,))):
+            send(unit)
+
+
+def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
+    """Return the function that sends a datagram to a source.
+
+    Args:
+        kind: of the source.
+        host, port: of the source; for natnet and qualisys, the server's on this machine.
+    """
+    if kind == MotiveProgram.kind:
+        return Motive(MotiveProgram.skeletons, port).send
+    if kind == QtmProgram.kind:
+        return Qtm(QtmProgram.skeletons, port).send
+    out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    return lambda unit: out.sendto(unit, (host, port))
+
+
+_ALL = np.ones(len(JOINTS), np.bool_)
+
+
+if __name__ == "__main__":
+    main()
