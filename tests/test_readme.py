@@ -6,7 +6,6 @@ into the page's cell, ``python`` compiles (and runs below, where it is named), `
 points that there are. ``sh`` needs hardware or a network and isn't run, but for that of fleet.md.
 """
 
-import json
 import os
 import re
 import shlex
@@ -344,29 +343,6 @@ def test_the_controllers_that_stand_in_for_hardware_are_valid(folder: Path, seri
     found = examine(load(folder / "cell.yaml"))
     assert [link["name"] for link in found["links"]] == ["plc", "drive"]
     assert "simulated links: mock controllers, no hardware" in found["notes"]
-
-
-MEMORY = """
-import json
-from hri_predict.run.session import Options, run
-from hri_sim.baseline_demo import baseline_demo
-from hri_sim.bench.faults import _MemoryView
-view = _MemoryView(90.0)
-run(baseline_demo(), Options(factor=None, duration_s=210.0, view=view))
-print(json.dumps(view.memory.growth()))
-"""
-"""Two minutes of what ``bench memory`` measures for an hour, after one and a half to warm up."""
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-def test_memory_stays_flat(folder: Path):
-    assert "`hri-predict bench memory`" in pages.text(ROOT / "docs/measured/performance.md")
-    command = [sys.executable, "-c", MEMORY]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=580)
-    assert done.returncode == 0, done.stderr
-    # 0.5 measured: buffers that are not full yet; 2 % in two minutes are 35 kB/s
-    assert json.loads(done.stdout)["growth_percent"] < 2
 
 
 @pytest.mark.parametrize("block", pages.blocks("python"), ids=lambda b: pages.name(b.page))

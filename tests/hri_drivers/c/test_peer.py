@@ -80,6 +80,7 @@ def configured(path: Path, port: str) -> Path:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("build", ["sanitized"], indirect=True)
 def test_the_c_example_hears_the_node_and_stops_when_it_dies(build: Any, tmp_path: Path) -> None:
     program = build(EXAMPLE)
     line = NullModem()
@@ -126,6 +127,7 @@ def test_the_c_example_hears_the_node_and_stops_when_it_dies(build: Any, tmp_pat
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("build", ["sanitized"], indirect=True)
 def test_the_c_example_acknowledges_when_enter_is_pressed(build: Any, tmp_path: Path) -> None:
     line = NullModem()
     line.start()

@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 @pytest.mark.realtime
 @pytest.mark.long
+@pytest.mark.parametrize("build", ["plain"], indirect=True)
 def test_motion_is_never_permitted_while_one_of_two_nodes_says_stop(build: Any) -> None:
     reason = why_not()
     if reason:
