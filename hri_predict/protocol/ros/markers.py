@@ -8,10 +8,10 @@ import math
 import struct
 from collections.abc import Sequence
 
-from hri_drivers.links.ros2.cdr import HEAD, Point, Writer
 from hri_predict.base.looks import LOOKS
 from hri_predict.base.skeleton import JOINTS, PARENTS
 from hri_predict.protocol.messages import Level, Pose, Zone, ZoneCapsule
+from hri_predict.protocol.ros.cdr import HEAD, Point, Writer
 
 LIFETIME_NS = 500_000_000
 """As old as a Zone may be when it is sent (``hri_drivers.links.bulk.STALE_NS``)."""
