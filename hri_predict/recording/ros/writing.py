@@ -134,10 +134,8 @@ def _people(
     for scene, at_ns in zip(scenes, clock.captures_ns, strict=True):
         if not scene.sees_room:
             written.dropped["scenes of a source that did not see the room: gaps"] += 1
-        elif at_ns <= before_ns:
-            written.dropped["scenes that are not later than the one before"] += 1
         else:
-            before_ns = at_ns
+            before_ns = at_ns = max(at_ns, before_ns + 1)  # several may have arrived at once
             bodies = [(person.id, _joints(person)) for person in scene.people]
             data = people_markers(bodies, stamp_ns=at_ns, frame_id=frame_id)
             yield at_ns, Sample(PEOPLE, data), MARKER_ARRAY
