@@ -2,8 +2,8 @@
 
 The loop's thread makes items, as for a recording, and only while a client has subscribed. A thread
 of its own encodes them and hands them to Foxglove's server, which has threads outside of Python.
-Whoever is slow loses the oldest messages: of the thread, and of each client. Clients cannot send
-anything that the node reads.
+If the thread is slow, the oldest items are dropped and counted; if a client is slow, the server
+drops the oldest of its messages. Clients cannot send anything that the node reads.
 """
 
 import logging
@@ -31,8 +31,6 @@ CLIENT_MESSAGES = 64
 LOOK_NS = 1_000_000_000
 """Interval at which UTC is compared with the node's clock."""
 END_S = 2.0
-_SLOW = "foxglove.websocket.connected_client.send_lossy"
-"""Logger on which the server says that a client is slow."""
 
 
 def foxglove_sdk() -> Any:
@@ -48,6 +46,10 @@ def foxglove_sdk() -> Any:
             "foxglove needs a package that is not installed: foxglove-sdk; "
             "pip install 'hri-predict[foxglove]'"
         ) from error
+    # Its threads must not log: each failed handshake would be a line, so that strangers could fill
+    # the log, and a thread that ends while it holds the lock of a handler would hold up the exit.
+    logging.getLogger("foxglove").setLevel(logging.CRITICAL + 1)
+    logging.getLogger("tungstenite").setLevel(logging.CRITICAL + 1)
     return foxglove
 
 
@@ -63,7 +65,6 @@ class FoxgloveLive(Items):
     Attributes:
         dropped: items that the thread did not take in time.
         failed: items that could not be encoded.
-        slow: reports of the server that it drops messages of a slow client; it limits them.
 
     Raises:
         ConfigError: foxglove-sdk is not installed, the port is in use, or the address is not this
@@ -81,7 +82,6 @@ class FoxgloveLive(Items):
         super().__init__(info, settings.rates, counters)
         self.dropped = self.failed = 0
         self._clocks = clocks
-        self._slow = _SlowClients()
         sdk = foxglove_sdk()
         self._context = context = sdk.Context()  # kept: without it no channel is advertised
         self._channels = {
@@ -102,14 +102,14 @@ class FoxgloveLive(Items):
         return int(self._server.port)
 
     @property
-    def slow(self) -> int:
-        """See the class."""
-        return self._slow.count
-
-    @property
     def is_watched(self) -> bool:
         """Whether a client has subscribed to any topic."""
-        return any(channel.has_sinks() for channel in self._channels.values())
+        return any(map(self.wants, self._channels))
+
+    def wants(self, topic: str) -> bool:
+        """Whether a client has subscribed to this topic."""
+        channel = self._channels.get(topic)
+        return channel is not None and bool(channel.has_sinks())
 
     def on_scene(self, scene: Scene, receipt_ns: int) -> None:
         """A scene was received."""
@@ -128,8 +128,7 @@ class FoxgloveLive(Items):
 
     def take(self, item: Item) -> None:
         """Let the item wait for the thread, in place of the oldest if too many do."""
-        channel = self._channels.get(item.topic)
-        if channel is None or not channel.has_sinks():
+        if not self.wants(item.topic):
             return
         with self._change:
             if self._closed:
@@ -142,11 +141,7 @@ class FoxgloveLive(Items):
 
     def counts(self) -> dict[str, int]:
         """Return the counters, by their names in the summary."""
-        return {
-            "foxglove_dropped": self.dropped,
-            "foxglove_failed": self.failed,
-            "foxglove_slow": self.slow,
-        }
+        return {"foxglove_dropped": self.dropped, "foxglove_failed": self.failed}
 
     def close(self) -> None:
         """End all connections; safe to call twice."""
@@ -160,7 +155,6 @@ class FoxgloveLive(Items):
         ending = threading.Thread(target=self._server.stop, name="foxglove end", daemon=True)
         ending.start()
         ending.join(END_S)
-        self._slow.release()
 
     def _run(self) -> None:
         look_ns, offset_ns = -LOOK_NS, 0
@@ -198,27 +192,3 @@ def _serve(sdk: Any, settings: FoxgloveSettings, context: Any) -> Any:
         raise ConfigError(
             f"foxglove: {settings.host} port {settings.port}: {why}; choose another port or host"
         ) from error
-
-
-class _SlowClients(logging.Handler):
-    """Counts reports of slow clients; all other lines of the server are left out.
-
-    Each failed handshake would be a line, so that strangers could fill the log.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.count = 0
-        logging.getLogger("foxglove").setLevel(logging.CRITICAL)
-        self._logger = logging.getLogger(_SLOW)
-        self._logger.setLevel(logging.INFO)
-        self._logger.propagate = False
-        self._logger.addHandler(self)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Count it."""
-        self.count += 1
-
-    def release(self) -> None:
-        """Count no more."""
-        self._logger.removeHandler(self)
