@@ -34,6 +34,7 @@ class Outputs:
         dropped: counts messages that cannot be converted.
 
     Attributes:
+        frame_id: as above.
         full_speed_m_s: see ``full_speed``; ``None``: there is no output.
     """
 
@@ -45,7 +46,7 @@ class Outputs:
         dropped: Counter[str],
     ) -> None:
         self.full_speed_m_s = full_speed(recording.config)
-        self._recording, self._frame_id = recording, frame_id
+        self._recording, self.frame_id = recording, frame_id
         self._at_ns, self._dropped = at_ns, dropped
 
     def samples(self) -> Iterator[tuple[int, Sample]]:
@@ -59,7 +60,7 @@ class Outputs:
         first_ns, last_ns = self._recording.outputs_ns
         rate_hz = recording_info(self._recording.path).forecast_rate_hz
         now_ns = 0
-        plain = PlainMessages(self.full_speed_m_s, self._frame_id, wall_ns=lambda: now_ns)
+        plain = PlainMessages(self.full_speed_m_s, self.frame_id, wall_ns=lambda: now_ns)
         for told in read_messages(self._recording.path, TOPICS):
             if not first_ns <= told.node_ns <= last_ns:
                 continue

@@ -1,7 +1,7 @@
 """Writes a recording as a bag of ROS 2: the people, and what the node said.
 
 Topics are those of the ROS 2 link with ``/recorded`` before them, so that a bag that is played
-beside a live cell reaches no robot that listens to the link: a recorded *clear* is not advice.
+near a live cell reaches no robot that listens to the link: a recorded *clear* is not advice.
 """
 
 import heapq
@@ -75,7 +75,7 @@ def write_bag(path: Path, recording: Recording, storage: str) -> Written:
             writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         connections: dict[str, Any] = {}
         with writer:
-            for at_ns, (topic, data), kind in _all(recording, clock, frame_id, outputs, written):
+            for at_ns, (topic, data), kind in _all(recording, clock, outputs, written):
                 if topic not in connections:
                     connections[topic] = writer.add_connection(topic, kind, typestore=store)
                 writer.write(connections[topic], at_ns, data)
@@ -106,7 +106,7 @@ Stored = tuple[int, Sample, str]
 
 
 def _all(
-    recording: Recording, clock: _Clock, frame_id: str, outputs: Outputs, written: Written
+    recording: Recording, clock: _Clock, outputs: Outputs, written: Written
 ) -> Iterator[Stored]:
     info = RecordingInfo(
         joint_map=recording.joint_map,
@@ -123,7 +123,9 @@ def _all(
         (at_ns, Sample(PREFIX + _TOPICS.full(topic), data), type_of(topic))
         for at_ns, (topic, data) in outputs.samples()
     )
-    yield from heapq.merge(_people(recording, clock, frame_id, written), said, key=itemgetter(0))
+    yield from heapq.merge(
+        _people(recording, clock, outputs.frame_id, written), said, key=itemgetter(0)
+    )
 
 
 def _people(

@@ -6,6 +6,7 @@ import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from websockets import Subprotocol
 from websockets.sync.client import connect
 
 PROTOCOL = "foxglove.sdk.v1"
@@ -23,7 +24,11 @@ class Viewer:
     def __init__(self, port: int) -> None:
         address = f"ws://127.0.0.1:{port}"
         self._socket = connect(
-            address, subprotocols=[PROTOCOL], max_size=None, proxy=None, close_timeout=0.1
+            address,
+            subprotocols=[Subprotocol(PROTOCOL)],
+            max_size=None,
+            proxy=None,
+            close_timeout=0.1,
         )
         self.server = json.loads(self._socket.recv(WAIT_S))
         said = json.loads(self._socket.recv(WAIT_S))
