@@ -51,7 +51,7 @@ def topics(
 
 def _options(topic: "BagTopic") -> list[str]:
     """Options of ``replay`` and ``convert``; the joint map only where one alone fits."""
-    options = ["--topic", topic.name]
+    options = [] if topic.is_named else ["--topic", topic.name]
     return [*options, "--joint-map", topic.joint_maps[0]] if len(topic.joint_maps) == 1 else options
 
 
@@ -66,12 +66,12 @@ def _show(bag: Path, found: "list[BagTopic]") -> None:
             str(each.count),
             str(each.joints or "-"),
             each.frame or "-",
-            ", ".join(each.joint_maps) or "-",
+            "named in the bag" if each.is_named else ", ".join(each.joint_maps) or "-",
         )
         table.add_row(*cells)
     Console().print(table)
     for each in found:
         words = ["hri-predict", "replay", str(bag), *_options(each)]
-        if len(each.joint_maps) != 1:
+        if len(each.joint_maps) != 1 and not each.is_named:
             words += ["--joint-map", each.joint_maps[0] if each.joint_maps else "FILE.yaml"]
         print(f"to see it: {shlex.join([*words, '--viewer'])}")

@@ -21,6 +21,9 @@ def between(recording: Recording, start_s: float, end_s: float | None) -> Record
     begin_ns = recording.arrival_ns[0] + round(start_s * 1e9)
     until_s = math.inf if end_s is None else end_s
     end_ns = recording.arrival_ns[0] + until_s * 1e9
+    outputs_ns = recording.outputs_ns
+    if outputs_ns is not None:
+        outputs_ns = max(begin_ns, outputs_ns[0]), int(min(end_ns, outputs_ns[1]))
     kept = [k for k, ns in enumerate(recording.arrival_ns) if begin_ns <= ns <= end_ns]
     if not kept:
         raise RecordingError(
@@ -28,7 +31,7 @@ def between(recording: Recording, start_s: float, end_s: float | None) -> Record
             f"it lasts {recording.duration_s:.1f} s"
         )
     told = [(link, r) for link, r in recording.received if begin_ns <= r.received_ns <= end_ns]
-    return replace(_chosen(recording, kept), received=told)
+    return replace(_chosen(recording, kept), received=told, outputs_ns=outputs_ns)
 
 
 def decimated(recording: Recording, rate_hz: float) -> Recording:
@@ -62,7 +65,7 @@ def decimated(recording: Recording, rate_hz: float) -> Recording:
 
 
 def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
-    """Only this person, and how many others were left out.
+    """Only this person, and how many others were left out; no output: it was for all.
 
     Raises:
         RecordingError: the person is in no scene.
@@ -72,7 +75,7 @@ def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
         there = ", ".join(map(str, ids)) or "none"
         raise RecordingError(f"recording {recording.path}: has no person {person}; has {there}")
     scenes = [_only(scene, person) for scene in recording.scenes]
-    return replace(recording, scenes=scenes), len(ids) - 1
+    return replace(recording, scenes=scenes, outputs_ns=None), len(ids) - 1
 
 
 def people_of(recording: Recording) -> list[int]:

@@ -21,6 +21,7 @@ from hri_predict.recording.mcap.reader import read_mcap
 from hri_predict.recording.recording import Recording
 from hri_predict.recording.ros.bag import is_ros_mcap
 from hri_predict.recording.ros.people import read_bag
+from hri_predict.recording.ros.writing import write_bag_mcap, write_bag_sqlite
 from hri_predict.recording.wanted import Wanted
 
 Reader = Callable[[Path, Wanted], Recording]
@@ -144,21 +145,13 @@ FORMATS = (
         only="ROS 1",
     ),
     Format(
-        name="rosbag2",
+        name="rosbag2-sqlite",
         ending=".db3",
         read=read_bag,
+        write=write_bag_sqlite,
         looks=_begins(b"SQLite format 3\0"),
         content="SQLite, such as a bag of ROS 2",
         only="ROS 2",
-    ),
-    Format(
-        name="rosbag2-mcap",
-        ending=".mcap",
-        read=read_bag,
-        looks=lambda path, head: False,  # as the next one's
-        content="a bag of ROS 2",
-        only="ROS 2",
-        is_mine=is_ros_mcap,
     ),
     Format(
         name="mcap",
@@ -168,6 +161,16 @@ FORMATS = (
         looks=_begins(b"\x89MCAP0\r\n"),
         content="MCAP",
         only="recorded by this node",
+        is_mine=lambda path: not is_ros_mcap(path),
+    ),
+    Format(
+        name="rosbag2",
+        ending=".mcap",
+        read=read_bag,
+        write=write_bag_mcap,
+        looks=lambda path, head: False,  # as the one before
+        content="a bag of ROS 2",
+        only="ROS 2",
     ),
 )
 BY_NAME = {

@@ -49,8 +49,10 @@ class Recording:
         config: text of the recording node's configuration; "mcap" only.
         last_latch_id: see ``RecordingInfo``; "mcap" only.
         utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
-        in_room: whether the scenes are in the room's frame already; "mcap" only, and not one that
-            was converted from a motion file.
+        in_room: whether the scenes are in the room's frame already: of this node's recordings, and
+            bags made of them, that were not converted from a motion file.
+        outputs_ns: first and last moment, node's clock, of the node's output in the file that
+            belongs to these scenes; "mcap" only, ``None``: none of it.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class Recording:
     last_latch_id: int | None = None
     utc_ns: Sequence[int] = ()
     in_room: bool = False
+    outputs_ns: tuple[int, int] | None = None
 
     @property
     def duration_s(self) -> float:

@@ -21,6 +21,7 @@ from hri_predict.contracts.predictor import PredictorSettings
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.node.memory import StateSettings
 from hri_predict.operation.evidence.settings import EvidenceSettings
+from hri_predict.operation.foxglove.settings import FoxgloveSettings
 from hri_predict.operation.monitoring.alerts import AlertSettings
 from hri_predict.operation.service.settings import LogSettings, MetricsSettings
 from hri_predict.people.settings import PeopleSettings
@@ -110,6 +111,9 @@ class NodeSettings(Settings):
     )
     metrics: MetricsSettings | None = Field(
         None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"
+    )
+    foxglove: FoxgloveSettings | None = Field(
+        None, description="show the node live in Foxglove; without it, nothing listens"
     )
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
@@ -235,10 +239,11 @@ class Config:
     def aside(self) -> "Config":
         """Return this configuration without what belongs to the live cell alone.
 
-        Its alert log and commands, recordings, state, evidence, metrics and announcement: a replay
-        with the cell's configuration must not touch them. Alert lines on the terminal stay.
+        Its alert log and commands, recordings, state, evidence, metrics, Foxglove's server and
+        announcement: a replay with the cell's configuration must not touch them. Alert lines on the
+        terminal stay.
         """
-        gone = dict.fromkeys(("record", "state", "evidence", "discovery", "metrics"))
+        gone = dict.fromkeys(("record", "state", "evidence", "discovery", "metrics", "foxglove"))
         return self.with_node(alerts=AlertSettings(terminal=self.node.alerts.terminal), **gone)
 
     def with_alerts_of(self, live: "Config") -> "Config":

@@ -4,11 +4,13 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
 from hri_predict.base.errors import HriPredictError
 from hri_predict.node.listeners import Listener
+from hri_predict.operation.foxglove.live import FoxgloveLive
 from hri_predict.operation.monitoring.alerts import Alerts
 from hri_predict.operation.monitoring.pace import Pace
 from hri_predict.operation.service import logs
@@ -18,9 +20,12 @@ from hri_predict.operation.service.server import MetricsServer
 from hri_predict.operation.service.settings import MetricsSettings
 from hri_predict.operation.service.watched import Watched
 from hri_predict.recording.folder.folder import Folder
+from hri_predict.recording.mcap.clocks import SystemClocks
 from hri_predict.recording.mcap.places import RecordingFiles
+from hri_predict.recording.mcap.to_dict import counters_of
 from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config, NodeSettings
+from hri_predict.run.recording import info_of
 
 # -- reads the configuration again while the node runs, and takes what may change safely -----------
 #
@@ -169,6 +174,7 @@ class Serving:
         self._settings: MetricsSettings | None = None
         self._server: MetricsServer | None = None
         self._figures: Figures | None = None
+        self._foxglove: FoxgloveLive | None = None
         # in this order: metrics last, because to check them opens a socket
         self._parts: dict[str, Callable[[NodeSettings], Callable[[], None]]] = {"log": _take_log}
         self._reload = Reload(config, reread, self._parts, notifier) if reread else None
@@ -188,9 +194,17 @@ class Serving:
         takes new settings.
 
         Raises:
-            ConfigError: the metrics' port is in use.
+            ConfigError: the metrics' or Foxglove's port is in use, or its package is missing.
         """
         settings, found = self._config.node.metrics, list[Listener]()
+        if (shown := self._config.node.foxglove) is not None:
+            self._foxglove = FoxgloveLive(
+                shown,
+                info_of(self._config, assembly.source, assembly),
+                clocks=SystemClocks(assembly.clock),
+                counters=partial(counters_of, assembly.node, assembly.links),
+            )
+            found.append(self._foxglove)
         robots = [robot.name for robot in assembly.robots]
         if settings is not None or self._reload is not None:
             self._figures = Figures(
@@ -222,6 +236,13 @@ class Serving:
         if self._server is not None:
             self._server.close()
             self._server = None
+        if self._foxglove is not None:
+            self._foxglove.close()
+
+    @property
+    def lost(self) -> dict[str, int]:
+        """Counters of what Foxglove did not get, for the summary."""
+        return {} if self._foxglove is None else self._foxglove.counts()
 
     def _take_metrics(self, node: NodeSettings) -> Callable[[], None]:
         """Listen where ``metrics`` says now, and stop listening elsewhere once that is sure."""

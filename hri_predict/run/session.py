@@ -321,8 +321,8 @@ class _Session:
     def counters(self) -> dict[str, int]:
         """Return the counters besides the node's: forecasts, and losses on the way to disks."""
         counted = dict(self.prediction.counters) if self.prediction is not None else {}
-        counted["alerts_dropped"] = self.alerts.dropped
-        counted["alert_failures"] = self.alerts.failures
+        counted |= {"alerts_dropped": self.alerts.dropped, "alert_failures": self.alerts.failures}
+        counted |= self.serving.lost
         if self.memory is not None:
             counted["state_write_failures"] = self.memory.failures
         if self.recorder is not None:

@@ -19,6 +19,7 @@ from hri_predict.cli.common import JsonOption, without_effect
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import Transport
 from hri_predict.contracts.predictor import Predictor
+from hri_predict.operation.foxglove.live import foxglove_sdk
 from hri_predict.operation.monitoring.alerts import alert_file
 from hri_predict.people.clock.offset_line import MAX_DRIFT
 from hri_predict.predictors.thread_runner import PredictionRunner
@@ -173,6 +174,8 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
             links=simulated, robots=config.node.robots, base_dir=config.base_dir, clock=clock
         )
     alert_file(config.node.alerts, config.base_dir)
+    if config.node.foxglove is not None:
+        foxglove_sdk()
     alerts = hook_facts(config)
     budget = assemble.build_budget(config, source)
     stops = {

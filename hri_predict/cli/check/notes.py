@@ -7,6 +7,7 @@ from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.link import LinkSettings
 from hri_predict.contracts.repetition import HEARD_LATE_S, LOST_MESSAGES, lost_without_silence
 from hri_predict.node.memory import demand_state_file
+from hri_predict.operation.alerting.settings import is_loopback
 from hri_predict.people.body.posture import shows_down
 from hri_predict.people.lost.free_space import BODY_M, CELL_M
 from hri_predict.risk.areas import floor_distance
@@ -224,6 +225,10 @@ def general_notes(config: Config) -> list[str]:
         notes.append("risk.latch restart needs 'state': without it no earlier run is known")
     if unused := assemble.unused_coverage(config):
         notes.append(unused)
+    if (shown := config.node.foxglove) is not None and not is_loopback(shown.host):
+        notes.append(
+            f"foxglove.host {shown.host}: anyone who reaches port {shown.port} sees the people"
+        )
     if config.node.robots and any(r.motion.kind == "standing" for r in config.node.robots):
         notes.append("a robot with motion 'standing' is assumed never to move")
     return notes

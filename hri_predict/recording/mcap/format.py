@@ -5,7 +5,7 @@ import dataclasses
 import json
 import math
 from enum import IntEnum
-from typing import Any
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -13,14 +13,17 @@ from hri_predict.base.arrays import Floats
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.protocol.messages import (
     Acknowledge,
+    Advice,
     BaseMotion,
     Message,
     OperatingMode,
     RobotMode,
     RobotState,
+    Status,
 )
 from hri_predict.recording.labels import MAX_ID
 
+Sent = TypeVar("Sent", Advice, Status)
 MAX_COUNT = 2**64  # limit of every clock's nanoseconds and every sequence
 
 
@@ -122,6 +125,21 @@ def message_to_dict(message: Message) -> dict[str, Any]:
             value = dataclasses.asdict(value)
         fields[field.name] = value
     return fields
+
+
+def sent_from_dict(kind: type[Sent], data: dict[str, Any]) -> Sent:
+    """Back from ``message_to_dict``; other keys are ignored, what is ``None`` has its default.
+
+    Raises:
+        ValueError, KeyError, TypeError: ``data`` is not such a message.
+    """
+    hints, values = get_type_hints(kind), {}
+    for field in dataclasses.fields(kind):
+        value, hint = data.get(field.name), hints[field.name]
+        if value is not None:
+            named = isinstance(hint, type) and issubclass(hint, IntEnum)
+            values[field.name] = hint[value] if named else value
+    return kind(**values)
 
 
 def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:

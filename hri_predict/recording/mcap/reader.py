@@ -15,7 +15,7 @@ from mcap.stream_reader import CRCValidationError, StreamReader
 from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.link import Received
 from hri_predict.contracts.scene import Scene
-from hri_predict.recording.mcap.format import received_from_dict, scene_from_dict, whole
+from hri_predict.recording.mcap.format import MAX_COUNT, received_from_dict, scene_from_dict, whole
 from hri_predict.recording.mcap.info import METADATA, RecordingInfo
 from hri_predict.recording.mcap.time_range import Unpacker, within
 from hri_predict.recording.recording import Recording, check_gaps
@@ -97,6 +97,7 @@ def read_mcap(path: Path) -> Recording:
         last_latch_id=info.last_latch_id,
         utc_ns=utc if info.has_utc else (),
         in_room=info.in_room,
+        outputs_ns=(-MAX_COUNT, MAX_COUNT),
     )
 
 

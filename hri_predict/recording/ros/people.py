@@ -7,6 +7,7 @@ or the base of the camera), as ``/tf`` and ``/tf_static`` of the bag say.
 
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,9 @@ from hri_predict.protocol.ros.messages import TF_MESSAGE
 from hri_predict.protocol.ros.placing import PeopleReader
 from hri_predict.protocol.ros.stamps import CLOSE_NS
 from hri_predict.recording.bounded import READING, check_joints, watched
+from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.recording import Recording, check_gaps, check_rate
+from hri_predict.recording.ros.about import PEOPLE, about
 from hri_predict.recording.ros.bag import Bag, open_bag
 from hri_predict.recording.ros.topics import connections_of, looked_at
 from hri_predict.recording.wanted import Wanted
@@ -45,7 +48,8 @@ def read_bag(path: Path, wanted: Wanted) -> Recording:
     """
     with open_bag(path) as bag:
         people = connections_of(path, bag, wanted.topic)
-        joint_map = _map(path, wanted, people[0].topic)
+        own = about(path, bag) if people[0].topic == PEOPLE else None
+        joint_map = _map(path, wanted, people[0].topic, own)
         frame = wanted.frame or _topmost(bag, people)
         read = list(_placed(bag, people, frame, joint_map.source_joints))
     refused = Counter(each for each in read if isinstance(each, str))
@@ -55,16 +59,31 @@ def read_bag(path: Path, wanted: Wanted) -> Recording:
         raise RecordingError(
             f"recording {path}: topic {people[0].topic} has no message that can be used{why}"
         )
-    return _recording(path, joint_map, found, notes=_notes(frame, refused))
+    recording = _recording(path, joint_map, found, notes=_notes(frame, refused))
+    return recording if own is None else _as_recorded(recording, own)
 
 
-def _map(path: Path, wanted: Wanted, topic: str) -> JointMap:
-    if wanted.joint_map is None:
+def _as_recorded(recording: Recording, own: RecordingInfo) -> Recording:
+    """The recording with what the bag says of itself: this node wrote it."""
+    return replace(
+        recording,
+        rate_hz=own.rate_hz,
+        declares_noise=own.declares_noise,
+        config=own.config,
+        last_latch_id=own.last_latch_id,
+        in_room=own.in_room,
+        utc_ns=recording.utc_ns if own.has_utc else (),
+    )
+
+
+def _map(path: Path, wanted: Wanted, topic: str, own: RecordingInfo | None) -> JointMap:
+    stated = wanted.joint_map or (None if own is None else own.joint_map)
+    if stated is None:
         raise RecordingError(
             f"recording {path}: topic {topic} does not name its joints; give --joint-map "
             f"('hri-predict topics {path}' names those that fit)"
         )
-    made = wanted.joint_map.with_units(wanted.unit_m or 1.0)
+    made = stated.with_units(wanted.unit_m or 1.0)
     return made.with_axes(wanted.axes or ["x", "y", "z"])
 
 

@@ -1,6 +1,6 @@
 """Topics of a bag that could be people, and the joint maps that fit."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from hri_predict.protocol.ros.bodies import IDS_PER_BODY, MARKER_ARRAY, POSE_ARR
 from hri_predict.protocol.ros.placing import READERS
 from hri_predict.protocol.ros.tracked import IDS_LIST, ROOT
 from hri_predict.protocol.ros.zed import OBJECTS, keypoints_of
+from hri_predict.recording.ros.about import PEOPLE, about
 from hri_predict.recording.ros.bag import Bag, open_bag
 
 NO_ORDER = ("bvh", "ros4hri")
@@ -30,6 +31,7 @@ class BagTopic:
             people; 0 if there are none, or if ``/tf`` has them.
         frame: their frame; "" if there are none.
         joint_maps: shipped maps with that many joints; or the one of this type of messages.
+        is_named: whether the bag names the joints, because this node wrote it.
     """
 
     name: str
@@ -38,6 +40,7 @@ class BagTopic:
     joints: int
     frame: str
     joint_maps: tuple[str, ...]
+    is_named: bool = False
 
 
 def topics_of(path: Path) -> list[BagTopic]:
@@ -50,6 +53,8 @@ def topics_of(path: Path) -> list[BagTopic]:
     """
     with open_bag(path) as bag:
         names = sorted({c.topic for c in bag.connections if c.msgtype in READERS})
+        if PEOPLE in names and about(path, bag) is not None:  # the rest is what the node said
+            return [replace(_topic(bag, PEOPLE), joint_maps=(), is_named=True)]
         return [_topic(bag, name) for name in names]
 
 
@@ -64,6 +69,8 @@ def connections_of(path: Path, bag: Bag, topic: str | None) -> list[Any]:
     types = ", ".join(READERS)
     if not names:
         raise RecordingError(f"recording {path}: no topic can be people ({types}); name another")
+    if topic is None and PEOPLE in names and about(path, bag) is not None:
+        topic = PEOPLE
     if topic is None and len(names) > 1:
         raise RecordingError(
             f"recording {path}: {len(names)} topics could be people: {', '.join(names[:5])}; give "

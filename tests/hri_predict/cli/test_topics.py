@@ -99,3 +99,15 @@ def test_in_another_cell_a_bag_begins_beside_the_robot(bag):
     demo = configuration.load(configuration.shipped("live_udp.yaml"))
     assert played(demo.source, bag)["place"] == BESIDE_THE_ROBOT
     assert "place" not in played(demo.source, bag / "own.mcap")  # not there: as this node's own
+
+
+def test_a_bag_that_this_node_wrote_needs_no_option(cli, bag, tmp_path):
+    own = tmp_path / "own bag.mcap"
+    options = ("--topic", "/people", "--joint-map", "canonical")
+    status, _, error = cli("convert", bag, own, "--to", "rosbag2", *options)
+    assert status == 0, error
+    status, listed, error = cli("topics", own, "--json")
+    assert status == 0, error
+    (row,) = json.loads(listed)["topics"]
+    assert (row["name"], row["options"], row["is_named"]) == ("/recorded/people", [], True)
+    assert f"hri-predict replay '{own}' --viewer" in cli("topics", own)[1]

@@ -18,7 +18,8 @@ from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.naming import map_of_names
 
 TOLERANCE_M = {"csv": 5.1e-7, "trc": 5.1e-8, "c3d": 2e-6, "amass": 2e-6, "pack": 2e-6, "mcap": 0}
-SEVERAL = ("csv", "trc", "c3d", "mcap")
+TOLERANCE_M |= {"rosbag2": 0, "rosbag2-sqlite": 0}  # floats of 64 bits
+SEVERAL = ("csv", "trc", "c3d", "mcap", "rosbag2", "rosbag2-sqlite")
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 NAMES = st.lists(
     st.text("abcXYZ 0189_.-", min_size=1, max_size=20).map(lambda s: f"j{s}k"),

@@ -5,13 +5,13 @@ from typing import Literal
 
 from hri_drivers.links.codec import FrameCodec
 from hri_drivers.links.ros2.joint_states import JointStateReader
-from hri_drivers.links.ros2.markers import PARTS
-from hri_drivers.links.ros2.plain import PlainMessages, Sample
 from hri_predict.protocol import e2e
 from hri_predict.protocol.definition import BY_TYPE, frame_table
 from hri_predict.protocol.messages import Advice, Message, Pose, Schema, Status, Zone
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.profile4 import MAX_FRAME, Profile4Payloads, Profile4Sender
+from hri_predict.protocol.ros.markers import PARTS
+from hri_predict.protocol.ros.plain import PlainMessages, Sample
 from hri_predict.protocol.wire import wire_bits
 
 SAMPLE_BYTES = 320

@@ -23,13 +23,13 @@ from hri_drivers.links.ros2.codec import (
     worst_bits,
 )
 from hri_drivers.links.ros2.joint_states import JointStateReader, JointStatesSettings
-from hri_drivers.links.ros2.plain import PlainMessages
-from hri_drivers.links.ros2.topics import Topics, doubled, unknown
 from hri_drivers.wires.ros2_settings import NodeName, Ros2Settings, TopicName
 from hri_drivers.wires.transport import Transport
 from hri_predict.base.errors import ConfigError, LinkError
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.protocol.messages import Message, RobotState
+from hri_predict.protocol.ros.link_topics import Topics, doubled, unknown
+from hri_predict.protocol.ros.plain import PlainMessages
 from hri_predict.protocol.wire import StateShape, wire_bits
 from hri_predict.robots.settings import RobotSettings, StateMotion
 

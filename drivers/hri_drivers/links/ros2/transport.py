@@ -18,26 +18,23 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int64, String, UInt8MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from hri_drivers.links.ros2.cdr import byte_array
 from hri_drivers.links.ros2.codec import FRAMES, JOINT_STATES, Publication
-from hri_drivers.links.ros2.topics import Topics
 from hri_drivers.wires.ros2 import SpinningNode
 from hri_drivers.wires.ros2_heard import Heard
 from hri_drivers.wires.ros2_settings import Ros2Settings
 from hri_predict.base.errors import LinkError
+from hri_predict.protocol.ros.cdr import byte_array
+from hri_predict.protocol.ros.link_topics import Topics, type_of
 
-TYPES: dict[str, Any] = {
-    "frames": UInt8MultiArray,
-    "controller_frames": UInt8MultiArray,
-    "speed_fraction": Float64,
-    "speed_ovr": Int64,
-    "advice": String,
-    "/diagnostics": DiagnosticArray,
-    "zones": MarkerArray,
-    "forecast_markers": MarkerArray,
-    "forecast": PoseArray,
+CLASSES: dict[str, Any] = {
+    "std_msgs/msg/UInt8MultiArray": UInt8MultiArray,
+    "std_msgs/msg/Float64": Float64,
+    "std_msgs/msg/Int64": Int64,
+    "std_msgs/msg/String": String,
+    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+    "visualization_msgs/msg/MarkerArray": MarkerArray,
+    "geometry_msgs/msg/PoseArray": PoseArray,
 }
-"""Type of each topic, by the last part of its name."""
 EACH_PERSON = 64  # queue of topics with a message for each person and horizon
 CAPACITY = 512  # received publications that wait
 OWN = 256  # own frames that are remembered, for more than a second; ROS 2 gives them back
@@ -254,7 +251,7 @@ def offered(topic: str, silence_s: float) -> str:
 
 
 def _type(topic: str) -> Any:
-    return TYPES[topic if topic in TYPES else topic.rpartition("/")[2]]
+    return CLASSES[type_of(topic)]
 
 
 def _short(error: BaseException) -> str:

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.links.ros2.codec import FramesReceiver, Publication, Ros2Codec
-from hri_drivers.links.ros2.plain import PlainMessages
 from hri_predict.library.conformance.messages import advice, state, status, zone
 from hri_predict.protocol.messages import RobotState
+from hri_predict.protocol.ros.plain import PlainMessages
 
 
 def codec() -> Ros2Codec:

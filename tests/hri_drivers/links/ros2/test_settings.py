@@ -10,12 +10,12 @@ import yaml
 from pydantic import ValidationError
 
 from hri_drivers.links.ros2.link import Ros2Link, Ros2LinkSettings
-from hri_drivers.links.ros2.topics import ALL
 from hri_predict.base.clock import VirtualClock
 from hri_predict.base.errors import ConfigError
 from hri_predict.library.conformance.messages import advice, zone
 from hri_predict.library.conformance.wire import Wire
 from hri_predict.protocol.messages import Pose
+from hri_predict.protocol.ros.link_topics import ALL
 from hri_predict.run import config as configuration
 
 RVIZ = Path(__file__).parents[4] / "drivers" / "ros2" / "hri_predict.rviz"

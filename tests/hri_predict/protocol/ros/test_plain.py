@@ -10,17 +10,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hri_drivers.links.ros2.codec import worst_bits
-from hri_drivers.links.ros2.plain import (
-    DIAGNOSTICS_NS,
-    ERROR,
-    OK,
-    STALE,
-    WARNING,
-    PlainMessages,
-    percent,
-    rounded,
-    speed_fraction,
-)
 from hri_predict.protocol.messages import (
     Advice,
     Level,
@@ -33,7 +22,18 @@ from hri_predict.protocol.messages import (
     ZoneCapsule,
 )
 from hri_predict.protocol.reasons import Reason
-from tests.hri_drivers.links.ros2.decoding import by_topic
+from hri_predict.protocol.ros.plain import (
+    DIAGNOSTICS_NS,
+    ERROR,
+    OK,
+    STALE,
+    WARNING,
+    PlainMessages,
+    percent,
+    rounded,
+    speed_fraction,
+)
+from tests.hri_predict.protocol.ros.decoding import by_topic
 
 FULL_M_S = 1.5
 NOW_NS = 1_700_000_000_123_456_789

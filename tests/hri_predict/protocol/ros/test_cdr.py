@@ -5,8 +5,8 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hri_drivers.links.ros2 import cdr
-from tests.hri_drivers.links.ros2.decoding import decoded
+from hri_predict.protocol.ros import cdr
+from tests.hri_predict.protocol.ros.decoding import decoded
 
 texts = st.text(max_size=40)
 stamps = st.integers(-(2**63), 2**63)

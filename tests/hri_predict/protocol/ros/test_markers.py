@@ -8,7 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_drivers.links.ros2.codec import MARKER_BYTES
-from hri_drivers.links.ros2.markers import (
+from hri_predict.base.looks import LOOKS
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.protocol.messages import Level, Pose, Zone, ZoneCapsule
+from hri_predict.protocol.ros.markers import (
     CYLINDER,
     LINE_LIST,
     POINTS,
@@ -16,10 +19,7 @@ from hri_drivers.links.ros2.markers import (
     pose_markers,
     zone_markers,
 )
-from hri_predict.base.looks import LOOKS
-from hri_predict.base.skeleton import JOINTS
-from hri_predict.protocol.messages import Level, Pose, Zone, ZoneCapsule
-from tests.hri_drivers.links.ros2.decoding import decoded
+from tests.hri_predict.protocol.ros.decoding import decoded
 
 MARKERS = "visualization_msgs/msg/MarkerArray"
 metres = st.floats(-50, 50)

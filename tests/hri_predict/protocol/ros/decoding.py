@@ -8,7 +8,7 @@ pytest.importorskip("rosbags", reason="needs the extra bags: it decodes what the
 
 from rosbags.typesys import Stores, get_typestore
 
-from hri_drivers.links.ros2.plain import Sample
+from hri_predict.protocol.ros.plain import Sample
 
 TYPES = {
     "speed_fraction": "std_msgs/msg/Float64",

@@ -1,4 +1,4 @@
-"""Zones and forecast poses as ``visualization_msgs/MarkerArray``, for RViz and Foxglove.
+"""People, zones and forecast poses as ``visualization_msgs/MarkerArray``, for RViz and Foxglove.
 
 Each message stands alone: namespace and id of a marker follow from person, horizon and part, and a
 marker that is not renewed disappears after ``LIFETIME_NS``. Colours are those of the levels.
@@ -8,24 +8,48 @@ import math
 import struct
 from collections.abc import Sequence
 
-from hri_drivers.links.ros2.cdr import HEAD, Point, Writer
 from hri_predict.base.looks import LOOKS
 from hri_predict.base.skeleton import JOINTS, PARENTS
 from hri_predict.protocol.messages import Level, Pose, Zone, ZoneCapsule
+from hri_predict.protocol.ros.bodies import IDS_PER_BODY
+from hri_predict.protocol.ros.cdr import HEAD, Point, Writer
 
 LIFETIME_NS = 500_000_000
 """As old as a Zone may be when it is sent (``hri_drivers.links.bulk.STALE_NS``)."""
-CYLINDER, LINE_LIST, SPHERE_LIST, POINTS = 3, 5, 7, 8
+SPHERE, CYLINDER, LINE_LIST, SPHERE_LIST, POINTS = 2, 3, 5, 7, 8
 """Types of ``visualization_msgs/Marker``."""
 ADD = 0
 ALPHA_NOW, ALPHA_AHEAD = 0.5, 0.2
-BONE_M = 0.03
+BONE_M, JOINT_M = 0.03, 0.06
+PERSON_COLOUR = (0.1, 0.4, 0.9, 1.0)
 PARTS = 512
 """Marker ids of one person: up to two for each of 255 capsules. Persons are below 65,536."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 Quaternion = tuple[float, float, float, float]
 Colour = tuple[float, float, float, float]
+
+
+def people_markers(
+    people: Sequence[tuple[int, Sequence[Point]]], *, stamp_ns: int, frame_id: str
+) -> bytes:
+    """Return people as ``bodies.of_marker_array`` reads them: a sphere for each joint seen.
+
+    Args:
+        people: number and joints of each, metres, at most ``IDS_PER_BODY`` joints. A person without
+            a joint that was seen keeps the first, whose place is then not a number.
+        stamp_ns, frame_id: for the headers.
+    """
+    drawn: list[tuple[int, Point]] = []
+    for number, joints in people:
+        seen = [(j, place) for j, place in enumerate(joints) if _all_finite(place)]
+        first = number * IDS_PER_BODY
+        drawn += [(first + j, place) for j, place in seen or [(0, (math.nan,) * 3)]]
+    markers = _Markers(len(drawn), stamp_ns, frame_id, "people")
+    for id_, place in drawn:
+        shape = (*place, *UPRIGHT, JOINT_M, JOINT_M, JOINT_M)
+        markers.add(id_, SPHERE, shape=shape, colour=PERSON_COLOUR)
+    return markers.take()
 
 
 def zone_markers(zone: Zone, *, stamp_ns: int, frame_id: str, level: Level) -> bytes:

@@ -9,10 +9,10 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from hri_drivers.links.ros2 import cdr
-from hri_drivers.links.ros2.markers import pose_markers, zone_markers
 from hri_predict.protocol.messages import Advice, Level, Message, NodeState, Pose, Status, Zone
 from hri_predict.protocol.reasons import Reason
+from hri_predict.protocol.ros import cdr
+from hri_predict.protocol.ros.markers import pose_markers, zone_markers
 
 DIAGNOSTICS_NS = 1_000_000_000
 """Interval of ``/diagnostics`` while nothing changes (REP-107: at least once a second)."""

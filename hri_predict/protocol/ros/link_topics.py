@@ -1,4 +1,4 @@
-"""Names of the link's topics."""
+"""Names and types of the topics that carry the node's output."""
 
 from collections.abc import Mapping
 
@@ -8,6 +8,23 @@ ALL = (
       for what in ("speed_fraction", "speed_ovr", "advice")),
 )  # fmt: skip
 """All topics of a link."""
+TYPES = {
+    "frames": "std_msgs/msg/UInt8MultiArray",
+    "controller_frames": "std_msgs/msg/UInt8MultiArray",
+    "speed_fraction": "std_msgs/msg/Float64",
+    "speed_ovr": "std_msgs/msg/Int64",
+    "advice": "std_msgs/msg/String",
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "zones": "visualization_msgs/msg/MarkerArray",
+    "forecast_markers": "visualization_msgs/msg/MarkerArray",
+    "forecast": "geometry_msgs/msg/PoseArray",
+}
+"""Type of each topic, by the last part of its name."""
+
+
+def type_of(topic: str) -> str:
+    """Return the type of a topic of the link, such as ``robot_0/advice``."""
+    return TYPES[topic if topic in TYPES else topic.rpartition("/")[2]]
 
 
 class Topics:

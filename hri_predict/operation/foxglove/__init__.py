@@ -1,0 +1,1 @@
+"""The node as Foxglove shows it while it runs."""

@@ -1,0 +1,194 @@
+"""Sends the topics of a recording to Foxglove while the node runs.
+
+The loop's thread makes items, as for a recording, and only while a client has subscribed. A thread
+of its own encodes them and hands them to Foxglove's server, which has threads outside of Python.
+If the thread is slow, the oldest items are dropped and counted; if a client is slow, the server
+drops the oldest of its messages. Clients cannot send anything that the node reads.
+"""
+
+import logging
+import threading
+from collections import deque
+from typing import Any
+
+from hri_predict.base.errors import ConfigError
+from hri_predict.contracts.link import Received
+from hri_predict.contracts.scene import Scene
+from hri_predict.node.listeners import Tick
+from hri_predict.operation.foxglove.settings import FoxgloveSettings
+from hri_predict.recording import RecordingInfo
+from hri_predict.recording.mcap.clocks import Clocks
+from hri_predict.recording.mcap.format import to_json
+from hri_predict.recording.mcap.items import Counters, Item, Items
+from hri_predict.recording.mcap.schemas import schemas
+
+LEFT_OUT = ("/sent", "/clock")
+"""Topics of recordings alone."""
+QUEUE_ITEMS = 256
+"""Items that wait for the thread: about a second."""
+CLIENT_MESSAGES = 64
+"""Messages that wait for one client."""
+LOOK_NS = 1_000_000_000
+"""Interval at which UTC is compared with the node's clock."""
+END_S = 2.0
+
+
+def foxglove_sdk() -> Any:
+    """Return Foxglove's package.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        import foxglove
+    except ImportError as error:
+        raise ConfigError(
+            "foxglove needs a package that is not installed: foxglove-sdk; "
+            "pip install 'hri-predict[foxglove]'"
+        ) from error
+    # Its threads must not log: each failed handshake would be a line, so that strangers could fill
+    # the log, and a thread that ends while it holds the lock of a handler would hold up the exit.
+    logging.getLogger("foxglove").setLevel(logging.CRITICAL + 1)
+    logging.getLogger("tungstenite").setLevel(logging.CRITICAL + 1)
+    return foxglove
+
+
+class FoxgloveLive(Items):
+    """The server; it listens from the start on.
+
+    Args:
+        settings: address, and rates of bulky data.
+        info: names of the robots and of their capsules, and the frames of their bases.
+        clocks: source of each message's UTC.
+        counters: asked once a second.
+
+    Attributes:
+        dropped: items that the thread did not take in time.
+        failed: items that could not be encoded.
+
+    Raises:
+        ConfigError: foxglove-sdk is not installed, the port is in use, or the address is not this
+            machine's.
+    """
+
+    def __init__(
+        self,
+        settings: FoxgloveSettings,
+        info: RecordingInfo,
+        *,
+        clocks: Clocks,
+        counters: Counters | None = None,
+    ) -> None:
+        super().__init__(info, settings.rates, counters)
+        self.dropped = self.failed = 0
+        self._clocks = clocks
+        sdk = foxglove_sdk()
+        self._context = context = sdk.Context()  # kept: without it no channel is advertised
+        self._channels = {
+            topic: sdk.Channel(topic, schema=schema, message_encoding="json", context=context)
+            for topic, schema in schemas([name for name, _ in info.robots]).items()
+            if topic not in LEFT_OUT
+        }
+        self._server = _serve(sdk, settings, context)
+        self._waiting: deque[Item] = deque()
+        self._change = threading.Condition()
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
+        self._thread.start()
+
+    @property
+    def port(self) -> int:
+        """Port on which it listens."""
+        return int(self._server.port)
+
+    @property
+    def is_watched(self) -> bool:
+        """Whether a client has subscribed to any topic."""
+        return any(map(self.wants, self._channels))
+
+    def wants(self, topic: str) -> bool:
+        """Whether a client has subscribed to this topic."""
+        channel = self._channels.get(topic)
+        return channel is not None and bool(channel.has_sinks())
+
+    def on_scene(self, scene: Scene, receipt_ns: int) -> None:
+        """A scene was received."""
+        if self.is_watched:
+            super().on_scene(scene, receipt_ns)
+
+    def on_received(self, link: str, received: Received) -> None:
+        """A controller's message was received on ``link``."""
+        if self.is_watched:
+            super().on_received(link, received)
+
+    def on_tick(self, tick: Tick) -> None:
+        """A tick is over; without a client nothing is made of it."""
+        if self.is_watched:
+            super().on_tick(tick)
+
+    def take(self, item: Item) -> None:
+        """Let the item wait for the thread, in place of the oldest if too many do."""
+        if not self.wants(item.topic):
+            return
+        with self._change:
+            if self._closed:
+                return
+            if len(self._waiting) >= QUEUE_ITEMS:
+                self._waiting.popleft()
+                self.dropped += 1
+            self._waiting.append(item)
+            self._change.notify()
+
+    def counts(self) -> dict[str, int]:
+        """Return the counters, by their names in the summary."""
+        return {"foxglove_dropped": self.dropped, "foxglove_failed": self.failed}
+
+    def close(self) -> None:
+        """End all connections; safe to call twice."""
+        with self._change:
+            if self._closed:
+                return
+            self._closed = True
+            self._change.notify()
+        self._thread.join(END_S)
+        # the server waits for a client that reads nothing, and would for ever
+        ending = threading.Thread(target=self._server.stop, name="foxglove end", daemon=True)
+        ending.start()
+        ending.join(END_S)
+
+    def _run(self) -> None:
+        look_ns, offset_ns = -LOOK_NS, 0
+        while True:
+            with self._change:
+                while not self._waiting and not self._closed:
+                    self._change.wait()
+                if self._closed:
+                    return
+                item = self._waiting.popleft()
+            try:
+                if item.log_ns - look_ns >= LOOK_NS:
+                    look_ns, offset_ns = item.log_ns, self._clocks.read(item.log_ns).offset_ns
+                self._send(item, max(item.log_ns + offset_ns, 0))
+            except Exception:  # one item that cannot be encoded must not end the view
+                self.failed += 1
+
+    def _send(self, item: Item, utc_ns: int) -> None:
+        said = item.encode(*item.args, utc_ns) if item.wants_utc else item.encode(*item.args)
+        data = said if isinstance(said, bytes) else to_json(said)
+        self._channels[item.topic].log(data, log_time=utc_ns)
+
+
+def _serve(sdk: Any, settings: FoxgloveSettings, context: Any) -> Any:
+    try:
+        return sdk.start_server(
+            name="hri-predict",
+            host=settings.host,
+            port=settings.port,
+            context=context,
+            message_backlog_size=CLIENT_MESSAGES,
+        )
+    except (RuntimeError, ValueError, OverflowError) as error:
+        why = (str(error).splitlines() or [""])[0].rpartition(": ")[2].partition(" (os error")[0]
+        raise ConfigError(
+            f"foxglove: {settings.host} port {settings.port}: {why}; choose another port or host"
+        ) from error
