@@ -2,7 +2,7 @@
 
 In doubt there are two people, never one too few:
 
-- A body that appears becomes part of a person only where it lies within ``same_m`` of all bodies of
+- A body that appears becomes part of a person only if it lies within ``same_m`` of all bodies of
   that person, and no other body that either sensor sees could be meant. So each body has one
   candidate of each sensor at most, and no assignment of all to all is needed.
 - It stays part of that person within ``apart_m``. Beyond it is a person of its own in that very
@@ -135,7 +135,7 @@ class Identities:
         return gone
 
     def _astray_m(self, person: OnePerson, body: Body) -> tuple[bool, float]:
-        """How far a body is from where the person was last; one without a joint comes last."""
+        """Distance of a body from the person's last place; one without a joint comes last."""
         if not body.observed.any():
             return True, 0.0
         if person.place is None:
@@ -145,7 +145,7 @@ class Identities:
     def _fitting(
         self, seen: Seen, people: Iterable[OnePerson], likeness: Likeness
     ) -> OnePerson | None:
-        """The person of whom a body can be a part; ``None``: in doubt it is another one."""
+        """The person that a body can belong to; ``None``: in doubt it is another one."""
         fitting = [p for p in people if self._is_one(p, [seen], likeness)]
         return min(fitting, key=lambda p: _nearest_m(seen, p, likeness), default=None)
 
@@ -214,7 +214,7 @@ class Identities:
                 return self._last_id
 
     def _forget(self) -> None:
-        """Drop the oldest ids, and people of whom none is left."""
+        """Drop the oldest ids, and the people without any."""
         while len(self._ids) > REMEMBERED:
             self._ids.pop(next(iter(self._ids)))
         if len(self._people) > REMEMBERED:

@@ -6,11 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from hri_predict.base.geometry import norm
+from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.merging.sensor import Key
 from hri_predict.people.track import Body
 
 LEAST_JOINTS = 5
 """From fewer joints that both see, two bodies are not known to be one person's."""
+_SIDES = [[JOINTS.index(f"{side}_{joint}") for side in "lr"] for joint in ("shoulder", "hip")]
 MAYBE_M = 0.5
 """Two bodies without that many may be one person's if their middles are this near."""
 
@@ -43,9 +45,11 @@ class Likeness:
         return self._known[pair]
 
     def is_same(self, one: Seen, other: Seen) -> bool:
-        """Whether they are near enough to be taken for one person."""
+        """Whether they are near enough, with both sides, to be taken for one person."""
         apart_m = self.apart_m(one, other)
-        return apart_m is not None and apart_m <= self._same_m
+        if apart_m is None or apart_m > self._same_m:
+            return False
+        return sides_m(self.bodies[one], self.bodies[other]) <= self._same_m
 
     def still_same(self, one: Seen, other: Seen) -> bool:
         """Whether two that were one person still are; one without a joint contradicts nothing."""
@@ -71,3 +75,18 @@ def median_m(one: Body, other: Body) -> float | None:
     if np.count_nonzero(both) < LEAST_JOINTS:
         return None
     return float(np.median(norm(one.positions[both] - other.positions[both])))
+
+
+def sides_m(one: Body, other: Body) -> float:
+    """Mean distance of both shoulders, or of both hips, whichever is less; inf: neither is seen.
+
+    Of two people who stand shoulder to shoulder and look opposite ways, the left sides are nearly
+    in one place; their right sides are a metre apart.
+    """
+    both = one.observed & other.observed
+    found = [
+        float(norm(one.positions[pair] - other.positions[pair]).mean())
+        for pair in _SIDES
+        if both[pair].all()
+    ]
+    return min(found, default=np.inf)

@@ -30,6 +30,9 @@ KEPT = 1024
 """Captures kept: two seconds, the longest wait for another sensor, at 500 Hz."""
 REFUSED_NS = 1_000_000_000
 """A body in a scene that does not advance is remembered for this long."""
+STEP_M_S = 4.0
+"""A body that moved faster between two captures may be another one with its id: ids swap. A runner
+is then shown where the later capture has him."""
 FROZEN = PeopleSettings().frozen_scenes
 _NOWHERE = np.zeros(len(JOINTS), np.bool_)
 
@@ -53,7 +56,7 @@ class Capture:
 
 @dataclass(slots=True)
 class View:
-    """What a sensor says of one time between its captures; see ``Sensor.at``."""
+    """A sensor's view of one time between its captures; see ``Sensor.at``."""
 
     sees_room: bool = True
     bodies: dict[Key, Body] = field(default_factory=dict)
@@ -147,10 +150,12 @@ class Sensor:
                 view.bodies[key] = body if known is None else _filled(known, body)
         if after is None or before is None or after is before:
             return view
-        part = (time_ns - before.capture_ns) / (after.capture_ns - before.capture_ns)
+        span_ns = after.capture_ns - before.capture_ns
+        part, most_m = (time_ns - before.capture_ns) / span_ns, STEP_M_S * span_ns * 1e-9
         for key in before.bodies.keys() & after.bodies.keys():
-            between = _between(before.bodies[key], after.bodies[key], part)
-            view.bodies[key] = _filled(between, view.bodies.get(key, between))
+            between = _between(before.bodies[key], after.bodies[key], part, most_m)
+            if between is not None:
+                view.bodies[key] = _filled(between, view.bodies.get(key, between))
         return view
 
     def forget_before(self, time_ns: int) -> None:
@@ -226,9 +231,15 @@ class Sensor:
             self._refused_ns = now_ns
 
 
-def _between(before: Body, after: Body, part: float) -> Body:
-    """A body on the straight line between two captures, of the joints that both show."""
+def _between(before: Body, after: Body, part: float, most_m: float) -> Body | None:
+    """A body on the straight line between two captures, of the joints that both show.
+
+    ``None``: its middle moved by more than ``most_m``, or no joint is in both.
+    """
     observed = before.observed & after.observed
+    steps = (after.positions - before.positions)[observed]
+    if not len(steps) or float(np.linalg.norm(steps.mean(axis=0))) > most_m:
+        return None
     line = before.positions + part * (after.positions - before.positions)
     return Body(after.id, np.where(observed[:, None], line, 0.0), observed)
 
