@@ -2,6 +2,7 @@
 
 import logging
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -38,9 +39,9 @@ def reasons(found):
 
 
 def test_one_person_seen_by_two_is_one_person_with_both_ids():
-    found = later(scenes(merged(), 12.0))
+    found = later(scenes(merged(), 9.0))
     seen_as = Counter(p.seen_as for _, scene in found for p in scene.people)
-    assert seen_as[BOTH] > 250
+    assert seen_as[BOTH] > 180
     assert set(seen_as) <= {BOTH, (("front", 1),), (("back", 1),)}
     assert sum(seen_as.values()) - seen_as[BOTH] <= 2  # one sees a person come a capture sooner
     assert {p.id for _, scene in found for p in scene.people} == {1}
@@ -52,7 +53,7 @@ def test_merged_joints_are_where_the_person_was_at_the_stamp():
     truth = ProceduralSource(ProceduralSettings(kind="procedural", people=WALK))
     truth.open(START_NS)
     off = []
-    for _, scene in later(scenes(merged(), 12.0)):
+    for _, scene in later(scenes(merged(), 9.0)):
         for person in scene.people:
             true, _ = truth.truth(scene.stamp_ns)[1]
             seen = person.observed
@@ -66,7 +67,7 @@ def test_merged_joints_are_where_the_person_was_at_the_stamp():
 def test_stamps_rise_and_no_scene_is_older_than_the_later_sensor_makes_it():
     found = later(scenes(merged(), 6.0))
     stamps = [scene.stamp_ns for _, scene in found]
-    assert all(a < b for a, b in zip(stamps, stamps[1:], strict=False))
+    assert all(a < b for a, b in pairwise(stamps))
     ages_s = [(ns - scene.stamp_ns) * 1e-9 for ns, scene in found]
     assert min(ages_s) >= FRONT["latency_s"]
     assert max(ages_s) <= BACK["latency_s"] + PERIOD_S + 1e-6
@@ -186,7 +187,7 @@ def test_a_sensor_whose_clock_is_another_agrees_with_the_others():
 
 def test_a_sensor_that_is_30_cm_off_shows_a_second_person_and_is_reported():
     shifted = {"room_from_source": {"xyz": [0.3, 0.0, 0.0]}}
-    found = later(scenes(merged(back=shifted, people=standing((2.0, 1.0)), moved_s=4.0), 12.0))
+    found = later(scenes(merged(back=shifted, people=standing((2.0, 1.0)), moved_s=4.0), 9.0))
     assert all(len(scene.people) == 2 for _, scene in found)
     after = [s for ns, s in found if ns > START_NS + 5.0e9]
     texts = {d.text for s in after for d in s.doubts}
@@ -196,7 +197,7 @@ def test_a_sensor_that_is_30_cm_off_shows_a_second_person_and_is_reported():
 
 def test_a_sensor_that_is_5_cm_off_is_one_as_others_are():
     shifted = {"room_from_source": {"xyz": [0.0, 0.05, 0.0]}}
-    found = later(scenes(merged(back=shifted, people=standing((2.0, 1.0)), moved_s=4.0), 12.0))
+    found = later(scenes(merged(back=shifted, people=standing((2.0, 1.0)), moved_s=4.0), 9.0))
     assert {p.id for _, scene in found for p in scene.people} == {1}
     assert reasons(found) == set()
 
@@ -230,9 +231,9 @@ def test_a_source_that_ends_ends_the_merge():
 
 def test_trackers_of_different_joints_are_merged_in_the_canonical_skeleton():
     back = {"joint_map": "coco17"}
-    found = later(scenes(merged(back=back), 12.0))
+    found = later(scenes(merged(back=back), 9.0))
     both = [p for _, s in found for p in s.people if p.seen_as == BOTH]
-    assert len(both) > 200
+    assert len(both) > 150
     assert {p.positions.shape for p in both} == {(21, 3)}
 
 

@@ -1,4 +1,4 @@
-"""Two simulated trackers of one room, of different rate, latency and noise, and a node with them."""
+"""Two simulated trackers of one room, of different rate, latency and noise; a node with them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -10,13 +10,30 @@ from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Tick
 from hri_predict.people.merging.settings import MergedSettings
 from hri_predict.people.merging.source import MergedSource
+from hri_predict.people.settings import Exit
 from hri_predict.protocol.messages import Level
+from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
-from hri_sim.baseline_demo import baseline_demo
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 
-WALK: list[dict[str, Any]] = baseline_demo().source.model_dump()["people"]
-"""The demo's person, who comes up to the robot, reaches into its space and leaves."""
+CELL = configuration.load(configuration.shipped("two_sensors.yaml")).quiet()
+CELL = CELL.with_node(people=CELL.node.people.model_copy(update={"exits": [
+    Exit(polygon=[[2.8, 1.8], [4.4, 1.8], [4.4, 3.4], [2.8, 3.4]])
+]}))  # fmt: skip
+"""A robot that stands at the origin; one exit."""
+WALK: list[dict[str, Any]] = [
+    {
+        "start": [3.3, 2.4],
+        "enter_s": 0.5,
+        "script": [
+            {"do": "walk", "to": [0.9, 0.6], "speed_m_s": 1.4},
+            {"do": "wait", "seconds": 0.5},
+            {"do": "walk", "to": [4.1, 3.0], "speed_m_s": 1.4},
+            {"do": "leave", "seconds": 4.0},
+        ],
+    }
+]
+"""A person who comes in, stays beside the robot from about 3 s to 6 s, and leaves."""
 START_NS = 1_000_000_000
 FRONT: dict[str, Any] = {
     "kind": "procedural", "rate_hz": 30, "latency_s": 0.03, "min_latency_s": 0.03, "noise_m": 0.008,
@@ -57,12 +74,13 @@ def scenes(source: dict[str, Any], seconds: float) -> Iterator[tuple[int, Scene]
 
 @dataclass
 class Watch(View):
-    """Keeps every tick."""
+    """Keeps every tick between the start and the end."""
 
     ticks: list[Tick] = field(default_factory=list)
 
     def on_tick(self, tick: Tick) -> None:
-        self.ticks.append(tick)
+        if tick.snapshot is not None:
+            self.ticks.append(tick)
 
     def levels(self, from_s: float = 0.0, to_s: float = np.inf) -> set[Level]:
         """The robot's levels between two times of the run."""
@@ -74,10 +92,9 @@ class Watch(View):
 
 
 def node_with(source: dict[str, Any], seconds: float) -> Watch:
-    """Run the whole node of the demo with these sensors on the virtual clock."""
+    """Run the whole node with these sensors on the virtual clock."""
     watch = Watch()
-    config = baseline_demo().with_source(source)
-    run(config, Options(factor=None, duration_s=seconds, view=watch))
+    run(CELL.with_source(source), Options(factor=None, duration_s=seconds, view=watch))
     return watch
 
 
