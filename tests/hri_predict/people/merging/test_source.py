@@ -41,7 +41,7 @@ def reasons(found):
 def test_one_person_seen_by_two_is_one_person_with_both_ids():
     found = later(scenes(merged(), 9.0))
     seen_as = Counter(p.seen_as for _, scene in found for p in scene.people)
-    assert seen_as[BOTH] > 180
+    assert seen_as[BOTH] > 150
     assert set(seen_as) <= {BOTH, (("front", 1),), (("back", 1),)}
     assert sum(seen_as.values()) - seen_as[BOTH] <= 2  # one sees a person come a capture sooner
     assert {p.id for _, scene in found for p in scene.people} == {1}
@@ -59,9 +59,9 @@ def test_merged_joints_are_where_the_person_was_at_the_stamp():
             seen = person.observed
             off.append(np.linalg.norm(person.positions[seen] - true[seen], axis=1))
     off_m = np.concatenate(off)
-    # the front sensor's noise is 8 mm an axis: 14 mm in the mean square; 4 of them is 55 mm
-    assert np.sqrt((off_m**2).mean()) < 0.018
-    assert off_m.max() < 0.055
+    # the front sensor's noise is 5 mm an axis, 9 mm in the mean square; 8 of them is 40 mm
+    assert np.sqrt((off_m**2).mean()) < 0.011
+    assert off_m.max() < 0.04
 
 
 def test_stamps_rise_and_no_scene_is_older_than_the_later_sensor_makes_it():

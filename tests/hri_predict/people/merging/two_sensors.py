@@ -28,7 +28,7 @@ WALK: list[dict[str, Any]] = [
         "script": [
             {"do": "walk", "to": [0.9, 0.6], "speed_m_s": 1.4},
             {"do": "wait", "seconds": 0.5},
-            {"do": "walk", "to": [4.1, 3.0], "speed_m_s": 1.4},
+            {"do": "walk", "to": [4.9, 3.6], "speed_m_s": 1.4},
             {"do": "leave", "seconds": 4.0},
         ],
     }
@@ -36,10 +36,10 @@ WALK: list[dict[str, Any]] = [
 """A person who comes in, stays beside the robot from about 3 s to 6 s, and leaves."""
 START_NS = 1_000_000_000
 FRONT: dict[str, Any] = {
-    "kind": "procedural", "rate_hz": 30, "latency_s": 0.03, "min_latency_s": 0.03, "noise_m": 0.008,
+    "kind": "procedural", "rate_hz": 30, "latency_s": 0.03, "min_latency_s": 0.03, "noise_m": 0.005,
 }  # fmt: skip
 BACK: dict[str, Any] = {
-    "kind": "procedural", "rate_hz": 25, "latency_s": 0.06, "min_latency_s": 0.06, "noise_m": 0.012,
+    "kind": "procedural", "rate_hz": 25, "latency_s": 0.06, "min_latency_s": 0.06, "noise_m": 0.008,
 }  # fmt: skip
 
 
