@@ -102,12 +102,12 @@ class Identities:
         free: list[Seen] = []
         for seen in bodies:
             number = self._ids.pop(seen, None)
-            person = None if number is None else self._people.get(number)
-            if person is None or seen.sensor in person.seen:
+            known = None if number is None else self._people.get(number)
+            if known is None or seen.sensor in known.seen:
                 free.append(seen)
             else:
-                people[person.id] = person
-                self._add(person, seen)
+                people[known.id] = known
+                self._add(known, seen)
         return people, free
 
     def _contradicting(

@@ -68,6 +68,7 @@ def test_every_mode_passes_check(call, tmp_path, mode):
 
 
 NEEDED = {
+    "merged": ["source.sensors={one: {kind: procedural}, two: {kind: procedural}}"],
     "mvn": ["source.sees_room=true"],
     "ros2": ["source.topics=[/people]", "source.frame=map", "source.sees_room=true"],
     "serial_skeleton": ["source.port=/dev/ttyUSB9"],

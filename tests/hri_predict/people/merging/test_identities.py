@@ -160,7 +160,7 @@ def test_people_who_swap_within_the_limit_are_shown_more_than_once_never_less():
     step(identities, 0, (0, 1, body()), (1, 1, body()), (0, 2, body(2.0)), (1, 2, body(2.0)))
     found, _ = step(identities, 40, (0, 1, q), (1, 1, p), (0, 2, p), (1, 2, q))
     of = {(0, 1): "q", (1, 1): "p", (0, 2): "p", (1, 2): "q"}
-    shown = {}
+    shown: dict[int, set[str]] = {}
     for key, number in found.items():
         shown.setdefault(number, set()).add(of[key])
     assert all(len(who) == 1 for who in shown.values())
