@@ -3,6 +3,7 @@
 import logging
 from collections import Counter
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,7 +106,7 @@ def test_ids_that_one_sensor_swaps_stay_with_the_people():
     swap = [{"kind": "identity_swap", "start_s": 2.0, "duration_s": 1.0}]
     people = standing((2.0, 1.0), (2.0, -1.0))
     found = later(scenes(merged(back={"faults": swap}, people=people), 5.0))
-    places = {n: [] for n in (1, 2)}
+    places: dict[int, list[float]] = {1: [], 2: []}
     for _, scene in found:
         assert len(scene.people) == 2
         for person in scene.people:
@@ -118,7 +119,7 @@ def test_ids_that_one_sensor_swaps_stay_with_the_people():
 
 @pytest.mark.parametrize("name", ["front", "back"])
 def test_a_silent_sensor_is_named_and_the_room_is_not_vouched_for(name, caplog):
-    silent = {"faults": [{"kind": "drop", "start_s": 2.0, "duration_s": 2.0}]}
+    silent: Any = {"faults": [{"kind": "drop", "start_s": 2.0, "duration_s": 2.0}]}
     with caplog.at_level(logging.WARNING):
         found = list(scenes(merged(**{name: silent}), 6.0))
     within = [s for ns, s in found if 2.3 <= (ns - START_NS) * 1e-9 <= 3.9]

@@ -1,5 +1,7 @@
 """The whole node with two sensors, on the virtual clock: its advice, lost people and recordings."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from tests.hri_predict.people.merging.two_sensors import (
     merged,
     nearest_m,
     node_with,
+    people_of,
     standing,
 )
 
@@ -24,16 +27,16 @@ FAR = standing((3.0, 2.0))
 
 def test_one_person_seen_by_two_is_one_and_leaves_as_one():
     watch = node_with(merged(), 11.0)
-    ids = [tick.snapshot.ids for tick in watch.between(0.2)]
+    ids = [people_of(tick).ids for tick in watch.between(0.2)]
     assert set(ids) == {(), (1,)}
-    last = watch.ticks[-1].snapshot
+    last = people_of(watch.ticks[-1])
     assert (last.ids, last.lost) == ((), ())  # left by the exit
     assert last.counters["left_by_exit"] == 1
     assert Level.CLEAR in watch.levels(10.8)
     assert watch.levels(3.0, 5.0) == {Level.STOP}
 
 
-FAULTS = {
+FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "none": ({}, {}),
     "front silent": ({"faults": [{"kind": "drop", "start_s": 2.0, "duration_s": 2.0}]}, {}),
     "back silent": ({}, {"faults": [{"kind": "drop", "start_s": 2.0, "duration_s": 2.0}]}),
@@ -82,16 +85,16 @@ def test_a_person_whom_only_the_silent_sensor_saw_is_not_lost_and_goes_on_when_i
     back = {"faults": [{"kind": "drop", "start_s": 2.0, "duration_s": 1.0}]}
     watch = node_with(merged(front, back, people=HERE), 4.5)
     for tick in watch.between(1.0):
-        assert tick.snapshot.ids == (1,)
-        assert tick.snapshot.lost == ()
+        assert people_of(tick).ids == (1,)
+        assert people_of(tick).lost == ()
         assert tick.advices[0].level is not Level.CLEAR
 
 
 def test_a_person_whom_both_lose_is_lost():
     lost = {"faults": [{"kind": "vanish", "start_s": 1.5}]}
     watch = node_with(merged(lost, lost, people=HERE), 3.0)
-    assert watch.ticks[-1].snapshot.ids == ()
-    assert len(watch.ticks[-1].snapshot.lost) == 1
+    assert people_of(watch.ticks[-1]).ids == ()
+    assert len(people_of(watch.ticks[-1]).lost) == 1
     assert Level.CLEAR not in watch.levels(1.0)
 
 
@@ -100,8 +103,8 @@ def test_two_who_turn_out_to_be_one_leave_no_lost_person_behind():
     right = [name for name in JOINTS if name.startswith("r_")]
     half = [{"kind": "hide", "joints": right, "start_s": 0.0, "duration_s": 1.5}]
     watch = node_with(merged(back={"faults": half}, people=FAR), 3.0)
-    assert {len(t.snapshot.ids) for t in watch.between(0.5, 1.4)} == {2}
-    last = watch.ticks[-1].snapshot
+    assert {len(people_of(t).ids) for t in watch.between(0.5, 1.4)} == {2}
+    last = people_of(watch.ticks[-1])
     assert (last.ids, last.lost) == ((1,), ())
     assert last.counters["joined"] == 1
 
@@ -110,7 +113,7 @@ def test_two_who_turn_out_to_be_one_leave_no_lost_person_behind():
 def test_two_people_side_by_side_are_two_in_the_node(apart_m):
     people = standing((1.5, 1.0), (1.5, 1.0 + apart_m))
     watch = node_with(merged(people=people), 2.5)
-    assert {t.snapshot.ids for t in watch.between(1.0)} == {(1, 2)}
+    assert {people_of(t).ids for t in watch.between(1.0)} == {(1, 2)}
 
 
 def test_a_moved_sensor_is_a_reason_that_says_by_how_much():
@@ -118,7 +121,7 @@ def test_a_moved_sensor_is_a_reason_that_says_by_how_much():
     watch = node_with(merged(back=moved, people=FAR, moved_s=2.0), 4.0)
     after = watch.between(3.0)
     assert {t.advices[0].level for t in after} <= {Level.UNKNOWN, Level.STOP}
-    assert all(Reason.SENSORS_DISAGREE in t.snapshot.reasons for t in after)
+    assert all(Reason.SENSORS_DISAGREE in people_of(t).reasons for t in after)
     assert all("sensors front and back are 30 cm apart" in t.advices[0].detail for t in after)
 
 

@@ -11,6 +11,7 @@ from hri_predict.node.listeners import Tick
 from hri_predict.people.merging.settings import MergedSettings
 from hri_predict.people.merging.source import MergedSource
 from hri_predict.people.settings import Exit
+from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Level
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
@@ -89,6 +90,12 @@ class Watch(View):
     def between(self, from_s: float, to_s: float = np.inf) -> list[Tick]:
         zero_ns = self.ticks[0].now_ns
         return [t for t in self.ticks if from_s <= (t.now_ns - zero_ns) * 1e-9 <= to_s]
+
+
+def people_of(tick: Tick) -> PeopleSnapshot:
+    """The people at a tick that ``Watch`` kept."""
+    assert tick.snapshot is not None
+    return tick.snapshot
 
 
 def node_with(source: dict[str, Any], seconds: float) -> Watch:
