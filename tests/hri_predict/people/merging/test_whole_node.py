@@ -11,7 +11,9 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.run.session import Options, run
 from hri_sim.replay import RecordingSettings, RecordingSource
 from tests.hri_predict.people.merging.two_sensors import (
+    BACK,
     CELL,
+    FRONT,
     merged,
     nearest_m,
     node_with,
@@ -146,3 +148,14 @@ def test_speeds_that_are_measured_are_those_of_the_person_not_of_the_sensors():
     watch = node_with(merged({"dropout": 0.1}, off, people=FAR), 4.0)
     fast = [Reason.PERSON_FAST is t.advices[0].reason for t in watch.between(2.0)]
     assert np.mean(fast) < 0.5
+
+
+def test_the_time_that_the_merge_waits_counts_as_age():
+    """No clock alignment takes it for an offset: no capture is younger than the quicker sensor's
+    latency, and most are as old as that of the later one."""
+    watch = node_with(merged(people=FAR), 3.0)
+    snapshots = [people_of(tick) for tick in watch.between(1.0)]
+    ages_s = [s.age_s for s in snapshots if s.age_s is not None]
+    assert len(ages_s) == len(snapshots)
+    assert min(ages_s) >= FRONT["latency_s"]
+    assert np.median(ages_s) >= BACK["latency_s"]
