@@ -78,6 +78,10 @@ class Watch(View):
     """Keeps every tick between the start and the end."""
 
     ticks: list[Tick] = field(default_factory=list)
+    stamps: set[int] = field(default_factory=set)
+
+    def on_scene(self, scene: Scene, receipt_ns: int) -> None:
+        self.stamps.add(scene.stamp_ns)
 
     def on_tick(self, tick: Tick) -> None:
         if tick.snapshot is not None:
