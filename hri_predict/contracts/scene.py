@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from hri_predict.base.arrays import Bools, Floats
+from hri_predict.protocol.reasons import Reason
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -13,11 +14,27 @@ class Person:
         id: the source's number for this body, 0..65535; a key, never a position in a list.
         positions: (J_source, 3) metres in the room's frame; NaN where not observed.
         observed: (J_source,) which joints were observed.
+        seen_as: the sensors of a merged source that see this person, and the id that each gives;
+            empty for every other source.
     """
 
     id: int
     positions: Floats
     observed: Bools
+    seen_as: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why a source itself does not vouch for a scene.
+
+    Attributes:
+        reason: its reason on the wire.
+        text: what is wrong, with names, for a person.
+    """
+
+    reason: Reason
+    text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,9 +48,13 @@ class Scene:
         sees_room: whether the source saw the room. ``True`` with no people says "the room is
             empty"; ``False`` says "not known".
         people: every person seen.
+        doubts: why the source itself does not vouch for it; with any, it proves nothing.
+        joined: pairs of ids (gone, kept): the source showed one person as two, and found out.
     """
 
     stamp_ns: int
     sequence: int
     sees_room: bool
     people: tuple[Person, ...]
+    doubts: tuple[Doubt, ...] = ()
+    joined: tuple[tuple[int, int], ...] = ()

@@ -114,6 +114,11 @@ class SourceSettings(Settings):
         return min(self.min_latency_s + 2.0 / rate_hz + ARRIVAL_JITTER_S, 3.0 / rate_hz + 0.02)
 
     @property
+    def stamps_are_ours(self) -> bool:
+        """Whether scenes are stamped by the node's own clock, so that none has to be aligned."""
+        return False
+
+    @property
     def known_places(self) -> list[list[float]]:
         """Places [x, y, z] in the room that the source is at, or sees for certain, metres."""
         return [self.room_from_source.xyz, *self.viewpoints]
@@ -166,6 +171,7 @@ class Live(Protocol):
 
     Attributes:
         arrived: set when a scene has come; code that waits for scenes clears it before polling.
+            A source that merges several gives all of them one, before they are opened.
         counters: see ``SourceCounters``.
         connected: whether it can hear now (a datagram socket always can).
         stamps_utc: whether senders stamp in UTC, so that their clocks can be compared with ours.

@@ -8,7 +8,7 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.scene import Doubt, Person, Scene
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.canonical import canonical_body
@@ -17,6 +17,7 @@ from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.posture_watch import PostureWatch
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.inferring import with_inferred
+from hri_predict.people.joined import join
 from hri_predict.people.lost.floor import standing_in
 from hri_predict.people.lost.free_space import free_space_of
 from hri_predict.people.lost.lost_people import LostPeople
@@ -87,6 +88,7 @@ class People(RemembersLost):
             round(source_settings.min_latency_s * 1e9),
             clock_wander_ns=round(source_settings.clock_wander_s * 1e9),
             even_captures=source_settings.even_captures,
+            stamps_are_ours=source_settings.stamps_are_ours,
         )
         self._lock = threading.Lock()
         self._roster = Roster(
@@ -114,6 +116,7 @@ class People(RemembersLost):
         self._impossible = False
         self._misplaced = False
         self._coasts = False
+        self._doubts: tuple[Doubt, ...] = ()
         self._recalled, self._has_recalled = [], False
 
     # -- in ---------------------------------------------------------------------------------------
@@ -136,6 +139,8 @@ class People(RemembersLost):
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._misplaced = self._coasts = False
         self._signs.clear()
+        self._doubts = scene.doubts
+        self._counters.update(doubt.reason.name.lower() for doubt in scene.doubts)
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -166,6 +171,7 @@ class People(RemembersLost):
         for refused in self._roster.begin(starts, capture_ns, now_ns, unseen=nowhere):
             self._unplaced.note(Why.ONE_TOO_MANY, refused, capture_ns)
         self._note_unlocated(nowhere, capture_ns)
+        join(self._roster, scene.joined, capture_ns)
         if scene.sees_room:
             self._roster.expire(capture_ns)
             vanished = self._unplaced.update(self._tracks, capture_ns)
@@ -175,7 +181,7 @@ class People(RemembersLost):
         self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
         bad = self._impossible or self._misplaced or frozen or self._coasts or bool(self._unplaced)
-        bad |= bool(self._signs)
+        bad |= bool(self._signs) or bool(scene.doubts)
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
@@ -325,6 +331,7 @@ class People(RemembersLost):
             counters = {**self._gate.counts(), **self._counters}
             clock = self._gate.alignment.estimate()
             newest_good_ns, captures = self._newest_good_ns, self._captures
+            doubts = self._doubts
         tracks.sort(key=lambda t: t[0])
         people, joints = len(tracks), len(JOINTS)
         history: Floats = np.zeros((people, self._steps, joints, 3))
@@ -352,6 +359,7 @@ class People(RemembersLost):
             clock=clock,
             to_acknowledge=to_acknowledge,
             recent=recent_captures([ring for _, ring, _ in tracks], joints),
+            doubts=doubts,
         )
         return with_inferred(snapshot, self._inference, self._rate_hz)
 
@@ -366,6 +374,7 @@ class People(RemembersLost):
         unplaced = self._unplaced.reasons
         found = [
             (stale and silent, Reason.INPUT_STALE),
+            *((True, doubt.reason) for doubt in self._doubts),
             (self._blind, Reason.SOURCE_BLIND),
             (frozen and not silent, Reason.INPUT_FROZEN),
             (Sign.RELATIVE in self._signs, Reason.INPUT_RELATIVE),
@@ -383,7 +392,7 @@ class People(RemembersLost):
             (self._lost.distrusted, Reason.STATE_UNTRUSTED),
             (self._lost.forgotten and not self._lost.distrusted, Reason.ROOM_NOT_SEEN_EMPTY),
         ]
-        return tuple(reason for holds, reason in found if holds)
+        return tuple(dict.fromkeys(reason for holds, reason in found if holds))
 
 
 def _apart(body: Body, other: Body) -> float:

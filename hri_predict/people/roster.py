@@ -176,7 +176,7 @@ class Roster:
             place = places[pairs[index]] if index in pairs else None
             if place is not None:
                 if place.id != body.id:
-                    self._note_end(place.id, capture_ns)
+                    self.note_end(place.id, capture_ns)
                 was_lost = self._forget(place)
                 if self._keeps_ids and risen is not None and was_lost and place.id == body.id:
                     # This person is back where the id had jumped from. The jump was a glitch of the
@@ -233,11 +233,10 @@ class Roster:
     def _is_recent(self, stamp_ns: int | None, capture_ns: int) -> bool:
         return stamp_ns is not None and capture_ns - stamp_ns <= self._found_ns
 
-    def _note_end(self, number: int, capture_ns: int) -> None:
-        self._ended_ns = {
-            n: ns for n, ns in self._ended_ns.items() if self._is_recent(ns, capture_ns)
-        }
-        self._ended_ns[number] = capture_ns
+    def note_end(self, number: int, capture_ns: int) -> None:
+        """Remember an id whose person left, was renamed or was found."""
+        kept = {n: ns for n, ns in self._ended_ns.items() if self._is_recent(ns, capture_ns)}
+        self._ended_ns = kept | {number: capture_ns}
 
     def _newest_of_lost(self, number: int) -> int | None:
         stamps = [lost.capture_ns for lost in self.lost.people if lost.id == number]
@@ -381,7 +380,7 @@ class Roster:
         rival, track.rival = track.rival, None
         if self._doors.has_left(track):
             self.counters["left_by_exit"] += 1
-            self._note_end(track.id, capture_ns)
+            self.note_end(track.id, capture_ns)
             self._leavers.append(track)
             if rival is not None and self._is_stride_of(track, rival):
                 return

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.base.arrays import Bools, Floats
+from hri_predict.contracts.scene import Doubt
 from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.protocol.reasons import Reason
 
@@ -107,6 +108,7 @@ class PeopleSnapshot:
         recent: newest captures of the tracked people; ``None``: only the history is known.
         to_acknowledge: counts the sets of lost people that an acknowledgement may end now; a set
             that grows counts again. 0: there is none.
+        doubts: why the source itself does not vouch for the newest scene, with names.
         inferred: which joints are inferred; they count as observed in the fields above. ``None``:
             none is. Ask ``measured``, ``fresh`` or ``shown`` where only the truth counts.
     """
@@ -127,6 +129,7 @@ class PeopleSnapshot:
     recent: RecentCaptures | None = None
     to_acknowledge: int = 0
     inferred: Inferred | None = None
+    doubts: tuple[Doubt, ...] = ()
 
     @property
     def shown(self) -> Bools:

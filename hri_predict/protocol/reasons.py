@@ -323,6 +323,20 @@ class Reason(IntEnum):
         "the source sends positions in the room",
         Kind.INPUT,
     )
+    SENSOR_SILENT = Row(
+        57,
+        "a sensor of several is silent: what it alone sees is not known",
+        "every sensor of the merged source delivers scenes",
+        Kind.INPUT,
+        latches="blind",
+    )
+    SENSORS_DISAGREE = Row(
+        58,
+        "two sensors put the same person in different places: one was moved, or is registered "
+        "wrongly",
+        "the sensors have agreed for as long as it took to notice",
+        Kind.INPUT,
+    )
     TEACH = Row(
         60,
         "teach mode: reduced speed while the enabling device is held",

@@ -82,6 +82,11 @@ def register(
     Example: hri-predict register cell.yaml
     """
     loaded = configuration.load(config)
+    if loaded.source.kind == "merged":
+        raise ConfigError(
+            f"{config}: source: of several sensors none can be registered; name a configuration "
+            "with one of them as source"
+        )
     if walk and (robot is not None or joint is not None):
         raise ConfigError("--walk: uses the feet and no robot; leave --robot and --joint out")
     if robot is not None and point:

@@ -252,8 +252,10 @@ class MadeUpWatch:
         count = record.within(LINEAR_S)
         stamps, joints, always = record.last(count)
         legs = joints[:, np.isin(np.flatnonzero(always), _LEGS)]
+        if legs.shape[1] < 2:
+            return False
         way_m = np.linalg.norm((joints[-1] - joints[0]).mean(axis=0))
-        if stamps[0] > -0.8 * LINEAR_S or way_m < LINEAR_M or legs.shape[1] < 2:
+        if stamps[0] > -0.8 * LINEAR_S or way_m < LINEAR_M:
             return False
         centred = stamps - stamps.mean()
         slope = np.tensordot(centred, legs, axes=1) / (centred @ centred)

@@ -116,6 +116,7 @@ class SceneGate:
         min_latency_ns: least time from capture to receipt.
         clock_wander_ns: see ``ClockAlignment``.
         even_captures: whether captures come at an even rate; see ``EvenCaptures``.
+        stamps_are_ours: stamps are captures of the node's clock already: nothing is aligned.
 
     Attributes:
         alignment: alignment of the source's clock with the node's.
@@ -131,9 +132,12 @@ class SceneGate:
         *,
         clock_wander_ns: int = WANDER_NS,
         even_captures: bool = True,
+        stamps_are_ours: bool = False,
     ) -> None:
+        self._min_latency_ns = min_latency_ns
+        self._stamps_are_ours = stamps_are_ours
         self.alignment = ClockAlignment(period_ns, min_latency_ns, wander_ns=clock_wander_ns)
-        self._even = EvenCaptures() if even_captures else None
+        self._even = EvenCaptures() if even_captures and not stamps_are_ours else None
         self.repeats = 0
         self.counters: Counter[str] = Counter()
         self._sequence: int | None = None
@@ -149,7 +153,10 @@ class SceneGate:
             return None
         self._sequence = scene.sequence
         jumps = self.alignment.jumps
-        capture_ns = self.alignment.align(scene.stamp_ns, scene.sequence, receipt_ns)
+        if self._stamps_are_ours:
+            capture_ns = min(scene.stamp_ns, receipt_ns - self._min_latency_ns)
+        else:
+            capture_ns = self.alignment.align(scene.stamp_ns, scene.sequence, receipt_ns)
         if self._even is not None:
             if self.alignment.jumps != jumps:
                 self._even.forget()

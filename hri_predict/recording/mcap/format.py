@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_predict.contracts.scene import Person, Scene
+from hri_predict.contracts.scene import Doubt, Person, Scene
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
@@ -21,6 +21,7 @@ from hri_predict.protocol.messages import (
     RobotState,
     Status,
 )
+from hri_predict.protocol.reasons import Reason
 from hri_predict.recording.labels import MAX_ID
 
 Sent = TypeVar("Sent", Advice, Status)
@@ -64,7 +65,15 @@ def _finite(data: Any) -> Any:
 
 
 def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
-    """A scene as received. Numbers are exact; ``observed`` is a string of 0 and 1 per joint."""
+    """A scene as received. Numbers are exact; ``observed`` is a string of 0 and 1 per joint.
+
+    What only a merged source says is left out of all other scenes.
+    """
+    merged: dict[str, Any] = {}
+    if scene.doubts:
+        merged["doubts"] = [{"reason": d.reason.name, "text": d.text} for d in scene.doubts]
+    if scene.joined:
+        merged["joined"] = [list(pair) for pair in scene.joined]
     return {
         "capture_ns": int(scene.stamp_ns),
         "sequence": int(scene.sequence),
@@ -75,9 +84,11 @@ def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
                 "id": int(person.id),
                 "observed": "".join("1" if seen else "0" for seen in person.observed.tolist()),
                 "positions": person.positions.tolist(),
+                **({"seen_as": dict(person.seen_as)} if person.seen_as else {}),
             }
             for person in scene.people
         ],
+        **merged,
     }
 
 
@@ -96,9 +107,25 @@ def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
         observed = np.array([c == "1" for c in person["observed"]], dtype=np.bool_)
         if positions.shape != (joints, 3) or observed.shape != (joints,):
             raise ValueError(f"a person has {len(observed)} joints, expected {joints}")
-        people.append(Person(whole(person["id"], 0, MAX_ID), positions, observed))
-    stamp_ns, sequence = whole(data["capture_ns"]), whole(data["sequence"])
-    scene = Scene(stamp_ns, sequence, data["sees_room"] is True, tuple(people))
+        seen_as = tuple(
+            (str(name), whole(number, 0, MAX_ID))
+            for name, number in dict(person.get("seen_as", {})).items()
+        )
+        people.append(Person(whole(person["id"], 0, MAX_ID), positions, observed, seen_as))
+    scene = Scene(
+        whole(data["capture_ns"]),
+        whole(data["sequence"]),
+        data["sees_room"] is True,
+        tuple(people),
+        doubts=tuple(
+            Doubt(Reason[str(doubt["reason"])], str(doubt["text"]))
+            for doubt in data.get("doubts", ())
+        ),
+        joined=tuple(
+            (whole(gone, 0, MAX_ID), whole(kept, 0, MAX_ID))
+            for gone, kept in data.get("joined", ())
+        ),
+    )
     return scene, whole(data["receipt_ns"])
 
 

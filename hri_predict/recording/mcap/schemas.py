@@ -81,6 +81,7 @@ _PERSON = _object(
         "id": _WHOLE,
         "observed": {"type": "string", "pattern": "^[01]*$"},
         "positions": _list(_list(_NUMBER_OR_NOT_SEEN, 3)),
+        "seen_as?": _ANY,
     }
 )
 _GROUNDS: dict[str, dict[str, Any]] = {
@@ -115,6 +116,8 @@ OWN: dict[str, dict[str, Any]] = {
         "receipt_ns": _WHOLE,
         "sees_room": _TRUTH,
         "people": _list(_PERSON),
+        "doubts?": _list(_object({"reason": _TEXT, "text": _TEXT})),
+        "joined?": _list(_list(_WHOLE, 2)),
     },
     "/received": {"link": _TEXT, "received_ns": _WHOLE, "type": _TEXT},
     "/status": {

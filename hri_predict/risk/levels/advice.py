@@ -195,6 +195,7 @@ class Levels:
             who=who,
             found=findings.robots[robot],
         )
+        named = dict.fromkeys(doubt.text for doubt in snapshot.doubts)
         return Advice(
             robot=robot,
             level=advised.level,
@@ -209,7 +210,8 @@ class Levels:
             capture_ns=bodies.capture_ns,
             tool=findings.robots[robot].tool,
             mode=decision.mode,
-            detail="; ".join(filter(None, (decision.note, detail))) + self._latched(robot, advised),
+            detail="; ".join(filter(None, (decision.note, detail, *named)))
+            + self._latched(robot, advised),
         )
 
     def _decide(self, robot: int, demand: Demand, found: RobotFindings, now_ns: int) -> Decision:

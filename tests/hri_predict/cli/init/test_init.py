@@ -69,6 +69,7 @@ def test_every_mode_passes_check(call, tmp_path, mode):
 
 MOCAP = ("vmc", "rokoko", "zed_livelink", "natnet", "qualisys")
 NEEDED = {
+    "merged": ["source.sensors={one: {kind: procedural}, two: {kind: procedural}}"],
     **{kind: ["source.sees_room=true"] for kind in ("mvn", *MOCAP)},
     "ros2": ["source.topics=[/people]", "source.frame=map", "source.sees_room=true"],
     "serial_skeleton": ["source.port=/dev/ttyUSB9"],

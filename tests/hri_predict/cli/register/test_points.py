@@ -89,6 +89,11 @@ def test_an_input_that_ends_is_said(monkeypatch):
         ask("Point 1:")
 
 
+def test_several_sensors_at_once_are_refused():
+    with pytest.raises(ConfigError, match="name a configuration with one of them"):
+        register(config=Path(data_path("two_sensors.yaml")), seconds=1.0, tool="0,0,0")
+
+
 @pytest.mark.parametrize(
     ("options", "why"),
     [

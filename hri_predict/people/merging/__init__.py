@@ -1,0 +1,1 @@
+"""Several sensors of one room as one source of scenes (``kind: merged``)."""

@@ -1,0 +1,53 @@
+"""One body made of what several sensors see of one person."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.geometry import norm
+from hri_predict.people.track import Body
+
+LEAD_MORE = 4
+"""Another sensor takes the lead if it sees this many joints more."""
+
+
+def leading(lead: int | None, seen: Mapping[int, Body]) -> int:
+    """Return the sensor whose joints count first: the one that sees most of them.
+
+    The one that leads goes on until another one sees ``LEAD_MORE`` more, so that a body does not
+    jump between two sensors that differ a little.
+
+    Args:
+        lead: the sensor that leads; ``None``: none does.
+        seen: at least one body, by sensor.
+    """
+    counts = {sensor: int(np.count_nonzero(body.observed)) for sensor, body in seen.items()}
+    best = max(counts, key=lambda sensor: (counts[sensor], -sensor))
+    if lead in counts and counts[lead] > 0 and counts[best] < counts[lead] + LEAD_MORE:
+        return lead
+    return best
+
+
+def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> tuple[Floats, Bools, int]:
+    """Merge bodies joint by joint: the leading sensor's where it sees it, else another's.
+
+    A joint that two sensors see farther apart than ``joint_apart_m`` is not observed: it is not
+    known which of them is right, and the zone becomes as wide as for a joint that is hidden.
+
+    Returns:
+        (J, 3) metres, 0 where not observed; (J,) which are; and the number of joints left out.
+    """
+    order = sorted(seen, key=lambda s: (s != lead, -np.count_nonzero(seen[s].observed), s))
+    first = seen[order[0]]
+    positions, observed = first.positions.copy(), first.observed.copy()
+    disputed = np.zeros(len(observed), np.bool_)
+    for sensor in order[1:]:
+        other = seen[sensor]
+        both = observed & other.observed
+        disputed |= both & (norm(positions - other.positions) > joint_apart_m)
+        more = other.observed & ~observed
+        positions[more] = other.positions[more]
+        observed |= more
+    observed &= ~disputed
+    return np.where(observed[:, None], positions, 0.0), observed, int(np.count_nonzero(disputed))

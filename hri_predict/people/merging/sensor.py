@@ -1,0 +1,253 @@
+"""One sensor of a merged source: its captures on the node's clock, and what is wrong with them.
+
+Everything that ``People`` asks of a single source it can no longer see after the merge: whether
+scenes advance, whether a clock jumped, whether a body is frozen, is not one, or stands at the
+sensor's origin. So it is asked here, of each sensor, with the same parts.
+"""
+
+from collections import Counter, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import Doubt, Person, Scene
+from hri_predict.contracts.source import Source, SourceSettings
+from hri_predict.people.body.canonical import canonical_body
+from hri_predict.people.body.made_up import MadeUpWatch, Sign
+from hri_predict.people.clock.scene_gate import SceneGate
+from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.settings import PeopleSettings
+from hri_predict.people.track import Body
+from hri_predict.protocol.reasons import Reason
+
+Key = tuple[int, int]
+"""A body of one sensor: its id there, and how often that id came before in the same scene."""
+
+KEPT = 1024
+"""Captures kept: two seconds, the longest wait for another sensor, at 500 Hz."""
+REFUSED_NS = 1_000_000_000
+"""A body in a scene that does not advance is remembered for this long."""
+STEP_M_S = 4.0
+"""A body that moved faster between two captures may be another one with its id: ids swap. A runner
+is then shown where the later capture has him."""
+FROZEN = PeopleSettings().frozen_scenes
+_NOWHERE = np.zeros(len(JOINTS), np.bool_)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """All bodies of one capture of a sensor; one without a joint has none observed.
+
+    Attributes:
+        capture_ns: the node's clock.
+        sees_room: see ``Scene``.
+        bodies: by key, canonical joints.
+        doubts: why it proves nothing.
+    """
+
+    capture_ns: int
+    sees_room: bool
+    bodies: dict[Key, Body]
+    doubts: tuple[Doubt, ...]
+
+
+@dataclass(slots=True)
+class View:
+    """A sensor's view of one time between its captures; see ``Sensor.at``."""
+
+    sees_room: bool = True
+    bodies: dict[Key, Body] = field(default_factory=dict)
+    doubts: list[Doubt] = field(default_factory=list)
+
+
+class Sensor:
+    """One sensor. One thread only.
+
+    Args:
+        name: as configured.
+        source: its scenes.
+        settings: validated, of its kind.
+
+    Attributes:
+        name, source: as given.
+        counters: scenes and bodies by what was wrong with them.
+        stale_ns: age of the newest capture from which on it is silent.
+    """
+
+    def __init__(self, name: str, source: Source, settings: SourceSettings) -> None:
+        period_ns = round(1e9 / source.rate_hz)
+        self.name, self.source = name, source
+        self.counters: Counter[str] = Counter()
+        self.stale_ns = round(settings.stale_after_s(source.rate_hz) * 1e9)
+        self._origin: Floats = np.asarray(settings.room_from_source.xyz, np.float64)
+        self._gate = SceneGate(
+            period_ns,
+            round(settings.min_latency_s * 1e9),
+            clock_wander_ns=round(settings.clock_wander_s * 1e9),
+            even_captures=settings.even_captures,
+        )
+        self._made_up = MadeUpWatch(PeopleSettings(), self._origin, period_ns)
+        self._captures: deque[Capture] = deque(maxlen=KEPT)
+        self._shown: dict[Key, tuple[int, int]] = {}  # fingerprint, and how often it came again
+        self._refused_ns = NEVER
+
+    @property
+    def newest_ns(self) -> int:
+        """The newest capture (node's clock); ``NEVER`` before the first."""
+        return self._gate.capture_ns
+
+    def is_silent(self, now_ns: int) -> bool:
+        """Whether its newest capture is too old, or it has none."""
+        return now_ns - self.newest_ns > self.stale_ns
+
+    def take(self, now_ns: int) -> None:
+        """Take in all scenes that have arrived by now."""
+        while (scene := self.source.poll(now_ns)) is not None:
+            capture_ns = self._gate.admit(scene, now_ns)
+            if capture_ns is not None:
+                self._captures.append(self._capture(scene, capture_ns, now_ns))
+            else:
+                self._look_at_refused(scene, now_ns)
+
+    def times_after(self, since_ns: int) -> Iterator[int]:
+        """Its captures after ``since_ns``, the oldest first."""
+        return (c.capture_ns for c in self._captures if c.capture_ns > since_ns)
+
+    def at(self, time_ns: int, since_ns: int) -> View:
+        """Its bodies at ``time_ns``: captured then, or between the captures before and after.
+
+        A joint lies on the straight line between two captures that both show it. What only other
+        captures since ``since_ns`` show is where the newest of them has it, so that nothing that
+        the sensor saw is left out: off by the way of one period at most.
+
+        Args:
+            time_ns: the node's clock.
+            since_ns: the time asked for before; what was captured until then was seen.
+        """
+        before = after = None
+        new: list[Capture] = []
+        for capture in self._captures:
+            if capture.capture_ns <= time_ns:
+                before = capture
+            if capture.capture_ns > since_ns:
+                new.append(capture)
+            if capture.capture_ns >= time_ns:
+                after = capture
+                break
+        view = View()
+        newest = after or before
+        if newest is None:
+            return View(sees_room=False)
+        for capture in (*new, newest):
+            view.sees_room &= capture.sees_room
+            view.doubts += [doubt for doubt in capture.doubts if doubt not in view.doubts]
+        for capture in reversed(new):
+            for key, body in capture.bodies.items():
+                known = view.bodies.get(key)
+                view.bodies[key] = body if known is None else _filled(known, body)
+        if after is None or before is None or after is before:
+            return view
+        span_ns = after.capture_ns - before.capture_ns
+        part, most_m = (time_ns - before.capture_ns) / span_ns, STEP_M_S * span_ns * 1e-9
+        for key in before.bodies.keys() & after.bodies.keys():
+            between = _between(before.bodies[key], after.bodies[key], part, most_m)
+            if between is not None:
+                view.bodies[key] = _filled(between, view.bodies.get(key, between))
+        return view
+
+    def forget_before(self, time_ns: int) -> None:
+        """Drop captures that no time from ``time_ns`` on can need."""
+        while len(self._captures) > 1 and self._captures[1].capture_ns <= time_ns:
+            self._captures.popleft()
+
+    # -- one scene --------------------------------------------------------------------------------
+
+    def _capture(self, scene: Scene, capture_ns: int, now_ns: int) -> Capture:
+        bodies: dict[Key, Body] = {}
+        wrong: set[Reason] = set()
+        times: Counter[int] = Counter()
+        for person in scene.people:
+            key = (person.id, times[person.id])
+            times[person.id] += 1
+            body = self._body(person, wrong)
+            if key[1] > 0:
+                self._note("duplicate_ids", Reason.INPUT_IMPOSSIBLE, wrong)
+            bodies[key] = body
+            if body.observed.any():
+                wrong.update(self._made_up_reasons(body, capture_ns))
+        if self._is_frozen(bodies):
+            self._note("frozen_captures", Reason.INPUT_FROZEN, wrong)
+        if self._gate.alignment.jumped:
+            wrong.add(Reason.CLOCK_JUMP)
+        if now_ns - self._refused_ns < REFUSED_NS:
+            wrong.add(Reason.INPUT_IMPOSSIBLE)
+        if not scene.sees_room:
+            wrong.add(Reason.SOURCE_BLIND)
+        doubts = [Doubt(reason, f"sensor {self.name}: {reason.text}") for reason in sorted(wrong)]
+        return Capture(capture_ns, scene.sees_room, bodies, (*doubts, *scene.doubts))
+
+    def _body(self, person: Person, wrong: set[Reason]) -> Body:
+        """The canonical body; without any joint where none is usable."""
+        mapped = canonical_body(person, self.source.joint_map, self._origin)
+        self.counters.update(unusable_joints=mapped.unusable, unseen_joints=mapped.unseen)
+        if mapped.trouble is not None:
+            self._note(mapped.trouble, Reason.INPUT_IMPOSSIBLE, wrong)
+        if mapped.hip_centred:
+            self._note("hip_centred_bodies", Reason.INPUT_RELATIVE, wrong)
+        return mapped.body or Body(person.id, np.zeros((len(JOINTS), 3)), _NOWHERE)
+
+    def _made_up_reasons(self, body: Body, capture_ns: int) -> Iterator[Reason]:
+        sign = self._made_up.judge(body, capture_ns)
+        if sign is not None:
+            self.counters[sign.value] += 1
+            yield Reason.INPUT_RELATIVE if sign is Sign.RELATIVE else Reason.INPUT_REPEATS
+
+    def _note(self, counter: str, reason: Reason, wrong: set[Reason]) -> None:
+        self.counters[counter] += 1
+        wrong.add(reason)
+
+    def _is_frozen(self, bodies: dict[Key, Body]) -> bool:
+        """Whether a body came again bit for bit, too often for a sensor that declares noise."""
+        shown: dict[Key, tuple[int, int]] = {}
+        for key, body in bodies.items():
+            if body.observed.any():
+                print_, again = body.fingerprint, 0
+                if key in self._shown and self._shown[key][0] == print_:
+                    again = self._shown[key][1] + 1
+                shown[key] = print_, again
+        self._shown = shown
+        most = max((again for _, again in shown.values()), default=0)
+        return self.source.declares_noise and most >= FROZEN
+
+    def _look_at_refused(self, scene: Scene, now_ns: int) -> None:
+        """A body of an unknown id in a scene that does not advance: perhaps of a second sender."""
+        self.counters["refused_scenes"] += 1
+        newest = self._captures[-1].bodies if self._captures else {}
+        if any((person.id, 0) not in newest for person in scene.people):
+            self.counters["people_in_refused_scenes"] += 1
+            self._refused_ns = now_ns
+
+
+def _between(before: Body, after: Body, part: float, most_m: float) -> Body | None:
+    """A body on the straight line between two captures, of the joints that both show.
+
+    ``None``: its middle moved by more than ``most_m``, or no joint is in both.
+    """
+    observed = before.observed & after.observed
+    steps = (after.positions - before.positions)[observed]
+    if not len(steps) or float(np.linalg.norm(steps.mean(axis=0))) > most_m:
+        return None
+    line = before.positions + part * (after.positions - before.positions)
+    return Body(after.id, np.where(observed[:, None], line, 0.0), observed)
+
+
+def _filled(body: Body, other: Body) -> Body:
+    """A body with the joints of ``other`` that it lacks."""
+    missing = other.observed & ~body.observed
+    if not missing.any():
+        return body
+    positions = np.where(missing[:, None], other.positions, body.positions)
+    return Body(body.id, positions, body.observed | missing)

@@ -1,0 +1,239 @@
+"""Several sensors of one room as one source (``kind: merged``).
+
+The first sensor that is heard sets the times of the merged scenes: its captures. A scene goes out
+as soon as every other sensor has a capture of that time or later, so that bodies are measured
+between two captures and never carried ahead; it is as old as the latest sensor makes it, and its
+stamp says so. A sensor whose newest capture is older than its ``stale_s`` is silent. The merge does
+not wait for it, the scene names it (``Scene.doubts``), and does not vouch for the room.
+"""
+
+import logging
+import threading
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.contracts import registry
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.contracts.scene import Doubt, Person, Scene
+from hri_predict.contracts.source import (
+    Live,
+    Source,
+    SourceCounters,
+    SourceSettings,
+    live_part,
+)
+from hri_predict.people.merging.disagreement import Disagreement
+from hri_predict.people.merging.identities import Identities, OnePerson
+from hri_predict.people.merging.joints import leading, merged
+from hri_predict.people.merging.likeness import Seen
+from hri_predict.people.merging.sensor import Sensor, View
+from hri_predict.people.merging.settings import MergedSettings
+from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.track import Body
+from hri_predict.protocol.reasons import Reason
+
+log = logging.getLogger(__name__)
+
+
+class MergedSource:
+    """See ``hri_predict.contracts.source.Source``. Its joints are the canonical ones.
+
+    Attributes:
+        live: all live sensors together; ``None`` if none is live.
+        sensors: in the configured order.
+    """
+
+    settings_model = MergedSettings
+
+    def __init__(self, settings: MergedSettings, base_dir: Path | None = None) -> None:
+        """Build all sensors; no device is opened yet.
+
+        Raises:
+            HriPredictError: one of them cannot be built; the line names it.
+        """
+        self.sensors = tuple(
+            Sensor(name, _built(name, part, base_dir), part)
+            for name, part in settings.parts.items()
+        )
+        sources = [sensor.source for sensor in self.sensors]
+        self.joint_map = load_joint_map("canonical")
+        self.rate_hz = min(source.rate_hz for source in sources)
+        self.declares_noise = all(source.declares_noise for source in sources)
+        lives = {s.name: live for s in self.sensors if (live := live_part(s.source)) is not None}
+        self.live = AllLive(lives) if lives else None
+        self._joint_apart_m = settings.joint_apart_m
+        self._identities = Identities(settings.same_m, settings.apart_m)
+        self._disagreement = Disagreement(settings.moved_m, settings.moved_s)
+        self._time_ns = self._now_ns = NEVER
+        self._sequence = -1
+        self._said: set[str] = set()
+
+    def open(self, start_ns: int) -> None:
+        """Open all sensors; none stays open if one fails."""
+        if self.live is not None:
+            self.live.share()
+        opened: list[Source] = []
+        try:
+            for sensor in self.sensors:
+                sensor.source.open(start_ns)
+                opened.append(sensor.source)
+        except BaseException:
+            for source in opened:
+                source.close()
+            raise
+
+    def next_ns(self) -> int | None:
+        """When a sensor may have a scene, or one that is waited for becomes silent."""
+        due = [sensor.source.next_ns() for sensor in self.sensors]
+        ends = (s.newest_ns + s.stale_ns + 1 for s in self._awaited() if s.newest_ns != NEVER)
+        found = [each for each in due if each is not None]
+        return min([*found, *(each for each in ends if each > self._now_ns)], default=None)
+
+    def poll(self, now_ns: int) -> Scene | None:
+        """Return the oldest scene that every sensor has passed by now."""
+        self._now_ns = now_ns
+        for sensor in self.sensors:
+            sensor.take(now_ns)
+        pace = next((s for s in self.sensors if not s.is_silent(now_ns)), None)
+        if pace is None:
+            return None
+        time_ns = next(pace.times_after(self._time_ns), None)
+        if time_ns is None:
+            return None
+        silent = [s for s in self.sensors if s.newest_ns < time_ns]
+        if not all(sensor.is_silent(now_ns) for sensor in silent):
+            return None
+        return self._scene(time_ns, silent)
+
+    def close(self) -> None:
+        """Close all sensors. Safe to call twice."""
+        for sensor in self.sensors:
+            sensor.source.close()
+
+    # -- merging ----------------------------------------------------------------------------------
+
+    def _awaited(self) -> list[Sensor]:
+        """Sensors for which a capture that is not out yet waits."""
+        times = (next(s.times_after(self._time_ns), NEVER) for s in self.sensors)
+        newest_ns = max(times)
+        return [s for s in self.sensors if s.newest_ns < newest_ns]
+
+    def _scene(self, time_ns: int, silent: list[Sensor]) -> Scene:
+        views = [sensor.at(time_ns, self._time_ns) for sensor in self.sensors]
+        bodies = {
+            Seen(number, key): body
+            for number, view in enumerate(views)
+            for key, body in view.bodies.items()
+        }
+        self._disagreement.note(time_ns, bodies)
+        people, joined = self._identities.step(bodies, time_ns)
+        for sensor in self.sensors:
+            sensor.forget_before(time_ns)
+        self._time_ns = time_ns
+        self._sequence += 1
+        doubts = self._doubts(views, silent)
+        self._tell(doubts)
+        return Scene(
+            stamp_ns=time_ns,
+            sequence=self._sequence,
+            sees_room=all(view.sees_room for view in views) and not silent,
+            people=tuple(self._person(person, bodies) for person in people),
+            doubts=doubts,
+            joined=joined,
+        )
+
+    def _person(self, person: OnePerson, bodies: dict[Seen, Body]) -> Person:
+        own = {sensor: bodies[seen] for sensor, seen in person.seen.items()}
+        person.lead = leading(person.lead, own)
+        positions, observed, disputed = merged(person.lead, own, self._joint_apart_m)
+        self._identities.counters["disputed_joints"] += disputed
+        if observed.any():
+            person.place = positions[observed].mean(axis=0)
+        return Person(
+            person.id,
+            np.where(observed[:, None], positions, np.nan),
+            observed,
+            tuple((self.sensors[n].name, seen.key[0]) for n, seen in sorted(person.seen.items())),
+        )
+
+    def _doubts(self, views: list[View], silent: list[Sensor]) -> tuple[Doubt, ...]:
+        names = [sensor.name for sensor in self.sensors]
+        found = [
+            Doubt(
+                Reason.SENSOR_SILENT,
+                f"sensor {sensor.name} "
+                + ("was never heard" if sensor.newest_ns == NEVER else "is silent"),
+            )
+            for sensor in silent
+        ]
+        found += [
+            Doubt(
+                Reason.SENSORS_DISAGREE,
+                f"sensors {names[one]} and {names[other]} are {apart_m * 100:.0f} cm apart",
+            )
+            for (one, other), apart_m in self._disagreement.apart_m().items()
+        ]
+        return (*found, *(doubt for view in views for doubt in view.doubts))
+
+    def _tell(self, doubts: tuple[Doubt, ...]) -> None:
+        """Log each doubt when it begins, and when all are over."""
+        # without the centimetres, which change
+        now = {d.text.split(" are ")[0]: d.text for d in doubts}
+        for key in now.keys() - self._said:
+            log.warning("source 'merged': %s", now[key])
+        if self._said and not now:
+            log.info("source 'merged': all sensors are heard and agree")
+        self._said = set(now)
+
+
+class AllLive:
+    """All live sensors of a merged source; see ``Live``.
+
+    Args:
+        lives: by the sensors' names.
+
+    Attributes:
+        arrived: set when any of them has a scene.
+        stamps_utc: false: merged scenes are stamped with the node's clock.
+    """
+
+    stamps_utc = False
+
+    def __init__(self, lives: dict[str, Live]) -> None:
+        self.arrived = threading.Event()
+        self._lives = lives
+
+    def share(self) -> None:
+        """Let all of them set one event."""
+        for live in self._lives.values():
+            live.arrived = self.arrived
+
+    @property
+    def connected(self) -> bool:
+        """Whether all of them can hear."""
+        return all(live.connected for live in self._lives.values())
+
+    @property
+    def counters(self) -> SourceCounters:
+        """The sums of all sensors' counts, and the newest trouble with its sensor's name."""
+        total = SourceCounters()
+        for name, live in self._lives.items():
+            for each in fields(SourceCounters):
+                value = getattr(live.counters, each.name)
+                if each.name != "last_error":
+                    setattr(total, each.name, getattr(total, each.name) + value)
+                elif value is not None:
+                    total.note(f"sensor {name}: {value}")
+        return total
+
+
+def _built(name: str, settings: SourceSettings, base_dir: Path | None) -> Source:
+    """One sensor's source, with its faults."""
+    cls = registry.load("sources", settings.kind)
+    with registry.building(f"source 'merged', sensors.{name}"):
+        source = cls(settings, base_dir)
+    if settings.faults:
+        return registry.load("faults", "source")(source, settings.faults, seed=0)
+    return source
