@@ -3,9 +3,9 @@
 ``python -m tests.together daily JOBS`` (or ``long``). The daily tests in real time run before the
 others: beside them they failed now and then, even where the others gave way. The long ones in real
 time wait more than they compute, and run beside the others; ``beside`` runs the daily ones that
-way. A file's tests stay with one worker, which makes their fixtures once. The long run also
-checks every property with more examples (``EXAMPLES``, 100 if it is not set). Exit status 1 if a
-test fails.
+way. A test in real time that fails for want of a processor fails if it fails again, alone. A file's
+tests stay with one worker, which makes their fixtures once. The long run also checks every property
+with more examples (``EXAMPLES``, 100 if it is not set). Exit status 1 if a test fails.
 """
 
 import os
@@ -15,6 +15,12 @@ import tempfile
 from pathlib import Path
 
 _TESTS = [sys.executable, "-m", "pytest", "-m"]
+FAILED = 1
+"""Status of pytest if tests failed; others mean that they could not be run."""
+_FAILED = ["-o", "cache_dir=build/real-time"]
+"""Where those in real time note what failed: the others have notes of their own."""
+_PATIENT = ["--timeout", "600"]
+"""Seconds for a long test that is not in real time, at the lowest priority."""
 
 
 def in_real_time() -> list[str]:
@@ -27,30 +33,33 @@ def main(which: str, jobs: str) -> int:
     """Run all tests of ``which``."""
     spread = ["-n", jobs, "--dist", "loadfile"]
     if which == "long":
-        others = [*_TESTS, "not realtime and (long or hypothesis)", *spread]
+        others = [*_TESTS, "not realtime and (long or hypothesis)", *spread, *_PATIENT]
         return _beside(others, "realtime and long", {"EXAMPLES": "100", **os.environ})
     others = [*_TESTS, "not realtime and not long", *spread]
     if which == "beside":
         return _beside(others, "realtime and not long", dict(os.environ))
-    alone = subprocess.run([*_TESTS, "realtime and not long", *in_real_time()], check=False)
-    return int(subprocess.run(others, check=False).returncode != 0 or alone.returncode != 0)
+    chosen = [*_TESTS, "realtime and not long", *_FAILED, *in_real_time()]
+    alone = _again(chosen, subprocess.run(chosen, check=False).returncode)
+    return int(subprocess.run(others, check=False).returncode != 0 or alone != 0)
 
 
 def _beside(others: list[str], real_time: str, environment: dict[str, str]) -> int:
     """Run both kinds at a time; what those in real time print comes last."""
+    chosen = [*_TESTS, real_time, *_FAILED, *in_real_time()]
     with tempfile.TemporaryFile("w+") as printed:
-        running = [
-            subprocess.Popen(["nice", "-n", "19", *others], env=environment),
-            subprocess.Popen(
-                [*_TESTS, real_time, *in_real_time()],
-                stdout=printed,
-                stderr=printed,
-            ),
-        ]
-        failed = [process.wait() != 0 for process in running]
+        beside = subprocess.Popen(chosen, stdout=printed, stderr=printed)
+        failed = subprocess.run(["nice", "-n", "19", *others], env=environment, check=False)
+        alone = beside.wait()
         printed.seek(0)
         print(printed.read(), flush=True)
-    return int(any(failed))
+    return int(failed.returncode != 0 or _again(chosen, alone) != 0)
+
+
+def _again(chosen: list[str], status: int) -> int:
+    """Run those that failed once more, alone; the status."""
+    if status != FAILED:
+        return status
+    return subprocess.run([*chosen, "--last-failed"], check=False).returncode
 
 
 if __name__ == "__main__":
