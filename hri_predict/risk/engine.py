@@ -276,9 +276,9 @@ class RiskEngine:
         counts.update({f"mode_{n}": c for n, c in self._levels.mode_counters.items()})
         return dict(counts)
 
-    def acknowledge(self, latch_id: int) -> bool:
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
         """See ``Levels.acknowledge``."""
-        return self._levels.acknowledge(latch_id)
+        return self._levels.acknowledge(latch_id, down_ns)
 
     def remember(self) -> dict[str, Any]:
         """Return the state that must survive a restart of the node: the latches."""

@@ -210,6 +210,7 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         "calibration": calibration,
         "joint_map": joint_map.joint_map_cost(config, predictor, source.joint_map),
         "latch": list(config.node.risk.latch),
+        "restart": config.node.risk.restart,
         "state": notes.state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,

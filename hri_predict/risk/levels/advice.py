@@ -101,10 +101,10 @@ class Levels:
             for robot in range(len(self._robots))
         )
 
-    def acknowledge(self, latch_id: int) -> bool:
-        """Release the latch ``latch_id`` if its cause has cleared; return whether it was."""
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
+        """Release the latch ``latch_id``; see ``LevelMachine``. Return whether it was."""
         for robot, machine in enumerate(self._machines):  # a number is of one latch
-            if machine.acknowledge(latch_id):
+            if machine.acknowledge(latch_id, down_ns):
                 self._notes[robot] = ""
                 return True
         return False
@@ -258,6 +258,8 @@ class Levels:
             unseen = f"; people may be there unseen: look, then acknowledge latch id{number}"
             return unseen if number else ""
         note = f" ({self._notes[robot]})" if self._notes[robot] else ""
+        if not number and self._settings.restart == "supervised":
+            note += ", which needs a level that would be clear"
         return f"; latch{number}: {', '.join(advised.causes)}{note}"
 
 

@@ -123,6 +123,7 @@ class LevelMachine:
         self._lost = 0  # the set of lost people that an acknowledgement would end; 0: none
         self._has_grown = False  # since the number was given
         self._cause_cleared = False
+        self._cleared_ns = 0  # since when
         self._agreed = 0
         self._counted_from = 0.0  # the permitted speed when counting began
         self._last_capture: int | None = None
@@ -182,7 +183,9 @@ class LevelMachine:
         for cause in causes:
             self.latch(cause)
         lasting = any(cause in self._causes for cause in causes)
-        self._cause_cleared = demand.release.may_move and not lasting
+        before, self._cause_cleared = self._cause_cleared, self._allows(demand) and not lasting
+        if not before:
+            self._cleared_ns = now_ns
         again = self._first_sight.update(demand, self._level, self._limit, captures)
         if again is not None and not self._causes:
             self._level, self._limit = again
@@ -194,20 +197,29 @@ class LevelMachine:
         self._renumber(lost)
         return Advised(self._level, reason, self._limit, self.latch_id, self._causes)
 
-    def acknowledge(self, latch_id: int) -> bool:
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
         """Release the latch if ``latch_id`` is the present number and its cause has cleared.
 
-        The number is used up: what remains gets a new one. The captures that a release needs count
-        from here on.
+        A supervised restart also needs that it had cleared when the button went down, at
+        ``down_ns``. The number is used up: what remains gets a new one. The captures that a release
+        needs count from here on.
         """
         if latch_id == 0 or latch_id != self._latch_id:
             return False
         self._has_grown = True
         if not self._causes or not self._cause_cleared:
             return False
+        if self._settings.restart == "supervised" and self._cleared_ns > down_ns:
+            return False
         self._causes = ()
         self._agreed = 0
         return True
+
+    def _allows(self, demand: Demand) -> bool:
+        """Whether a latch may be acknowledged as far as this tick's demand goes."""
+        if self._settings.restart == "supervised":
+            return demand.release is Level.CLEAR
+        return demand.release.may_move
 
     def _renumber(self, lost: int) -> None:
         """Give a new number to what has grown."""

@@ -52,6 +52,7 @@ class PlantServer:
         self._refused = 0
         self._presses: deque[int] = deque(maxlen=MOST_PRESSES)
         self._shed, self._said_ns = [0, 0], -SAY_NS
+        self._ack_id = 0  # of the newest press
         self._variables: Variables | None = None
 
     async def run(self) -> None:
@@ -141,13 +142,16 @@ class PlantServer:
     async def _pressed(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
         """Hand a press to the node, which judges it as it does on Modbus."""
         values = [each.Value for each in arguments]
-        if tuple(each.VariantType for each in arguments) != _TYPES or 0 in values:
+        if tuple(each.VariantType for each in arguments) != _TYPES or not values[1]:
+            return self._refuse(ua.StatusCodes.BadInvalidArgument)
+        if not values[0] and values[1] != self._ack_id:  # a release of no press
             return self._refuse(ua.StatusCodes.BadInvalidArgument)
         now_ns = time.monotonic_ns()
         if len(self._presses) == MOST_PRESSES and now_ns - self._presses[0] < 1_000_000_000:
             return self._refuse(ua.StatusCodes.BadTooManyOperations)
         self._presses.append(now_ns)
         latch_id, ack_id = values
+        self._ack_id = ack_id
         block = Block.of(_ACK_AT, [latch_id, ack_id >> 16, ack_id & 0xFFFF])
         if not self._send(messages.PRESSED + messages.packed_block(block, now_ns)):
             return self._refuse(ua.StatusCodes.BadTooManyOperations)

@@ -205,12 +205,16 @@ class RegisterCodec:
             self._beat, self._beaten_ns = beat, self.now_ns
 
     def _pressed(self, words: list[int]) -> Acknowledge | None:
-        """A press: another pair than before. PLCs write the same registers again and again."""
+        """A press, or its release: another pair than before.
+
+        PLCs write the same registers again and again. The release has the press's ACK_ID, and 0 as
+        ACK_LATCH_ID; a 0 with any other ACK_ID says nothing.
+        """
         if words == self._ack:
             return None
         self._ack = words
         latch_id, ack_id = words[0], words[1] << 16 | words[2]
-        if not latch_id or not ack_id:
+        if not ack_id or (not latch_id and ack_id != self._ack_taken):
             return None
         self._ack_taken = ack_id
         return Acknowledge(latch_id, ack_id)
