@@ -378,6 +378,10 @@ uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint
  * of yours, for the next press. Only a press counts that comes 12 s or more after the one before. */
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
 
+/* The button of that press has been released: one unit, to be repeated likewise; return 0 if not
+ * configured or if ack_id is 0. A supervised restart needs it; otherwise it does no harm. */
+uint8_t hri_released(hri_receiver *r, uint32_t ack_id, hri_unit *unit);
+
 #ifdef __cplusplus
 }
 #endif

@@ -78,6 +78,7 @@ class RegisterCodec:
         self._beat: int | None = None
         self._beaten_ns: int | None = None
         self._ack: list[int] | None = None
+        self._down = 0  # ACK_ID of the press that has not been released
 
     def stand(self, robots: Sequence[int], bases: Sequence[Pose | None]) -> None:
         """Learn the robots of this link, and where their bases stand in the room."""
@@ -214,8 +215,9 @@ class RegisterCodec:
             return None
         self._ack = words
         latch_id, ack_id = words[0], words[1] << 16 | words[2]
-        if not ack_id or (not latch_id and ack_id != self._ack_taken):
+        if not ack_id or (not latch_id and ack_id != self._down):
             return None
+        self._down = ack_id if latch_id else 0
         self._ack_taken = ack_id
         return Acknowledge(latch_id, ack_id)
 
@@ -241,6 +243,7 @@ class RegisterCodec:
     def reset(self) -> None:
         """Forget the PLC: the server began again."""
         self._beat = self._beaten_ns = self._ack = None
+        self._down = 0
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the counts of what was refused."""

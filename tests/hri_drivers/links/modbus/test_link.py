@@ -184,6 +184,24 @@ def test_presses_and_states_reach_the_node(link, plc):
     assert node["PLC_ALIVE"] == 1
 
 
+def test_both_edges_of_the_button_reach_the_node(link, plc):
+    server = link()
+    there = plc(server)
+    for latch_id in (77, 77, 0, 0):  # as an I/O scanner writes: in each cycle
+        there.ask(write=[1001, [latch_id, 0, 9]])
+    there.ask(write=[1001, [0, 0, 8]])  # of no press
+    there.ask(write=[1001, [0, 0, 0]])
+    there.ask(write=[1001, [78, 0, 10]])
+    heard: list[Any] = []
+
+    def all_three() -> bool:
+        heard.extend(r.message for r in server.take())
+        return len(heard) >= 3
+
+    eventually(all_three)
+    assert heard == [Acknowledge(77, 9), Acknowledge(0, 9), Acknowledge(78, 10)]
+
+
 @pytest.mark.parametrize(
     ("asked", "exception"),
     [

@@ -139,6 +139,16 @@ def test_a_pair_is_one_press_however_often_it_is_written(codec):
     assert taken == 0x01020305
 
 
+def test_a_release_is_of_the_newest_press_and_comes_once(codec):
+    assert codec.decode(Block.of(1001, [0, 0, 9])) == []
+    assert codec.decode(Block.of(1001, [77, 0, 9])) == [Acknowledge(77, 9)]
+    assert codec.decode(Block.of(1001, [78, 0, 9])) == [Acknowledge(78, 9)]  # of two robots
+    assert codec.decode(Block.of(1001, [0, 0, 8])) == []
+    assert codec.decode(Block.of(1001, [0, 0, 9])) == [Acknowledge(0, 9)]
+    assert codec.decode(Block.of(1001, [0, 0, 0])) == []
+    assert codec.decode(Block.of(1001, [0, 0, 9])) == []
+
+
 def test_a_heartbeat_that_stands_still_ends(codec):
     assert codec.alive is None
     codec.decode(Block.of(1000, [5]))
