@@ -224,9 +224,11 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A person acknowledges what the Advice showed as ``latch_id``; 0 acknowledges nothing.
+    """A person acknowledges what the Advice showed as ``latch_id``.
 
-    The sender chooses ``ack_id`` for each press, not 0; repeats of one number count once.
+    The sender chooses ``ack_id`` for each press, not 0; repeats of one number count once. With 0 as
+    ``latch_id`` the button of the press ``ack_id`` has been released, which acknowledges nothing
+    by itself (``node.presses``).
     """
 
     latch_id: int

@@ -93,8 +93,8 @@ NEAREST = (
 )
 WRITTEN = (
     Register("PLC_HEARTBEAT", "any number that changes"),
-    Register("ACK_LATCH_ID", "LATCH_ID that was shown when the button went down"),
-    Register("ACK_ID", "another number for each press, not 0", words=2),
+    Register("ACK_LATCH_ID", "LATCH_ID that was shown when the button went down; 0: it is up"),
+    Register("ACK_ID", "another number for each press, not 0; its release has the same", words=2),
 )
 STATE = (
     Register("STATE_COUNTER", "advances by 1 with every state, modulo 65536"),

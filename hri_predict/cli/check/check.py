@@ -125,7 +125,8 @@ def _print(found: dict[str, Any]) -> None:
     )
     for line in (*computed, *shown):
         console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
+    latches = ", ".join(found["latch"]) or "none"
+    console.print(f"restart: {found['restart']}; latches: {latches}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
     console.print(
         f"source's clock: up to {found['clock']['max_drift_ppm']:g} ppm of clock drift is "
