@@ -23,7 +23,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 
 /* generated: begin constants (renew: hri-predict protocol files) */
 #define HRI_SCHEMA_VERSION 3u
-#define HRI_SCHEMA_HASH 0xD129E6BFu
+#define HRI_SCHEMA_HASH 0xED423D85u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -118,6 +118,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_REASON_STATE_UNTRUSTED 54u
 #define HRI_REASON_INPUT_REPEATS 55u
 #define HRI_REASON_INPUT_RELATIVE 56u
+#define HRI_REASON_SET_UNKNOWN 57u
 #define HRI_REASON_TEACH 60u
 #define HRI_REASON_RECOVERY 61u
 #define HRI_REASON_MUTED 62u

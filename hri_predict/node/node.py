@@ -29,6 +29,7 @@ from hri_predict.protocol.messages import (
     Level,
     NodeState,
     RobotState,
+    SetChoice,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
@@ -161,7 +162,7 @@ class Node:
             self.assess_failures += 1
             advices = self._all_robots(Level.FAULT, Reason.NODE_FAULT)
         self.state = self._state_of(snapshot, assessment, reasons)
-        status = self._status(snapshot, reasons, failed=assessment is None)
+        status = self._status(snapshot, reasons, assessment)
         return self._publish(
             Tick(
                 now_ns=now_ns,
@@ -241,6 +242,8 @@ class Node:
                         self._refused_states[message.robot].look(
                             message, received.received_ns, link.name
                         )
+                elif isinstance(message, SetChoice):
+                    self._risk.choose_set(link.name, message.number, received.received_ns)
                 elif isinstance(message, Acknowledge):
                     self._acknowledge(link.name, robots, message, received.received_ns)
 
@@ -287,10 +290,18 @@ class Node:
         return NodeState.RUNNING
 
     def _status(
-        self, snapshot: PeopleSnapshot | None, reasons: tuple[Reason, ...], failed: bool
+        self,
+        snapshot: PeopleSnapshot | None,
+        reasons: tuple[Reason, ...],
+        assessment: Assessment | None,
     ) -> Status:
         scene_reasons = snapshot.reasons if snapshot is not None else ()
-        worst = Reason.NODE_FAULT if failed else next(iter(scene_reasons + reasons), Reason.NONE)
+        chosen = assessment.set_in_force if assessment is not None else None
+        worst = (
+            Reason.NODE_FAULT
+            if assessment is None
+            else next(iter(scene_reasons + reasons), Reason.NONE)
+        )
         return Status(
             node_state=self.state,
             reason=worst,
@@ -298,6 +309,8 @@ class Node:
             predictor=self._predictor_index,
             cycle=self._cycle,
             capture_ns=snapshot.newest_capture_ns if snapshot is not None else None,
+            set_number=None if chosen is None else chosen[0],
+            set_hash=None if chosen is None else chosen[1],
         )
 
     def _all_robots(self, level: Level, reason: Reason) -> tuple[Advice, ...]:

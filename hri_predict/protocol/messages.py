@@ -85,6 +85,8 @@ class Status:
 
     ``reason`` is the worst active condition, ``predictor`` the predictor's index. ``capture_ns`` is
     the newest good capture; it is not on the wire, but ``age_s`` is computed from it at encoding.
+    ``set_number`` and ``set_hash`` are the configuration set in force, for register maps alone: 0
+    if it is none, ``None`` if there are no sets.
     """
 
     node_state: NodeState
@@ -94,6 +96,8 @@ class Status:
     cycle: int
     age_s: float | None = None
     capture_ns: int | None = None
+    set_number: int | None = None
+    set_hash: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,7 +239,15 @@ class Acknowledge:
     ack_id: int
 
 
-Message = Status | Advice | Zone | Pose | Schema | RobotState | Acknowledge
+@dataclass(frozen=True, slots=True)
+class SetChoice:
+    """A PLC chooses a configuration set by its number; only register maps carry it."""
+
+    number: int
+
+
+FromController = RobotState | Acknowledge | SetChoice
+Message = Status | Advice | Zone | Pose | Schema | FromController
 
 
 def at_encoding(message: Message, now_ns: int, echo: int | None = None) -> Message:

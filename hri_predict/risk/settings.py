@@ -7,6 +7,7 @@ from pydantic import Field, model_validator
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import MIN_SPEED_M_S, Settings
 from hri_predict.risk.fixtures import Fixture
+from hri_predict.risk.sets import SetSettings
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
@@ -138,6 +139,12 @@ class RiskSettings(Settings):
     )
     contact: ContactSettings = Field(
         ContactSettings(), description="contact that is permitted in mode hybrid"
+    )
+
+    sets: list[SetSettings] = Field(
+        [],
+        max_length=16,
+        description="configuration sets, of which a PLC chooses one by a link kind modbus or opcua",
     )
 
     safety: ClassVar[Safety] = harmless("region_margins_m") | {

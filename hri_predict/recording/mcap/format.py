@@ -18,6 +18,7 @@ from hri_predict.protocol.messages import (
     OperatingMode,
     RobotMode,
     RobotState,
+    SetChoice,
 )
 from hri_predict.recording.labels import MAX_ID
 
@@ -124,7 +125,7 @@ def message_to_dict(message: Message) -> dict[str, Any]:
     return fields
 
 
-def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:
+def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | SetChoice | None:
     """Back from ``message_to_dict``; ``None`` for a class that a controller does not send.
 
     Raises:
@@ -141,6 +142,8 @@ def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:
         )
     if data["type"] == "Acknowledge":
         return Acknowledge(latch_id=int(data["latch_id"]), ack_id=int(data["ack_id"]))
+    if data["type"] == "SetChoice":
+        return SetChoice(whole(data["number"], 0, 65_535))
     return None
 
 

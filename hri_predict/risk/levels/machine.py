@@ -14,6 +14,7 @@ a standing one. So a stop is released only if the new speed can last: if the per
 while captures are counted, it must be enough for the same number of further captures.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -114,7 +115,7 @@ class LevelMachine:
         self, settings: RiskSettings, max_speed_m_s: float, next_latch_id: Callable[[], int]
     ) -> None:
         self._settings = settings
-        self._max_speed = max_speed_m_s
+        self._robot_m_s = self._max_speed = max_speed_m_s
         self._next_latch_id = next_latch_id
         self._level = Level.UNKNOWN
         self._limit = 0.0
@@ -168,6 +169,7 @@ class LevelMachine:
         causes: Sequence[str] = (),
         *,
         lost: int = 0,
+        cap_m_s: float = math.inf,
     ) -> Advised:
         """Advance by one tick.
 
@@ -177,7 +179,9 @@ class LevelMachine:
             now_ns: the tick's time.
             causes: present causes of a latch, besides a stop.
             lost: as ``PeopleSnapshot.to_acknowledge``.
+            cap_m_s: limit besides the robot's highest speed; it alone changes no level.
         """
+        self._max_speed = min(self._robot_m_s, cap_m_s)
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
         for cause in causes:

@@ -225,6 +225,10 @@ class _PlayedRisk(RiskEngine):
         """Do what the engine does."""
         return self._engine.acknowledge(latch_id, down_ns)
 
+    def choose_set(self, link: str, number: int, at_ns: int) -> None:
+        """Do what the engine does."""
+        self._engine.choose_set(link, number, at_ns)
+
 
 class _QuietPublisher(Publisher):
     """Leaves out messages that no simulated controller uses."""

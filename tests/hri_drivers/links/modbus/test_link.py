@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,15 @@ from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import Acknowledge, Advice, Level, NodeState, RobotState, Status
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Level,
+    NodeState,
+    RobotState,
+    SetChoice,
+    Status,
+)
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.registers import (
     NEAREST,
@@ -182,6 +191,29 @@ def test_presses_and_states_reach_the_node(link, plc):
     assert heard[1].positions[0] == -0.5
     node = posted(server, lambda: (n := there.node())["ACK_TAKEN"] == 9 and n)
     assert node["PLC_ALIVE"] == 1
+
+
+def test_a_plc_chooses_a_set_and_reads_what_is_in_force(link, plc):
+    server = link()
+    there = plc(server)
+    assert "words" in there.ask(write=[1010, [2, 1]])
+    heard: list[Any] = []
+
+    def chosen() -> bool:
+        heard.extend(r.message for r in server.take())
+        return bool(heard)
+
+    eventually(chosen)
+    assert heard == [SetChoice(2)]
+    shown = replace(STATUS, set_number=2, set_hash=0x01020304)
+
+    def read() -> Any:
+        server.post(shown)
+        return there.ask(read=[20, 3])["words"]
+
+    assert eventually(lambda: (words := read())[0] and words) == [2, 0x0102, 0x0304]
+    time.sleep(0.1)  # the silence time-out of 60 ms, in real time
+    assert there.ask(read=[20, 3])["words"] == [0, 0, 0]
 
 
 def test_both_edges_of_the_button_reach_the_node(link, plc):

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
+from hri_predict.protocol.messages import Acknowledge, Advice, Level, SetChoice
 from hri_predict.protocol.reasons import Reason
 from tests.hri_drivers.links.plant.test_codec import STATUS
 from tests.hri_drivers.links.rtde.rtde_robot import eventually
@@ -180,6 +181,28 @@ def test_a_press_reaches_the_node_once_and_nothing_else_is_written(node, far):
 
     eventually(released, 10.0)
     assert heard == [Acknowledge(0, 9)]
+
+
+@marked
+def test_a_client_chooses_a_set(node, far):
+    node.link.take()
+    for counter in (1, 1, 2):
+        assert far.ask(choose=[3, counter]) == "Good"
+    heard: list[Any] = []
+
+    def twice() -> bool:
+        heard.extend(each.message for each in node.link.take())
+        return len(heard) >= 2
+
+    eventually(twice, 10.0)
+    assert heard == [SetChoice(3), SetChoice(3)]
+    shown = replace(STATUS, set_number=3, set_hash=77)
+
+    def read() -> Any:
+        node.link.post(shown)
+        return far.ask(read=["Node.SET_IN_FORCE", "Node.SET_HASH"])
+
+    eventually(lambda: [each[1] for each in read()] == [3, 77], 10.0)
 
 
 @marked
