@@ -4,7 +4,8 @@
 
 ``{"read": [name, ...]}``: status, value and source time (s) of each; ``{"call": [latch, ack]}``,
 ``{"choose": [number, counter]}``, ``{"write": [name, value]}``, ``{"add": 1}``: the status;
-``{"subscribe": [names], "ms": 20}``, then ``{"changes": seconds}``: what came, as [name, status, value, time of receipt].
+``{"subscribe": [names], "ms": 20}``, then ``{"changes": seconds}``: what came, as [name, status,
+value, time of receipt].
 """
 
 import asyncio
