@@ -14,7 +14,7 @@ from hri_predict.risk.areas import NamedZoneSettings
 
 
 class SetSettings(Settings):
-    """One set: an entry of ``risk.sets``. What it does not name stays as configured."""
+    """One set: an entry of ``risk.sets``. Everything else stays as configured."""
 
     number: int = Field(ge=1, le=65_535, description="the number by which a PLC chooses it")
     name: Name = Field(description="its own name, for people")

@@ -14,7 +14,7 @@ LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 """Causes for which a latch may be set, see ``RiskSettings.latch``."""
 
 RestartType = Literal["automatic", "manual", "supervised"]
-"""What ends a latch, see ``RiskSettings.restart``."""
+"""Conditions that end a latch, see ``RiskSettings.restart``."""
 INTERLOCKED: tuple[LatchCause, ...] = ("stop", "start", "blind", "lost")
 """Causes of a latch where ``restart`` is given and ``latch`` is not."""
 

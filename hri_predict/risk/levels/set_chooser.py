@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class InForce:
-    """What the set in force says.
+    """Content of the set in force.
 
     Attributes:
         number: of the set; 0: none is in force, or it changes just now.

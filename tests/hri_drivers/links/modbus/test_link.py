@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ from hri_predict.protocol.messages import (
     Level,
     NodeState,
     RobotState,
-    SetChoice,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
@@ -191,47 +189,6 @@ def test_presses_and_states_reach_the_node(link, plc):
     assert heard[1].positions[0] == -0.5
     node = posted(server, lambda: (n := there.node())["ACK_TAKEN"] == 9 and n)
     assert node["PLC_ALIVE"] == 1
-
-
-def test_a_plc_chooses_a_set_and_reads_what_is_in_force(link, plc):
-    server = link()
-    there = plc(server)
-    assert "words" in there.ask(write=[1010, [2, 1]])
-    heard: list[Any] = []
-
-    def chosen() -> bool:
-        heard.extend(r.message for r in server.take())
-        return bool(heard)
-
-    eventually(chosen)
-    assert heard == [SetChoice(2)]
-    shown = replace(STATUS, set_number=2, set_hash=0x01020304)
-
-    def read() -> Any:
-        server.post(shown)
-        return there.ask(read=[20, 3])["words"]
-
-    assert eventually(lambda: (words := read())[0] and words) == [2, 0x0102, 0x0304]
-    time.sleep(0.1)  # the silence time-out of 60 ms, in real time
-    assert there.ask(read=[20, 3])["words"] == [0, 0, 0]
-
-
-def test_both_edges_of_the_button_reach_the_node(link, plc):
-    server = link()
-    there = plc(server)
-    for latch_id in (77, 77, 0, 0):  # as an I/O scanner writes: in each cycle
-        there.ask(write=[1001, [latch_id, 0, 9]])
-    there.ask(write=[1001, [0, 0, 8]])  # of no press
-    there.ask(write=[1001, [0, 0, 0]])
-    there.ask(write=[1001, [78, 0, 10]])
-    heard: list[Any] = []
-
-    def all_three() -> bool:
-        heard.extend(r.message for r in server.take())
-        return len(heard) >= 3
-
-    eventually(all_three)
-    assert heard == [Acknowledge(77, 9), Acknowledge(0, 9), Acknowledge(78, 10)]
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,12 @@ def test_the_robot_starts_when_the_button_is_released_and_not_while_it_is_held(t
         stderr=said.open("w"),
     )
     plc = Plc(port)
-    ends = threading.Timer(WAIT_S, lambda: (node.kill(), plc.kill()))
+
+    def end() -> None:
+        node.kill()
+        plc.kill()
+
+    ends = threading.Timer(WAIT_S, end)
     ends.start()
     try:
         cell = Cell(plc)
