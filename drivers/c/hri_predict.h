@@ -23,7 +23,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 
 /* generated: begin constants (renew: hri-predict protocol files) */
 #define HRI_SCHEMA_VERSION 3u
-#define HRI_SCHEMA_HASH 0xFB525C85u
+#define HRI_SCHEMA_HASH 0xD5519FDEu
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -120,6 +120,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_REASON_INPUT_RELATIVE 56u
 #define HRI_REASON_SENSOR_SILENT 57u
 #define HRI_REASON_SENSORS_DISAGREE 58u
+#define HRI_REASON_SET_UNKNOWN 59u
 #define HRI_REASON_TEACH 60u
 #define HRI_REASON_RECOVERY 61u
 #define HRI_REASON_MUTED 62u
@@ -379,6 +380,10 @@ uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint
  * Repeat it a few times within 1 s with the same ack_id, not 0; use a new ack_id, also after a start
  * of yours, for the next press. Only a press counts that comes 12 s or more after the one before. */
 uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit);
+
+/* The button of that press has been released: one unit, to be repeated likewise; return 0 if not
+ * configured or if ack_id is 0. A supervised restart needs it; otherwise it does no harm. */
+uint8_t hri_released(hri_receiver *r, uint32_t ack_id, hri_unit *unit);
 
 #ifdef __cplusplus
 }

@@ -191,15 +191,22 @@ uint8_t hri_send_robot_state(hri_receiver *r, const hri_robot_state *state, uint
                    needed_parts(state));
 }
 
-uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit)
+static uint8_t edge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit)
 {
     uint8_t payload[HRI_BYTES_ACKNOWLEDGE];
-    if (!r->configured || (latch_id == 0u)) {
-        return 0u;
-    }
     put_u16(payload, latch_id);
     put_u16(&payload[2], ack_id & 0xFFFFu);
     put_u16(&payload[4], ack_id >> 16);
     return protect(r, unit, HRI_NUMBER_ACKNOWLEDGE, &r->ack_sequence, payload, sizeof payload,
                    1u);
+}
+
+uint8_t hri_acknowledge(hri_receiver *r, uint16_t latch_id, uint32_t ack_id, hri_unit *unit)
+{
+    return (r->configured && (latch_id != 0u)) ? edge(r, latch_id, ack_id, unit) : 0u;
+}
+
+uint8_t hri_released(hri_receiver *r, uint32_t ack_id, hri_unit *unit)
+{
+    return (r->configured && (ack_id != 0u)) ? edge(r, 0u, ack_id, unit) : 0u;
 }

@@ -15,7 +15,7 @@ from hri_predict.contracts.predictor import Forecast
 from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Remembers
-from hri_predict.node.presses import Presses
+from hri_predict.node.presses import Press, Presses
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.refused_states import RefusedStates
 from hri_predict.node.repeats import Repeats
@@ -29,6 +29,7 @@ from hri_predict.protocol.messages import (
     Level,
     NodeState,
     RobotState,
+    SetChoice,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
@@ -101,6 +102,7 @@ class Node:
         publisher: Publisher,
         predictor_index: int,
         listeners: Sequence[Listener] = (),
+        supervised_restart: bool = False,
     ) -> None:
         self._people = people
         self._prediction = prediction
@@ -115,8 +117,8 @@ class Node:
         self._listeners = listeners
         self.shedding = Shedding()
         self._cycle = 0
-        self._presses = Presses()
-        self._pressed: list[int] = []  # latch ids, to be judged by the facts of this tick
+        self._presses = Presses(supervised_restart)
+        self._pressed: list[Press] = []  # to be judged by the facts of this tick
         self.conditions: Callable[[], Sequence[Reason]] = tuple
         self.scenes_in = self.frames_in = self.assess_failures = self.acknowledges = 0
         self.listener_failures = self.strange_states = 0
@@ -160,7 +162,7 @@ class Node:
             self.assess_failures += 1
             advices = self._all_robots(Level.FAULT, Reason.NODE_FAULT)
         self.state = self._state_of(snapshot, assessment, reasons)
-        status = self._status(snapshot, reasons, failed=assessment is None)
+        status = self._status(snapshot, reasons, assessment)
         return self._publish(
             Tick(
                 now_ns=now_ns,
@@ -240,6 +242,8 @@ class Node:
                         self._refused_states[message.robot].look(
                             message, received.received_ns, link.name
                         )
+                elif isinstance(message, SetChoice):
+                    self._risk.choose_set(link.name, message.number, received.received_ns)
                 elif isinstance(message, Acknowledge):
                     self._acknowledge(link.name, robots, message, received.received_ns)
 
@@ -247,20 +251,21 @@ class Node:
         self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
     ) -> None:
         """End what the operator saw: lost people now, a latch by the facts of this tick."""
-        if self._presses.counts(link, robots, message, at_ns):
+        for press in self._presses.take(link, robots, message, at_ns):
             self.acknowledges += 1
-            self._pressed.append(message.latch_id)
+            self._pressed.append(press)
             self._forgotten += self._people.acknowledge()
 
     def _release(self) -> None:
         """Release the latches that were acknowledged, if their causes have cleared."""
         pressed, self._pressed = self._pressed, []
-        for latch_id in pressed:
-            if not self._risk.acknowledge(latch_id) and not self._forgotten:
+        for press in pressed:
+            released = self._risk.acknowledge(press.latch_id, press.down_ns)
+            if not released and not self._forgotten:
                 log.warning(
                     "acknowledge of latch %d refused (%d refused before): its cause has come back, "
                     "or something was added to it since",
-                    latch_id,
+                    press.latch_id,
                     self._refused,
                 )
                 self._refused += 1
@@ -285,10 +290,18 @@ class Node:
         return NodeState.RUNNING
 
     def _status(
-        self, snapshot: PeopleSnapshot | None, reasons: tuple[Reason, ...], failed: bool
+        self,
+        snapshot: PeopleSnapshot | None,
+        reasons: tuple[Reason, ...],
+        assessment: Assessment | None,
     ) -> Status:
         scene_reasons = snapshot.reasons if snapshot is not None else ()
-        worst = Reason.NODE_FAULT if failed else next(iter(scene_reasons + reasons), Reason.NONE)
+        chosen = assessment.set_in_force if assessment is not None else None
+        worst = (
+            Reason.NODE_FAULT
+            if assessment is None
+            else next(iter(scene_reasons + reasons), Reason.NONE)
+        )
         return Status(
             node_state=self.state,
             reason=worst,
@@ -296,6 +309,8 @@ class Node:
             predictor=self._predictor_index,
             cycle=self._cycle,
             capture_ns=snapshot.newest_capture_ns if snapshot is not None else None,
+            set_number=None if chosen is None else chosen[0],
+            set_hash=None if chosen is None else chosen[1],
         )
 
     def _all_robots(self, level: Level, reason: Reason) -> tuple[Advice, ...]:

@@ -10,6 +10,10 @@ after it was shown, or come without a pause. So an Acknowledge counts if
 
 One that comes again within ``REPEATS_S`` is the same message, and is left out; later it is a replay
 and never counts.
+
+An Acknowledge with latch id 0 and the number of a press says that its button was released. With
+``supervised``, a press counts only then, if it lasted from ``SHORTEST_S`` to ``LONGEST_S``, and its
+latch was shown all the time: a button that is stuck, taped down or bridged is never released.
 """
 
 import logging
@@ -27,11 +31,21 @@ TOGETHER_S = 0.5
 """A controller sends the presses of one button for several robots within a few of its cycles."""
 REPEATS_S = 2.0
 """A controller sends one Acknowledge several times, in case that a frame is lost."""
+SHORTEST_S, LONGEST_S = 0.15, 3.0
+"""A supervised press. A contact that bounces is shorter; a button under something heavy, longer."""
 HELD_AT = 3
 """Acknowledges in a row, each too soon after the one before, that are a fault: a person who presses
 twice by mistake makes one."""
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Press:
+    """A press that counts: what it acknowledges, and when the button went down, node's clock."""
+
+    latch_id: int
+    down_ns: int
 
 
 @dataclass(slots=True)
@@ -43,12 +57,14 @@ class _Line:
         pressed_ns: when the newest press began: an Acknowledge after a pause.
         in_a_row: number of Acknowledges since then, not those that belong to the press.
         seen: (latch id, ack id) -> when it came first, of the newest.
+        down: ack id -> presses with it that were not released yet; none of one that was refused.
     """
 
     heard_ns: int
     pressed_ns: int | None = None
     in_a_row: int = 0
     seen: dict[tuple[int, int], int] = field(default_factory=dict)
+    down: dict[int, tuple[Press, ...]] = field(default_factory=dict)
 
 
 _MOST_SEEN = 64
@@ -57,11 +73,15 @@ _MOST_SEEN = 64
 class Presses:
     """Judges the Acknowledges of all links.
 
+    Args:
+        supervised: whether a press counts only when its button is released.
+
     Attributes:
         refused: why -> number of Acknowledges that did not count.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, supervised: bool = False) -> None:
+        self._supervised = supervised
         self.refused: Counter[str] = Counter()
         self._lines: dict[str, _Line] = {}
         self._start_ns: int | None = None
@@ -75,8 +95,10 @@ class Presses:
             if self._shown.get(advice.robot, (0, 0))[0] != advice.latch_id:
                 self._shown[advice.robot] = (advice.latch_id, now_ns)
 
-    def counts(self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int) -> bool:
-        """Whether an Acknowledge is a press that counts.
+    def take(
+        self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
+    ) -> tuple[Press, ...]:
+        """Return the presses that count because of this Acknowledge.
 
         Args:
             link: name of the link that it came on.
@@ -89,16 +111,46 @@ class Presses:
         pair = (message.latch_id, message.ack_id)
         first_ns = line.seen.get(pair)
         if first_ns is not None and at_ns - first_ns <= REPEATS_S * 1e9:
-            return False  # the same message again
-        why = self._why_not(line, robots, message.latch_id, at_ns)
-        if first_ns is not None:
-            why = why or "replayed"
+            return ()  # the same message again
         line.seen.setdefault(pair, at_ns)
         if len(line.seen) > _MOST_SEEN:
             del line.seen[next(iter(line.seen))]
-        if why:
+        if message.latch_id == 0 and message.ack_id in line.down:
+            return self._released(link, robots, message, at_ns)
+        why = self._why_not(line, robots, message.latch_id, at_ns)
+        if first_ns is not None:
+            why = why or "replayed"
+        if why:  # one that is refused also ends what was begun
+            line.down = {message.ack_id: ()} if message.latch_id else {}
             self._refuse(link, message, why)
-        return not why
+            return ()
+        press = Press(message.latch_id, at_ns)
+        line.down[message.ack_id] = (*line.down.get(message.ack_id, ()), press)
+        return () if self._supervised else (press,)
+
+    def _released(
+        self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
+    ) -> tuple[Press, ...]:
+        """Judge the presses that end; without ``supervised`` they have counted already."""
+        line = self._lines[link]
+        line.heard_ns = at_ns
+        presses = line.down.pop(message.ack_id)
+        if not self._supervised:
+            return ()
+        if not presses:
+            self._refuse(link, message, "no_press")
+        counting = []
+        for press in presses:
+            held_s = (at_ns - press.down_ns) * 1e-9
+            since_ns = self._shown_ns(robots, press.latch_id)
+            if not SHORTEST_S <= held_s <= LONGEST_S:
+                why = "too_short" if held_s < SHORTEST_S else "too_long"
+                self._refuse(link, Acknowledge(press.latch_id, message.ack_id), why)
+            elif since_ns is None or since_ns > press.down_ns:
+                self._refuse(link, Acknowledge(press.latch_id, message.ack_id), "not_kept")
+            else:
+                counting.append(press)
+        return tuple(counting)
 
     def are_held(self, now_ns: int) -> bool:
         """Whether Acknowledges come again and again on any link."""
@@ -118,12 +170,17 @@ class Presses:
             line.in_a_row += 1
         if latch_id == 0:
             return "names_nothing"
-        since_ns = [s for r, (n, s) in self._shown.items() if r in robots and n == latch_id]
-        if not since_ns:
+        since_ns = self._shown_ns(robots, latch_id)
+        if since_ns is None:
             return "not_shown"
-        if at_ns - min(since_ns) < SHOWN_S * 1e9:
+        if at_ns - since_ns < SHOWN_S * 1e9:
             return "too_soon"
         return "" if together else "no_pause"
+
+    def _shown_ns(self, robots: frozenset[int], latch_id: int) -> int | None:
+        """Since when a latch id has been shown for any of these robots; ``None``: it is not."""
+        since_ns = [s for r, (n, s) in self._shown.items() if r in robots and n == latch_id]
+        return min(since_ns, default=None)
 
     def _refuse(self, link: str, message: Acknowledge, why: str) -> None:
         if self.refused[why] % 1000 == 0:  # a controller must not fill the log
@@ -138,11 +195,15 @@ class Presses:
 
 
 _WORDS = {
-    "names_nothing": "since protocol version 3 latch id 0 acknowledges nothing, and the Acknowledge"
-    " must name the latch id of the Advice; rebuild the controller's program if it sends 0",
+    "names_nothing": "latch id 0 acknowledges nothing, and no press with this number waits for its"
+    " release; a press must name the latch id of the Advice",
     "not_shown": "the Advice does not show this latch id now",
     "too_soon": f"it came within {SHOWN_S:g} s of being shown, sooner than a person presses",
     "replayed": f"it came more than {REPEATS_S:g} s ago already; give each press its own number",
     "no_pause": f"it came less than {QUIET_S:g} s after another one or after the node's start;"
     f" wait {QUIET_S:g} s, then press once",
+    "no_press": "its button's press did not count, or another Acknowledge came before the release",
+    "too_short": f"the button was released within {SHORTEST_S:g} s; press it longer",
+    "too_long": f"the button was held for more than {LONGEST_S:g} s; press it and let go",
+    "not_kept": "while the button was held, the Advice did not show this latch id all the time",
 }

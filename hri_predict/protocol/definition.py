@@ -209,7 +209,7 @@ DEFINITIONS: tuple[Definition, ...] = (
             Field(
                 signal="LATCH_ID",
                 bits=16,
-                text="LATCH_ID of the Advice that the person saw; 0 acknowledges nothing",
+                text="LATCH_ID of the Advice that the person saw; 0: the button is released",
             ),
             Field(
                 signal="ACK_ID",

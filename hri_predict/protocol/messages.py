@@ -85,6 +85,8 @@ class Status:
 
     ``reason`` is the worst active condition, ``predictor`` the predictor's index. ``capture_ns`` is
     the newest good capture; it is not on the wire, but ``age_s`` is computed from it at encoding.
+    ``set_number`` and ``set_hash`` are the configuration set in force, for register maps alone: 0
+    if it is none, ``None`` if there are no sets.
     """
 
     node_state: NodeState
@@ -94,6 +96,8 @@ class Status:
     cycle: int
     age_s: float | None = None
     capture_ns: int | None = None
+    set_number: int | None = None
+    set_hash: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,16 +228,26 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A person acknowledges what the Advice showed as ``latch_id``; 0 acknowledges nothing.
+    """A person acknowledges what the Advice showed as ``latch_id``.
 
-    The sender chooses ``ack_id`` for each press, not 0; repeats of one number count once.
+    The sender chooses ``ack_id`` for each press, not 0; repeats of one number count once. With 0 as
+    ``latch_id`` the button of the press ``ack_id`` has been released, which acknowledges nothing
+    by itself (``node.presses``).
     """
 
     latch_id: int
     ack_id: int
 
 
-Message = Status | Advice | Zone | Pose | Schema | RobotState | Acknowledge
+@dataclass(frozen=True, slots=True)
+class SetChoice:
+    """A PLC chooses a configuration set by its number; only register maps carry it."""
+
+    number: int
+
+
+FromController = RobotState | Acknowledge | SetChoice
+Message = Status | Advice | Zone | Pose | Schema | FromController
 
 
 def at_encoding(message: Message, now_ns: int, echo: int | None = None) -> Message:

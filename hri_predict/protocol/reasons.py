@@ -337,6 +337,13 @@ class Reason(IntEnum):
         "the sensors have agreed for as long as it took to notice",
         Kind.INPUT,
     )
+    SET_UNKNOWN = Row(
+        59,
+        "no configured set is chosen: the number is unknown, or a PLC that chose one is silent",
+        "a PLC chooses a set of risk.sets, and renews it",
+        Kind.NODE,
+        is_news=True,
+    )
     TEACH = Row(
         60,
         "teach mode: reduced speed while the enabling device is held",

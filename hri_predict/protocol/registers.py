@@ -19,7 +19,8 @@ NO_ANGLE = 0x8000
 NO_STATE = -(2**31)
 """A position or velocity that the PLC does not know."""
 ROBOT_BASE, ROBOT_STRIDE = 100, 40
-WRITE_BASE = 1000
+SETS_BASE = 20
+WRITE_BASE, CHOOSE_BASE = 1000, 1010
 STATE_BASE, STATE_STRIDE = 1100, 60
 
 
@@ -93,8 +94,16 @@ NEAREST = (
 )
 WRITTEN = (
     Register("PLC_HEARTBEAT", "any number that changes"),
-    Register("ACK_LATCH_ID", "LATCH_ID that was shown when the button went down"),
-    Register("ACK_ID", "another number for each press, not 0", words=2),
+    Register("ACK_LATCH_ID", "LATCH_ID that was shown when the button went down; 0: it is up"),
+    Register("ACK_ID", "another number for each press, not 0; its release has the same", words=2),
+)
+SETS = (
+    Register("SET_IN_FORCE", "number of the set in force; 0: none is, or it changes just now"),
+    Register("SET_HASH", "its hash, as `hri-predict check` prints it; 0: none", words=2),
+)
+CHOSEN = (
+    Register("SET_NUMBER", "number of the configuration set to use"),
+    Register("SET_COUNTER", "another number with each write: one that stays is an old choice"),
 )
 STATE = (
     Register("STATE_COUNTER", "advances by 1 with every state, modulo 65536"),

@@ -10,6 +10,8 @@ from hri_predict.protocol.registers import (
     NEAREST,
     NODE,
     ROBOT,
+    SETS,
+    SETS_BASE,
     WRITTEN,
     Register,
     nearest_address,
@@ -20,7 +22,7 @@ NAMESPACE = "urn:hri-predict:registers"
 INDEX = 2
 """Of ``NAMESPACE`` in this server's array of namespaces."""
 LEFT_OUT = frozenset({"PLC_ALIVE"})  # no PLC_HEARTBEAT is written: OPC UA has sessions
-METHOD = "Acknowledge"
+METHOD, CHOOSE = "Acknowledge", "ChooseSet"
 ARGUMENTS = tuple(register for register in WRITTEN if register.name.startswith("ACK"))
 
 
@@ -53,6 +55,8 @@ def node_variables() -> Iterator[Variable]:
     for register in NODE:
         if register.name not in LEFT_OUT:
             yield Variable(f"Node.{register.name}", 0, register)
+    for register in SETS:
+        yield Variable(f"Node.{register.name}", SETS_BASE, register)
 
 
 def robot_variables(robot: int | str) -> Iterator[Variable]:

@@ -1,5 +1,6 @@
 """Areas of the room: the user's named zones, and the sensor's field of view."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.geometry import Capsules, in_polygon, segment_distance
 from hri_predict.base.quantities.safe_side import LessSafe, Safety
 from hri_predict.base.settings import MIN_SPEED_M_S, Name, Region
@@ -170,3 +172,22 @@ def approach_m(time_s: Floats) -> Floats:
     """Return an unseen person's maximum approach: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
     near, walk = REACH_SPEED_M_S * time_s, WALK_SPEED_M_S * time_s
     return np.minimum(near, np.maximum(NEAR_M, walk))
+
+
+def check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:
+    """Refuse two zones of one name, and robots that there are not.
+
+    Raises:
+        ConfigError: one line with the remedy.
+    """
+    names: set[str] = set()
+    for zone in zones:
+        if zone.name in names:
+            raise ConfigError(f"zones: two zones are named '{zone.name}'; give each its own name")
+        names.add(zone.name)
+        for robot in zone.robots or ():
+            if robot not in robots:
+                raise ConfigError(
+                    f"zones: zone {zone.name} names the unknown robot '{robot}'"
+                    f"{nearest(robot, robots)} (known: {', '.join(robots)})"
+                )

@@ -9,14 +9,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Region
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts.predictor import Forecast, problem_in
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.reason_row import Kind
 from hri_predict.protocol.reasons import Reason
-from hri_predict.risk.areas import FieldOfView, NamedZone, NamedZoneSettings, floor_distance
+from hri_predict.risk.areas import (
+    FieldOfView,
+    NamedZone,
+    NamedZoneSettings,
+    check_zones,
+    floor_distance,
+)
 from hri_predict.risk.contact.judges import contact_judges
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.levels.advice import Levels
@@ -25,6 +31,7 @@ from hri_predict.risk.levels.modes import REASONS, admitted
 from hri_predict.risk.levels.near_miss import near_misses
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, Separation
+from hri_predict.risk.sets import check_sets
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.types import Assessment
 from hri_predict.risk.warm_up_people import made_up_ticks
@@ -107,7 +114,8 @@ class RiskEngine:
         }
         for robot in constants:
             _check_modes(robot, settings)
-        _check_zones(named_zones, [robot.name for robot in constants])
+        check_zones(named_zones, [robot.name for robot in constants])
+        check_sets(settings.sets, named_zones)
         for key, door in (doors or {}).items():
             _check_door(key, door, constants)
         named = [NamedZone(zone, settings.person_uncertainty_m) for zone in named_zones]
@@ -244,12 +252,15 @@ class RiskEngine:
         drift = [Reason.CALIBRATION_DRIFT] if self._is_drifting else []
         modes = [REASONS[a.mode] for a in advices if a.mode in REASONS]
         said = [*bodies.reasons, *lies, *(r for each in remarks for r in each), *modes, *drift]
-        reasons = dict.fromkeys(said)
+        reasons = dict.fromkeys([*self._levels.sets.reasons, *said])
         near = near_misses(findings, bodies)
         grounds = partial(
             grounds_of, tuple(self._constants), findings.robots, bodies, self._settings
         )
-        return Assessment(advices, bodies.zones, findings.named, tuple(reasons), near, grounds)
+        return Assessment(
+            *(advices, bodies.zones, findings.named, tuple(reasons), near, grounds),
+            set_in_force=self._levels.sets.shown,
+        )
 
     def _remarks(self, robot: int, now_ns: int) -> tuple[Reason, ...]:
         """Return a robot's deviations from its advice."""
@@ -276,9 +287,13 @@ class RiskEngine:
         counts.update({f"mode_{n}": c for n, c in self._levels.mode_counters.items()})
         return dict(counts)
 
-    def acknowledge(self, latch_id: int) -> bool:
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
         """See ``Levels.acknowledge``."""
-        return self._levels.acknowledge(latch_id)
+        return self._levels.acknowledge(latch_id, down_ns)
+
+    def choose_set(self, link: str, number: int, at_ns: int) -> None:
+        """See ``SetChooser.choose``."""
+        self._levels.sets.choose(link, number, at_ns)
 
     def remember(self) -> dict[str, Any]:
         """Return the state that must survive a restart of the node: the latches."""
@@ -360,20 +375,6 @@ def _check_modes(robot: RobotConstants, risk: RiskSettings) -> None:
                 f"risk.min_speed_m_s {risk.min_speed_m_s:g}, which means stop; raise it, or lower "
                 "risk.min_speed_m_s"
             )
-
-
-def _check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:
-    names: set[str] = set()
-    for zone in zones:
-        if zone.name in names:
-            raise ConfigError(f"zones: two zones are named '{zone.name}'; give each its own name")
-        names.add(zone.name)
-        for robot in zone.robots or ():
-            if robot not in robots:
-                raise ConfigError(
-                    f"zones: zone {zone.name} names the unknown robot '{robot}'"
-                    f"{nearest(robot, robots)} (known: {', '.join(robots)})"
-                )
 
 
 def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> None:

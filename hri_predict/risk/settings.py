@@ -7,10 +7,16 @@ from pydantic import Field, model_validator
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 from hri_predict.base.settings import MIN_SPEED_M_S, Settings
 from hri_predict.risk.fixtures import Fixture
+from hri_predict.risk.sets import SetSettings
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
 """Causes for which a latch may be set, see ``RiskSettings.latch``."""
+
+RestartType = Literal["automatic", "manual", "supervised"]
+"""Conditions that end a latch, see ``RiskSettings.restart``."""
+INTERLOCKED: tuple[LatchCause, ...] = ("stop", "start", "blind", "lost")
+"""Causes of a latch where ``restart`` is given and ``latch`` is not."""
 
 MIN_FIXED_RADIUS_M = 0.3
 """Arms of the smallest robots reach 0.5 m and more (UR3e)."""
@@ -120,12 +126,25 @@ class RiskSettings(Settings):
         " frozen), lost (a person was lost), restart (as start, if a state file shows an earlier"
         " run)",
     )
+    restart: RestartType = Field(
+        "automatic",
+        description="what ends a latch. automatic: nothing is latched; manual: one press of the"
+        " button, the default where latch has causes; supervised: the button is pressed and let go"
+        " within 0.15 to 3 s, while the robot's level would be clear all the time. manual and"
+        " supervised without latch: it is [stop, start, blind, lost]",
+    )
     limits: HumanLimits = Field(HumanLimits(), description="speeds of people")
     coverage: CoverageSettings = Field(
         CoverageSettings(), description="coverage of the body by calibrated zones"
     )
     contact: ContactSettings = Field(
         ContactSettings(), description="contact that is permitted in mode hybrid"
+    )
+
+    sets: list[SetSettings] = Field(
+        [],
+        max_length=16,
+        description="configuration sets, of which a PLC chooses one by a link kind modbus or opcua",
     )
 
     safety: ClassVar[Safety] = harmless("region_margins_m") | {
@@ -158,6 +177,32 @@ class RiskSettings(Settings):
             instead = "latch: [stop]" if data["latch_stop"] else "latch: []"
             raise ValueError(f"latch_stop is now a list of causes; write '{instead}' instead")
         return data
+
+    @model_validator(mode="before")
+    @classmethod
+    def _restart_and_latch(cls, data: Any) -> Any:
+        """Either one sets the other where it is not given."""
+        if not isinstance(data, dict):
+            return data
+        if "restart" not in data:
+            return {**data, "restart": "manual"} if data.get("latch") else data
+        if "latch" not in data and data["restart"] != "automatic":
+            return {**data, "latch": list(INTERLOCKED)}
+        return data
+
+    @model_validator(mode="after")
+    def _latched_for_something(self) -> Self:
+        if self.restart == "automatic" and self.latch:
+            raise ValueError(
+                "restart automatic latches nothing; leave out latch, or write 'restart: manual' or"
+                " 'restart: supervised'"
+            )
+        if self.restart != "automatic" and not self.latch:
+            raise ValueError(
+                f"restart {self.restart} needs causes in latch; leave latch out for"
+                f" [{', '.join(INTERLOCKED)}]"
+            )
+        return self
 
     @model_validator(mode="after")
     def _slower_than_fastest(self) -> Self:

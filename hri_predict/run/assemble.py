@@ -380,6 +380,7 @@ def build(
             publisher=publisher,
             predictor_index=index,
             listeners=listeners,
+            supervised_restart=config.node.risk.restart == "supervised",
         ),
         last_latch_id=last_latch_id,
     )

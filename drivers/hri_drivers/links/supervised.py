@@ -22,7 +22,7 @@ from hri_drivers.wires.transport import READ_TIMEOUT_S, Transport, TransportBusy
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import LinkError
 from hri_predict.contracts.link import LinkCounters, LinkSettings, Received
-from hri_predict.protocol.messages import Acknowledge, Advice, Message, RobotState, at_encoding
+from hri_predict.protocol.messages import Advice, FromController, Message, RobotState, at_encoding
 from hri_predict.protocol.own_frames import OwnFrames
 
 log = logging.getLogger(__name__)
@@ -384,7 +384,7 @@ class SupervisedLink(Generic[U]):
         for unit in units:
             self.counters.bytes_received += self._codec.size(unit)
             for message in self._codec.decode(unit):
-                if not isinstance(message, RobotState | Acknowledge):
+                if not isinstance(message, FromController):
                     self._not_ours += 1  # a node's, on a link that only listens
                     continue
                 self.counters.messages_received += 1

@@ -25,6 +25,7 @@ from hri_predict.people.clock.offset_line import MAX_DRIFT
 from hri_predict.predictors.thread_runner import PredictionRunner
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.robot_constants import worst_distance
+from hri_predict.risk.sets import set_hash
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly
@@ -126,7 +127,11 @@ def _print(found: dict[str, Any]) -> None:
     )
     for line in (*computed, *shown):
         console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"latches: {', '.join(found['latch']) or 'none'}", highlight=False)
+    latches = ", ".join(found["latch"]) or "none"
+    for each in found["sets"]:
+        line = f"configuration set {each['number']} ({each['name']}): hash {each['hash']}"
+        console.print(line, highlight=False)
+    console.print(f"restart: {found['restart']}; latches: {latches}", highlight=False)
     console.print(f"state file: {found['state'] or 'none'}", highlight=False, soft_wrap=True)
     console.print(
         f"source's clock: up to {found['clock']['max_drift_ppm']:g} ppm of clock drift is "
@@ -213,6 +218,11 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
         "calibration": calibration,
         "joint_map": joint_map.joint_map_cost(config, predictor, source.joint_map),
         "latch": list(config.node.risk.latch),
+        "restart": config.node.risk.restart,
+        "sets": [
+            {"number": each.number, "name": each.name, "hash": set_hash(each, config.node.zones)}
+            for each in config.node.risk.sets
+        ],
         "state": notes.state_path(config),
         "clock": {"max_drift_ppm": MAX_DRIFT * 1e6, "wander_s": config.source.clock_wander_s},
         "evidence": evidence,

@@ -201,6 +201,10 @@ def _listed(ends: list[str]) -> str:
 # -- other settings --------------------------------------------------------------------------------
 
 
+CHOOSING = ("modbus", "opcua")
+"""Kinds of links by which a PLC chooses a configuration set."""
+
+
 def general_notes(config: Config) -> list[str]:
     """Return notes on what is left out, and what is permitted beyond the defaults."""
     notes = []
@@ -219,6 +223,11 @@ def general_notes(config: Config) -> list[str]:
     if margins := config.node.risk.region_margins_m:
         named = ", ".join(f"{region} {margin:g} m" for region, margin in margins.items())
         notes.append(f"risk.region_margins_m, beyond C + Z_d + Z_r: {named}")
+    if config.node.risk.sets and not any(link.kind in CHOOSING for link in config.links):
+        notes.append(
+            "risk.sets: no link can choose a set, so every level stays unknown (SET_UNKNOWN); add a"
+            f" link of kind {' or '.join(CHOOSING)}, or leave sets out"
+        )
     if config.node.risk.latch and config.node.state is None:
         notes.append("risk.latch without 'state': a restart of the node forgets what is latched")
     if "restart" in config.node.risk.latch and config.node.state is None:

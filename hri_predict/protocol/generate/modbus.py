@@ -5,11 +5,15 @@ from collections.abc import Callable
 from hri_predict.protocol.generate.blocks import Blocks
 from hri_predict.protocol.generate.document import table
 from hri_predict.protocol.registers import (
+    CHOOSE_BASE,
+    CHOSEN,
     NEAREST,
     NODE,
     ROBOT,
     ROBOT_BASE,
     ROBOT_STRIDE,
+    SETS,
+    SETS_BASE,
     STATE,
     STATE_BASE,
     STATE_STRIDE,
@@ -49,7 +53,9 @@ def _stale(register: Register) -> str:
 
 BLOCKS: Blocks = {
     "node": _table(NODE, 0),
+    "sets": _table(SETS, SETS_BASE),
     "robot": _table(ROBOT + NEAREST, ROBOT_BASE, ROBOT_STRIDE),
     "written": _table(WRITTEN, WRITE_BASE),
+    "chosen": _table(CHOSEN, CHOOSE_BASE),
     "state": _table(STATE, STATE_BASE, STATE_STRIDE),
 }

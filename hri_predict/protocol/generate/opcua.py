@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 from hri_predict.protocol.generate.blocks import Blocks
 from hri_predict.protocol.generate.document import table
+from hri_predict.protocol.registers import CHOSEN, Register
 from hri_predict.protocol.variables import (
     ARGUMENTS,
     INDEX,
@@ -30,15 +31,16 @@ def _table(variables: Iterable[Variable]) -> str:
     )
 
 
-def _arguments() -> str:
+def _arguments(registers: Iterable[Register]) -> str:
     return table(
         ("argument", "type", "meaning"),
-        ((f"`{each.name}`", type_of(each), each.text) for each in ARGUMENTS),
+        ((f"`{each.name}`", type_of(each), each.text) for each in registers),
     )
 
 
 BLOCKS: Blocks = {
     "node": lambda: _table(node_variables()),
     "robot": lambda: _table(robot_variables("r")),
-    "acknowledge": _arguments,
+    "acknowledge": lambda: _arguments(ARGUMENTS),
+    "choose": lambda: _arguments(CHOSEN),
 }

@@ -19,6 +19,7 @@ from hri_predict.protocol.messages import (
     OperatingMode,
     RobotMode,
     RobotState,
+    SetChoice,
     Status,
 )
 from hri_predict.protocol.reasons import Reason
@@ -169,7 +170,7 @@ def sent_from_dict(kind: type[Sent], data: dict[str, Any]) -> Sent:
     return kind(**values)
 
 
-def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:
+def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | SetChoice | None:
     """Back from ``message_to_dict``; ``None`` for a class that a controller does not send.
 
     Raises:
@@ -186,6 +187,8 @@ def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | None:
         )
     if data["type"] == "Acknowledge":
         return Acknowledge(latch_id=int(data["latch_id"]), ack_id=int(data["ack_id"]))
+    if data["type"] == "SetChoice":
+        return SetChoice(whole(data["number"], 0, 65_535))
     return None
 
 

@@ -8,7 +8,7 @@ say ``utc``. In recordings of format 1 both times are the node's clock.
 | topic | when | what |
 |---|---|---|
 | /scene | each scene received | as received, *exact*: a replay feeds the node the same numbers |
-| /received | each message of a controller | RobotState, Acknowledge, with the link's name |
+| /received | each message of a controller | RobotState, Acknowledge, SetChoice; its link |
 | /status | each tick | the message's fields, all reasons, the named zones |
 | /advice/ROBOT | each tick | the message's fields as plain numbers, and what it rests on |
 | /node | each second | counters of the node and its links |

@@ -23,6 +23,7 @@ from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.risk.levels.named_zones import zone_demand
 from hri_predict.risk.levels.pair import pair_m
+from hri_predict.risk.levels.set_chooser import SetChooser
 from hri_predict.risk.levels.steady_reason import SteadyReason
 from hri_predict.risk.levels.waiting import why_and_until
 from hri_predict.risk.permitted import NEAR_M
@@ -65,6 +66,7 @@ class Levels:
         self._horizon_s = horizon_s
         self._segment_index = segment_index
         self._settings = settings
+        self.sets = SetChooser(settings.sets, [zone.settings for zone in named])
         ids = LatchIds(last_latch_id)
         self._machines = tuple(LevelMachine(settings, r.max_speed_m_s, ids) for r in robots)
         self._modes = tuple(Modes(r.robot.modes, r.name, r.max_speed_m_s) for r in robots)
@@ -90,6 +92,7 @@ class Levels:
             remarks: for each robot, where it departs from its advice. A robot that was too fast is
                 no longer slowed: it runs or it stands, and it may touch no one.
         """
+        self.sets.update(snapshot.now_ns)
         return tuple(
             self._advise(
                 robot=robot,
@@ -101,10 +104,10 @@ class Levels:
             for robot in range(len(self._robots))
         )
 
-    def acknowledge(self, latch_id: int) -> bool:
-        """Release the latch ``latch_id`` if its cause has cleared; return whether it was."""
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
+        """Release the latch ``latch_id``; see ``LevelMachine``. Return whether it was."""
         for robot, machine in enumerate(self._machines):  # a number is of one latch
-            if machine.acknowledge(latch_id):
+            if machine.acknowledge(latch_id, down_ns):
                 self._notes[robot] = ""
                 return True
         return False
@@ -171,10 +174,13 @@ class Levels:
         demand = decision.demand
         if too_fast:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
-        causes = causes_now(snapshot, bodies.untrusted)
-        machine = self._machines[robot]
-        advised = machine.update(
-            demand, snapshot.captures, snapshot.now_ns, causes, lost=snapshot.to_acknowledge
+        advised = self._machines[robot].update(
+            demand,
+            snapshot.captures,
+            snapshot.now_ns,
+            causes_now(snapshot, bodies.untrusted),
+            lost=snapshot.to_acknowledge,
+            cap_m_s=self.sets.in_force.max_speed_m_s,
         )
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.unknown.any():
@@ -240,11 +246,14 @@ class Levels:
         """Return this tick's demand on a robot, and the finding about people behind it."""
         constants = self._robots[robot]
         demand, people = asked_of(constants, found, bodies)
+        if not self.sets.in_force.is_known:
+            return Demand.unknown(Reason.SET_UNKNOWN), people
         if found.unknown:
             return demand, people
         by_zones = [
             zone_demand(zone.settings, state, constants.name, constants.max_speed_m_s)
             for zone, state in zip(self._named, named, strict=True)
+            if self.sets.in_force.asks(state.name)
         ]
         return combined([demand, *by_zones], constants.max_speed_m_s), people
 
@@ -260,6 +269,8 @@ class Levels:
             unseen = f"; people may be there unseen: look, then acknowledge latch id{number}"
             return unseen if number else ""
         note = f" ({self._notes[robot]})" if self._notes[robot] else ""
+        if not number and self._settings.restart == "supervised":
+            note += ", which needs a level that would be clear"
         return f"; latch{number}: {', '.join(advised.causes)}{note}"
 
 

@@ -14,6 +14,7 @@ a standing one. So a stop is released only if the new speed can last: if the per
 while captures are counted, it must be enough for the same number of further captures.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -114,7 +115,7 @@ class LevelMachine:
         self, settings: RiskSettings, max_speed_m_s: float, next_latch_id: Callable[[], int]
     ) -> None:
         self._settings = settings
-        self._max_speed = max_speed_m_s
+        self._robot_m_s = self._max_speed = max_speed_m_s
         self._next_latch_id = next_latch_id
         self._level = Level.UNKNOWN
         self._limit = 0.0
@@ -123,6 +124,7 @@ class LevelMachine:
         self._lost = 0  # the set of lost people that an acknowledgement would end; 0: none
         self._has_grown = False  # since the number was given
         self._cause_cleared = False
+        self._cleared_ns = 0  # since when
         self._agreed = 0
         self._counted_from = 0.0  # the permitted speed when counting began
         self._last_capture: int | None = None
@@ -167,6 +169,7 @@ class LevelMachine:
         causes: Sequence[str] = (),
         *,
         lost: int = 0,
+        cap_m_s: float = math.inf,
     ) -> Advised:
         """Advance by one tick.
 
@@ -176,13 +179,17 @@ class LevelMachine:
             now_ns: the tick's time.
             causes: present causes of a latch, besides a stop.
             lost: as ``PeopleSnapshot.to_acknowledge``.
+            cap_m_s: limit besides the robot's highest speed; it alone changes no level.
         """
+        self._max_speed = min(self._robot_m_s, cap_m_s)
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
         for cause in causes:
             self.latch(cause)
         lasting = any(cause in self._causes for cause in causes)
-        self._cause_cleared = demand.release.may_move and not lasting
+        before, self._cause_cleared = self._cause_cleared, self._allows(demand) and not lasting
+        if not before:
+            self._cleared_ns = now_ns
         again = self._first_sight.update(demand, self._level, self._limit, captures)
         if again is not None and not self._causes:
             self._level, self._limit = again
@@ -194,20 +201,29 @@ class LevelMachine:
         self._renumber(lost)
         return Advised(self._level, reason, self._limit, self.latch_id, self._causes)
 
-    def acknowledge(self, latch_id: int) -> bool:
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
         """Release the latch if ``latch_id`` is the present number and its cause has cleared.
 
-        The number is used up: what remains gets a new one. The captures that a release needs count
-        from here on.
+        A supervised restart also needs that it had cleared when the button went down, at
+        ``down_ns``. The number is used up: what remains gets a new one. The captures that a release
+        needs count from here on.
         """
         if latch_id == 0 or latch_id != self._latch_id:
             return False
         self._has_grown = True
         if not self._causes or not self._cause_cleared:
             return False
+        if self._settings.restart == "supervised" and self._cleared_ns > down_ns:
+            return False
         self._causes = ()
         self._agreed = 0
         return True
+
+    def _allows(self, demand: Demand) -> bool:
+        """Whether a latch may be acknowledged as far as this tick's demand goes."""
+        if self._settings.restart == "supervised":
+            return demand.release is Level.CLEAR
+        return demand.release.may_move
 
     def _renumber(self, lost: int) -> None:
         """Give a new number to what has grown."""

@@ -169,7 +169,7 @@ def alone(config: Config) -> Config:
     source |= {"viewpoints": [], "faults": []}
     empty = config.with_node(
         people=node.people.model_copy(update={"exits": [], "entrances": None}),
-        risk=node.risk.model_copy(update={"latch": []}),
+        risk=node.risk.model_copy(update={"latch": [], "restart": "automatic", "sets": []}),
         zones=[],
     )
     return replace(empty, source=config.source.model_copy(update=source))

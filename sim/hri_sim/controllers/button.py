@@ -11,6 +11,8 @@ START_NS = 13_000_000_000
 """And time after the first Advice of a node: in its first 12 s none counts either."""
 SILENCE_NS = 1_000_000_000
 """After a longer silence it is the first Advice of another run."""
+HELD_NS = 500_000_000
+"""Time from a press to the release, which a controller reports in any case."""
 _PRESSES = 1 << 32  # values of Acknowledge's ACK_ID, of which 0 is not used
 
 
@@ -32,6 +34,7 @@ class Button:
         self._automatic = [_Automatic(lie) for lie in lies if lie.kind == "acknowledges"]
         self._shown: tuple[int, int] | None = None  # latch id, when to press
         self._pressed_ns: int | None = None
+        self._down: tuple[int, int] | None = None  # ack id, when to let go
         self._heard_ns: int | None = None
         self._counts_ns = 0  # from when on a press counts
 
@@ -51,6 +54,9 @@ class Button:
         """Return the Acknowledges to send now."""
         by_itself = [press for each in self._automatic if (press := each.press(now_ns))]
         self.presses += len(by_itself)
+        if self._down is not None and now_ns >= self._down[1]:
+            by_itself.append(Acknowledge(0, self._down[0]))
+            self._down = None
         if self._shown is None or now_ns < self._shown[1]:
             return by_itself
         latch_id, _ = self._shown
@@ -58,7 +64,9 @@ class Button:
         self._pressed_ns = now_ns
         self._arm(latch_id, now_ns)
         # numbered by the clock: after a restart of the controller no number comes again
-        return [*by_itself, Acknowledge(latch_id, 1 + now_ns // 1_000_000 % (_PRESSES - 1))]
+        ack_id = 1 + now_ns // 1_000_000 % (_PRESSES - 1)
+        self._down = (ack_id, now_ns + HELD_NS)
+        return [*by_itself, Acknowledge(latch_id, ack_id)]
 
     def _arm(self, latch_id: int, now_ns: int) -> None:
         if self._after_s is None:

@@ -70,7 +70,8 @@ def with_risk(config: Config, variant: Variant) -> Config:
     Raises:
         ConfigError: the mode or coverage is not valid.
     """
-    data = config.node.risk.model_dump() | dict(variant.risk)
+    # no PLC chooses a set in a simulation: all zones ask, at full speed
+    data = config.node.risk.model_dump() | {"sets": []} | dict(variant.risk)
     risk = validated(RiskSettings, data, f"--mode {variant.name}: risk")
     return replace(config, node=config.node.model_copy(update={"risk": risk}))
 

@@ -119,6 +119,7 @@ def run_episode(
         publisher=_QuietPublisher(links, advised, cell.predictor, False),
         predictor_index=0,
         listeners=[watch],
+        supervised_restart=config.node.risk.restart == "supervised",
     )
     assembly = assemble.Assembly(
         config=config,
@@ -220,9 +221,13 @@ class _PlayedRisk(RiskEngine):
         findings = engine.separation(bodies, engine.robots(snapshot.now_ns))
         return engine.levels(snapshot, bodies, findings)
 
-    def acknowledge(self, latch_id: int) -> bool:
+    def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
         """Do what the engine does."""
-        return self._engine.acknowledge(latch_id)
+        return self._engine.acknowledge(latch_id, down_ns)
+
+    def choose_set(self, link: str, number: int, at_ns: int) -> None:
+        """Do what the engine does."""
+        self._engine.choose_set(link, number, at_ns)
 
 
 class _QuietPublisher(Publisher):

@@ -114,6 +114,8 @@ int main(void)
         } else if (strcmp(command, "ack") == 0) {
             uint16_t latch = (uint16_t)number();
             print_units(units, hri_acknowledge(&r, latch, (uint32_t)number(), units));
+        } else if (strcmp(command, "released") == 0) {
+            print_units(units, hri_released(&r, (uint32_t)number(), units));
         } else if (strcmp(command, "mode") == 0) {
             printf("mode:%u\n", r.message.advice.operating_mode);
         } else if (strcmp(command, "ask") == 0) {

@@ -262,9 +262,24 @@ def test_it_acknowledges_the_latch_of_the_newest_advice(board: Board) -> None:
     board.cycle()
     board.tell("press 78")
     board.cycle(100)
-    ids = [m.ack_id for m in board.heard if isinstance(m, Acknowledge)]
+    ids = [m.ack_id for m in board.heard if isinstance(m, Acknowledge) and m.latch_id]
     assert len(ids) == 6
     assert ids[3] != ids[0]
+
+
+def test_it_reports_that_the_button_was_released(board: Board) -> None:
+    board.begin()
+    board.tell("up")
+    board.cycle(100)
+    board.tell("press 77")
+    board.cycle(100)
+    board.tell("up")
+    board.cycle(100)
+    board.tell("up")
+    board.cycle(100)
+    acks = [m for m in board.heard if isinstance(m, Acknowledge)]
+    assert [ack.latch_id for ack in acks] == [9, 9, 9, 0, 0, 0]
+    assert len({ack.ack_id for ack in acks}) == 1
 
 
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.stm32])

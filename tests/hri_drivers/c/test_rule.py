@@ -15,7 +15,7 @@ from hri_predict.protocol import e2e
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver, CanSender
 from hri_predict.protocol.definition import BY_TYPE
 from hri_predict.protocol.fields import ROBOT_STRIDE
-from hri_predict.protocol.messages import Advice, Level, Message, RobotState, Schema
+from hri_predict.protocol.messages import Acknowledge, Advice, Level, Message, RobotState, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_predict.protocol.serial import SerialReceiver, SerialSender
@@ -330,12 +330,14 @@ def test_a_packet_of_another_length_than_it_says_is_refused(line):
 def test_what_the_c_code_sends_is_in_order_for_the_node(build):
     program = build(Path(__file__).with_name("driver.c"))
     script = (
-        "init 2 0 0 0 150 330 0 500 65533\n" + "state 1 2 100000 -200000 3 4\n" * 5 + "ack 7 9\n"
+        "init 2 0 0 0 150 330 0 500 65533\n"
+        + "state 1 2 100000 -200000 3 4\n" * 5
+        + "ack 7 9\nack 0 9\nreleased 9\nreleased 0\n"
     )
     done = subprocess.run([program], input=script, capture_output=True, text=True, check=True)
     receiver = SerialReceiver()
     units = [bytes.fromhex(row.partition(":")[2]) for row in done.stdout.splitlines()[1:]]
     got = [m for unit in units for m in receiver.feed(unit)]
     assert [m.counter for m in got if isinstance(m, RobotState)] == [65534, 65535, 0, 1, 2]
-    assert len(got) == 6
+    assert got[5:] == [Acknowledge(7, 9), Acknowledge(0, 9)]
     assert receiver.counters.counter_errors == 0

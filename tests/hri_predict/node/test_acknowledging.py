@@ -1,9 +1,12 @@
 """What an Acknowledge ends in the node: what was shown, once, after a pause."""
 
+import pytest
+
 from hri_predict.contracts.link import Received
 from hri_predict.node.presses import QUIET_S
 from hri_predict.protocol.messages import Acknowledge, NodeState
 from hri_predict.protocol.reasons import Reason
+from hri_sim.baseline_demo import baseline_demo
 from tests.hri_predict.node.test_node import heard, near
 
 __all__ = ["near"]  # the fixture
@@ -75,3 +78,71 @@ def test_a_tick_that_fails_releases_nothing(near, monkeypatch):
         press(near, drive, shown, 7)
     near.run(0.04)
     assert near.node.acknowledges_refused == 1
+
+
+@pytest.fixture
+def supervised(make_workcell):
+    """A robot that is latched since the start, in an empty room, and quiet links."""
+    base = baseline_demo()
+    asked = {"restart": "supervised", "latch": ["start", "stop"]}
+    risk = base.node.risk.model_copy(update=asked)
+    return make_workcell(config=base.with_node(risk=risk))
+
+
+def button(cell):
+    """The drive's link, which still brings states, with an inbox for what the test sends."""
+    link = next(link for link in cell.assembly.links if link.name == "drive")
+    link.inbox, takes = [], link.take
+
+    def take():
+        sent, link.inbox = link.inbox, []
+        return [*takes(), *sent]
+
+    link.take = take
+    return link
+
+
+def _may_move(tick):
+    return tick.advices[0].level.may_move
+
+
+def test_a_supervised_latch_ends_with_the_release(supervised):
+    drive = button(supervised)
+    shown = supervised.run(QUIET_S + 1.0)[-1].advices[0].latch_id
+    assert shown
+    press(supervised, drive, shown, 7)
+    held = supervised.run(0.5)
+    assert not any(map(_may_move, held))
+    assert held[-1].advices[0].latch_id == shown
+    press(supervised, drive, 0, 7)
+    after = supervised.run(1.0)
+    assert after[0].advices[0].latch_id == 0
+    assert _may_move(after[-1])
+    assert supervised.node.acknowledges == 1
+    assert supervised.node.acknowledges_refused == 0
+
+
+def test_a_supervised_latch_is_not_ended_by_a_button_that_sticks(supervised):
+    drive = button(supervised)
+    shown = supervised.run(QUIET_S + 1.0)[-1].advices[0].latch_id
+    press(supervised, drive, shown, 7)
+    assert not any(map(_may_move, supervised.run(QUIET_S)))
+    press(supervised, drive, 0, 7)  # much too late
+    assert not any(map(_may_move, supervised.run(1.0)))
+    assert supervised.node.acknowledges_not_counted == {"too_long": 1}
+
+
+def test_a_supervised_press_for_lost_people_leaves_the_latch(supervised):
+    """They were a pending condition while the button was held: the latch needs its own press."""
+    drive = button(supervised)
+    shown = lose(supervised).advices[0].latch_id
+    press(supervised, drive, shown, 7)
+    supervised.run(0.5)
+    tick = press(supervised, drive, 0, 7)
+    assert tick.status.reason is Reason.NONE
+    latch = supervised.run(QUIET_S + 1.0)[-1].advices[0].latch_id
+    assert latch not in (0, shown)
+    press(supervised, drive, latch, 8)
+    supervised.run(0.5)
+    press(supervised, drive, 0, 8)
+    assert _may_move(supervised.run(1.0)[-1])

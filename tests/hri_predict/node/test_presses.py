@@ -33,7 +33,7 @@ class Desk:
 
     def press(self, at_s, latch_id, ack_id=None, link="plc", robots=BOTH):
         message = Acknowledge(latch_id, next(self.ids) if ack_id is None else ack_id)
-        return self.presses.counts(link, robots, message, START_NS + round(at_s * S))
+        return self.presses.take(link, robots, message, START_NS + round(at_s * S))
 
     def held(self, at_s):
         return self.presses.are_held(START_NS + round(at_s * S))

@@ -167,7 +167,7 @@ def test_real_hardware_has_no_virtual_time():
 
 
 def with_risk(loaded, **changes):
-    risk = RiskSettings.model_validate(loaded.node.risk.model_dump() | changes)
+    risk = RiskSettings.model_validate(loaded.node.risk.model_dump(exclude_unset=True) | changes)
     return replace(loaded, node=loaded.node.model_copy(update={"risk": risk}))
 
 

@@ -184,6 +184,12 @@ void hri_press(uint32_t press_id)
     ack_left = (latch_id != 0u) ? HRI_ACK_REPEATS : 0u; /* 0: there is nothing to acknowledge */
 }
 
+void hri_release(void)
+{
+    ack_left = (latch_id != 0u) ? HRI_ACK_REPEATS : 0u; /* 0: the press has acknowledged nothing */
+    latch_id = 0u;
+}
+
 /* A state is due, or an acknowledge after one that has left. What has not left is too old. */
 static void prepare(uint32_t now)
 {
@@ -194,7 +200,8 @@ static void prepare(uint32_t now)
         state_ms = now;
     } else if ((next == count) && (ack_left > 0u)) {
         next = 0u;
-        count = hri_acknowledge(&hri, latch_id, ack_id, units);
+        count = (latch_id != 0u) ? hri_acknowledge(&hri, latch_id, ack_id, units)
+                                 : hri_released(&hri, ack_id, units);
         ack_left--;
     } else {
         /* nothing to send, or still sending */

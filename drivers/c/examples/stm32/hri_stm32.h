@@ -27,4 +27,7 @@ uint16_t hri_cycle(void);
  * not 0. */
 void hri_press(uint32_t press_id);
 
+/* The button was released: a supervised restart (risk.restart) counts the press only now. */
+void hri_release(void);
+
 #endif

@@ -75,6 +75,12 @@ void hri_press(uint32_t press_id)
     ack_left = (latch_id != 0u) ? HRI_ACK_REPEATS : 0u; /* 0: there is nothing to acknowledge */
 }
 
+void hri_release(void)
+{
+    ack_left = (latch_id != 0u) ? HRI_ACK_REPEATS : 0u; /* 0: the press has acknowledged nothing */
+    latch_id = 0u;
+}
+
 /* The first bytes after a start begin with 0: they end whatever the node has in its buffer. */
 static void transmit(const hri_unit *unit)
 {
@@ -112,7 +118,8 @@ uint16_t hri_cycle(void)
             }
         } else if (ack_left > 0u) {
             ack_left--;
-            if (hri_acknowledge(&hri, latch_id, ack_id, units) > 0u) {
+            if (((latch_id != 0u) ? hri_acknowledge(&hri, latch_id, ack_id, units)
+                                  : hri_released(&hri, ack_id, units)) > 0u) {
                 transmit(units);
             }
         } else {

@@ -16,6 +16,8 @@ from hri_drivers.links.plant.link import try_address
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.fields import MAX_ROBOTS
 from hri_predict.protocol.registers import (
+    CHOOSE_BASE,
+    CHOSEN,
     READ_WORDS,
     STATE,
     STATE_BASE,
@@ -37,6 +39,7 @@ WHOLE = {
     (WRITE_BASE, 1),  # the heartbeat
     (WRITE_BASE, _WRITTEN_WORDS),  # with an acknowledge
     (WRITE_BASE + _ACK_AT, _WRITTEN_WORDS - _ACK_AT),  # an acknowledge
+    (CHOOSE_BASE, words_of(CHOSEN)),
     *((state_address(robot), _STATE_WORDS) for robot in range(MAX_ROBOTS)),
 }
 """(address, words) of the requests to write that are taken; part of a value is never taken."""
@@ -178,6 +181,7 @@ def _device(asked: object) -> SimDevice:
         simdata=[
             SimData(0, values=[0] * READ_WORDS, datatype=words, readonly=True),
             SimData(WRITE_BASE, values=[0] * _WRITTEN_WORDS, datatype=words),
+            SimData(CHOOSE_BASE, values=[0] * words_of(CHOSEN), datatype=words),
             SimData(STATE_BASE, values=[0] * (MAX_ROBOTS * STATE_STRIDE), datatype=words),
         ],
         action=asked,  # type: ignore[arg-type]

@@ -23,7 +23,7 @@ UNPROTECTED = (
     "a status that is not Good, and when HEARTBEAT or ADVICE_COUNTER stands still "
     "(drivers/OPCUA.md)"
 )
-OPEN = "no security policy: anyone who reaches the port can read, and call Acknowledge"
+OPEN = "no security policy: anyone who reaches the port can read, and call the methods"
 
 
 class OpcUaLinkSettings(PlantLinkSettings):
@@ -32,7 +32,7 @@ class OpcUaLinkSettings(PlantLinkSettings):
     kind: str = "opcua"
     port: int = Field(4840, ge=0, le=65_535, description="TCP port")
     robot_state_rate_hz: float = Field(
-        0.0, ge=0, le=0, description="0: nothing is written by OPC UA but Acknowledge"
+        0.0, ge=0, le=0, description="0: OPC UA carries no RobotState"
     )
     certificate: Path | None = Field(
         None, description="the server's certificate; only Basic256Sha256, signed and encrypted"

@@ -25,7 +25,7 @@ from hri_drivers.links.opcua import messages
 from hri_drivers.links.opcua.limits import MOST, LimitedServer, Rules, shed
 from hri_drivers.links.opcua.variables import Variables
 from hri_drivers.links.plant.image import Block, Image
-from hri_predict.protocol.registers import WRITE_BASE, WRITTEN, offset_of
+from hri_predict.protocol.registers import CHOOSE_BASE, WRITE_BASE, WRITTEN, offset_of
 
 PERIOD_S = 0.01
 REPORT_NS = 200_000_000
@@ -51,7 +51,9 @@ class PlantServer:
         self._wake, self._ended = asyncio.Event(), False
         self._refused = 0
         self._presses: deque[int] = deque(maxlen=MOST_PRESSES)
+        self._choices: deque[int] = deque(maxlen=MOST_PRESSES)
         self._shed, self._said_ns = [0, 0], -SAY_NS
+        self._ack_id = 0  # of the newest press
         self._variables: Variables | None = None
 
     async def run(self) -> None:
@@ -100,7 +102,7 @@ class PlantServer:
         server.socket_address = (host, port)
         image = Image(asked["silence_s"], asked["max_age_s"])
         self._variables = Variables(server, image, asked["robots"])
-        await self._variables.create(self._pressed)
+        await self._variables.create(self._pressed, self._chosen)
         await self._refresh()
         server.subscribe_server_callback(CallbackType.PreRead, self._refresh)
         await server.start()
@@ -138,20 +140,33 @@ class PlantServer:
             return False
         return True
 
-    async def _pressed(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
-        """Hand a press to the node, which judges it as it does on Modbus."""
-        values = [each.Value for each in arguments]
-        if tuple(each.VariantType for each in arguments) != _TYPES or 0 in values:
+    async def _chosen(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
+        """Hand the choice of a set to the node; call it again and again, each time counted up."""
+        if tuple(each.VariantType for each in arguments) != (ua.VariantType.UInt16,) * 2:
             return self._refuse(ua.StatusCodes.BadInvalidArgument)
+        block = Block.of(CHOOSE_BASE, [each.Value for each in arguments])
+        return self._hand_on(block, self._choices)
+
+    def _hand_on(self, block: Block, handed: deque[int]) -> ua.StatusCode:
+        """Send what a client asks to the node, at most ``MOST_PRESSES`` in a second."""
         now_ns = time.monotonic_ns()
-        if len(self._presses) == MOST_PRESSES and now_ns - self._presses[0] < 1_000_000_000:
+        if len(handed) == MOST_PRESSES and now_ns - handed[0] < 1_000_000_000:
             return self._refuse(ua.StatusCodes.BadTooManyOperations)
-        self._presses.append(now_ns)
-        latch_id, ack_id = values
-        block = Block.of(_ACK_AT, [latch_id, ack_id >> 16, ack_id & 0xFFFF])
+        handed.append(now_ns)
         if not self._send(messages.PRESSED + messages.packed_block(block, now_ns)):
             return self._refuse(ua.StatusCodes.BadTooManyOperations)
         return ua.StatusCode()
+
+    async def _pressed(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
+        """Hand a press to the node, which judges it as it does on Modbus."""
+        values = [each.Value for each in arguments]
+        if tuple(each.VariantType for each in arguments) != _TYPES or not values[1]:
+            return self._refuse(ua.StatusCodes.BadInvalidArgument)
+        if not values[0] and values[1] != self._ack_id:  # a release of no press
+            return self._refuse(ua.StatusCodes.BadInvalidArgument)
+        latch_id, self._ack_id = values
+        block = Block.of(_ACK_AT, [latch_id, self._ack_id >> 16, self._ack_id & 0xFFFF])
+        return self._hand_on(block, self._presses)
 
     def _refuse(self, code: int) -> ua.StatusCode:
         self._refused += 1

@@ -1,7 +1,7 @@
 """The register image as OPC UA variables: values, status codes and source timestamps."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -9,6 +9,7 @@ from asyncua import Server, ua
 
 from hri_drivers.links.plant.image import PLACES, Block, Image
 from hri_predict.protocol.registers import (
+    CHOSEN,
     NOT_AVAILABLE,
     Register,
     placed,
@@ -16,6 +17,7 @@ from hri_predict.protocol.registers import (
 )
 from hri_predict.protocol.variables import (
     ARGUMENTS,
+    CHOOSE,
     INDEX,
     METHOD,
     NAMESPACE,
@@ -50,11 +52,11 @@ class Variables:
         self._shown: dict[str, tuple[int, int, datetime | None]] = {}
         self._looked_ns = 0
 
-    async def create(self, pressed: Any) -> None:
-        """Create folders, variables and the method.
+    async def create(self, pressed: Any, chosen: Any) -> None:
+        """Create folders, variables and the methods.
 
         Args:
-            pressed: called with the method's object and arguments.
+            pressed, chosen: called with the method's object and arguments.
         """
         if await self._server.register_namespace(NAMESPACE) != INDEX:
             raise RuntimeError("the server has other namespaces")
@@ -71,7 +73,11 @@ class Variables:
             kind = ua.VariantType[each.type]
             variable = await folder.add_variable(_id(each.node_id), _name(name), 0, kind)
             await _describe(variable, each.register)
-        await top.add_method(_id(METHOD), _name(METHOD), pressed, _arguments(), [])
+        for name, called, registers in (
+            (METHOD, pressed, ARGUMENTS),
+            (CHOOSE, chosen, CHOSEN),
+        ):
+            await top.add_method(_id(name), _name(name), called, _arguments(registers), [])
 
     def put(self, block: Block, now_ns: int) -> None:
         """Take a block; its capture, or else the moment of writing, becomes its source timestamp.
@@ -147,7 +153,7 @@ async def _describe(variable: Any, register: Register) -> None:
         )
 
 
-def _arguments() -> list[Any]:
+def _arguments(registers: Iterable[Register]) -> list[Any]:
     return [
         ua.Argument(
             Name=register.name,
@@ -155,5 +161,5 @@ def _arguments() -> list[Any]:
             ValueRank=-1,
             Description=ua.LocalizedText(register.text),
         )
-        for register in ARGUMENTS
+        for register in registers
     ]

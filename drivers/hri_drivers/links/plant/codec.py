@@ -15,12 +15,15 @@ from hri_predict.protocol.messages import (
     OperatingMode,
     RobotMode,
     RobotState,
+    SetChoice,
     Status,
     Zone,
 )
 from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.registers import (
+    CHOOSE_BASE,
+    CHOSEN,
     MAP_VERSION,
     NEAREST,
     NO_ANGLE,
@@ -29,6 +32,8 @@ from hri_predict.protocol.registers import (
     NODE,
     NOT_AVAILABLE,
     ROBOT,
+    SETS,
+    SETS_BASE,
     STATE,
     STATE_BASE,
     STATE_STRIDE,
@@ -78,6 +83,8 @@ class RegisterCodec:
         self._beat: int | None = None
         self._beaten_ns: int | None = None
         self._ack: list[int] | None = None
+        self._set_counter: int | None = None
+        self._down = 0  # ACK_ID of the press that has not been released
 
     def stand(self, robots: Sequence[int], bases: Sequence[Pose | None]) -> None:
         """Learn the robots of this link, and where their bases stand in the room."""
@@ -104,7 +111,8 @@ class RegisterCodec:
         if isinstance(message, Status):
             changed = message.people != self._people
             status = self._status(message)
-            return [status, *map(self._near, self._nearest if changed else ())]
+            near = map(self._near, self._nearest if changed else ())
+            return [status, *near, *_sets(message)]
         if isinstance(message, Advice):
             return [self._advice(message), self._near(message.robot)]
         assert isinstance(message, Zone)
@@ -192,6 +200,8 @@ class RegisterCodec:
         elif robot >= 0 and at == 0 and len(words) == words_of(STATE):
             message = self._state(robot, words)
             self.counters.malformed += message is None
+        elif address == CHOOSE_BASE and len(words) == words_of(CHOSEN):
+            message = self._choice(*words)
         else:
             self.counters.malformed += 1
         self.counters.received += message is not None
@@ -205,15 +215,25 @@ class RegisterCodec:
             self._beat, self._beaten_ns = beat, self.now_ns
 
     def _pressed(self, words: list[int]) -> Acknowledge | None:
-        """A press: another pair than before. PLCs write the same registers again and again."""
+        """A press, or its release: another pair than before.
+
+        PLCs write the same registers again and again. The release has the press's ACK_ID, and 0 as
+        ACK_LATCH_ID; a 0 with any other ACK_ID says nothing.
+        """
         if words == self._ack:
             return None
         self._ack = words
         latch_id, ack_id = words[0], words[1] << 16 | words[2]
-        if not latch_id or not ack_id:
+        if not ack_id or (not latch_id and ack_id != self._down):
             return None
+        self._down = ack_id if latch_id else 0
         self._ack_taken = ack_id
         return Acknowledge(latch_id, ack_id)
+
+    def _choice(self, number: int, counter: int) -> SetChoice | None:
+        """A choice of a set, unless its counter stands still: a gateway may repeat what is old."""
+        before, self._set_counter = self._set_counter, counter
+        return SetChoice(number) if counter != before else None
 
     def _state(self, robot: int, words: list[int]) -> RobotState | None:
         values = unpacked(STATE, words)
@@ -237,6 +257,8 @@ class RegisterCodec:
     def reset(self) -> None:
         """Forget the PLC: the server began again."""
         self._beat = self._beaten_ns = self._ack = None
+        self._down = 0
+        self._set_counter = None
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the counts of what was refused."""
@@ -257,6 +279,14 @@ class RegisterCodec:
     def size(self, unit: Block) -> int:
         """Number of bytes of the words."""
         return len(unit.data)
+
+
+def _sets(status: Status) -> list[Block]:
+    """Registers of the configuration sets, if there are any."""
+    if status.set_number is None:
+        return []
+    values = {"SET_IN_FORCE": status.set_number, "SET_HASH": status.set_hash or 0}
+    return [Block.of(SETS_BASE, packed(SETS, values))]
 
 
 def _age(age_s: float | None) -> int:

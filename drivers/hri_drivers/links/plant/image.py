@@ -15,6 +15,8 @@ from hri_predict.protocol.registers import (
     NOT_AVAILABLE,
     READ_WORDS,
     ROBOT,
+    SETS,
+    SETS_BASE,
     Register,
     nearest_address,
     packed,
@@ -50,6 +52,7 @@ class Block:
 
 PLACES: dict[int, tuple[Register, ...]] = {
     0: NODE,
+    SETS_BASE: SETS,
     **{robot_address(r): ROBOT for r in range(MAX_ROBOTS)},
     **{nearest_address(r): NEAREST for r in range(MAX_ROBOTS)},
 }

@@ -19,7 +19,14 @@ from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import Acknowledge, Advice, Level, NodeState, RobotState, Status
+from hri_predict.protocol.messages import (
+    Acknowledge,
+    Advice,
+    Level,
+    NodeState,
+    RobotState,
+    Status,
+)
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.registers import (
     NEAREST,

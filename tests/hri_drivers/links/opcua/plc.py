@@ -3,8 +3,9 @@
     python plc.py URL [CERTIFICATE KEY]
 
 ``{"read": [name, ...]}``: status, value and source time (s) of each; ``{"call": [latch, ack]}``,
-``{"write": [name, value]}``, ``{"add": 1}``: the status; ``{"subscribe": [names], "ms": 20}``, then
-``{"changes": seconds}``: what came, as [name, status, value, time of receipt].
+``{"choose": [number, counter]}``, ``{"write": [name, value]}``, ``{"add": 1}``: the status;
+``{"subscribe": [names], "ms": 20}``, then ``{"changes": seconds}``: what came, as [name, status,
+value, time of receipt].
 """
 
 import asyncio
@@ -62,6 +63,9 @@ class Plc:
                 for value, kind in zip(asked["call"], TYPES.values(), strict=True)
             )
             await self.client.nodes.objects.call_method(ua.NodeId("Acknowledge", 2), latch, ack)
+        elif "choose" in asked:
+            given = [ua.Variant(value, ua.VariantType.UInt16) for value in asked["choose"]]
+            await self.client.nodes.objects.call_method(ua.NodeId("ChooseSet", 2), *given)
         elif "write" in asked:
             name, value = asked["write"]
             await node(self.client, name).write_value(ua.Variant(value, ua.VariantType.UInt16))

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from hri_drivers.links.opcua.link import OpcUaLink, OpcUaLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.settings import Pose
-from hri_predict.protocol.messages import Acknowledge, Advice, Level
+from hri_predict.protocol.messages import Acknowledge, Advice, Level, SetChoice
 from hri_predict.protocol.reasons import Reason
 from tests.hri_drivers.links.plant.test_codec import STATUS
 from tests.hri_drivers.links.rtde.rtde_robot import eventually
@@ -165,13 +166,43 @@ def test_a_press_reaches_the_node_once_and_nothing_else_is_written(node, far):
     eventually(lambda: far.ask(read=["Node.ACK_TAKEN"])[0][1] == 9, 10.0)
     assert [each.message for each in node.link.take()] == [Acknowledge(77, 9)]
     before = far.ask(read=["Node.WRITES_REFUSED"])[0][1]
-    assert far.ask(call=[0, 9]) == "BadInvalidArgument"
+    assert far.ask(call=[0, 9]) == "Good"  # the button is released
+    assert far.ask(call=[0, 10]) == "BadInvalidArgument"  # of no press
     assert far.ask(call=[77, 0]) == "BadInvalidArgument"
     assert far.ask(write=["Robots.0.LEVEL", 1]) == "BadUserAccessDenied"
     assert far.ask(add=1) == "BadUserAccessDenied"
     eventually(lambda: far.ask(read=["Node.WRITES_REFUSED"])[0][1] == before + 4, 10.0)
     assert node.link.counters.malformed >= 4
-    assert node.link.take() == []
+    heard: list[Any] = []
+
+    def released() -> bool:
+        heard.extend(each.message for each in node.link.take())
+        return bool(heard)
+
+    eventually(released, 10.0)
+    assert heard == [Acknowledge(0, 9)]
+
+
+@marked
+def test_a_client_chooses_a_set(node, far):
+    node.link.take()
+    for counter in (1, 1, 2):
+        assert far.ask(choose=[3, counter]) == "Good"
+    heard: list[Any] = []
+
+    def twice() -> bool:
+        heard.extend(each.message for each in node.link.take())
+        return len(heard) >= 2
+
+    eventually(twice, 10.0)
+    assert heard == [SetChoice(3), SetChoice(3)]
+    shown = replace(STATUS, set_number=3, set_hash=77)
+
+    def read() -> Any:
+        node.link.post(shown)
+        return far.ask(read=["Node.SET_IN_FORCE", "Node.SET_HASH"])
+
+    eventually(lambda: [each[1] for each in read()] == [3, 77], 10.0)
 
 
 @marked

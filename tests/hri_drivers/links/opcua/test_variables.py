@@ -15,7 +15,7 @@ from hri_drivers.links.opcua import limits, messages
 from hri_drivers.links.opcua.variables import Variables
 from hri_drivers.links.plant.codec import RegisterCodec
 from hri_drivers.links.plant.image import Block, Image
-from hri_predict.protocol.registers import NEAREST, NODE, ROBOT
+from hri_predict.protocol.registers import NEAREST, NODE, ROBOT, SETS
 from hri_predict.protocol.variables import LEFT_OUT, variables
 from tests.hri_drivers.links.plant.test_codec import ADVICE, STATUS
 
@@ -24,7 +24,7 @@ MS = 1_000_000
 
 def test_each_register_of_the_node_is_one_variable():
     found = [(each.node_id, each.type) for each in variables([2])]
-    names = [*(f"Node.{r.name}" for r in NODE if r.name not in LEFT_OUT)]
+    names = [f"Node.{r.name}" for r in NODE + SETS if r.name not in LEFT_OUT]
     names += [f"Robots.2.{r.name}" for r in ROBOT + NEAREST]
     assert [name for name, _ in found] == names
     types = dict(found)

@@ -17,6 +17,7 @@ from hri_predict.protocol.messages import (
     NodeState,
     RobotMode,
     RobotState,
+    SetChoice,
     Status,
     Zone,
     ZoneCapsule,
@@ -26,6 +27,7 @@ from hri_predict.protocol.registers import (
     NEAREST,
     NODE,
     ROBOT,
+    SETS,
     STATE,
     nearest_address,
     packed,
@@ -139,6 +141,33 @@ def test_a_pair_is_one_press_however_often_it_is_written(codec):
     assert taken == 0x01020305
 
 
+def test_a_release_is_of_the_newest_press_and_comes_once(codec):
+    assert codec.decode(Block.of(1001, [0, 0, 9])) == []
+    assert codec.decode(Block.of(1001, [77, 0, 9])) == [Acknowledge(77, 9)]
+    assert codec.decode(Block.of(1001, [78, 0, 9])) == [Acknowledge(78, 9)]  # of two robots
+    assert codec.decode(Block.of(1001, [0, 0, 8])) == []
+    assert codec.decode(Block.of(1001, [0, 0, 9])) == [Acknowledge(0, 9)]
+    assert codec.decode(Block.of(1001, [0, 0, 0])) == []
+    assert codec.decode(Block.of(1001, [0, 0, 9])) == []
+
+
+def test_a_choice_of_a_set_counts_while_its_counter_advances(codec):
+    assert codec.decode(Block.of(1010, [2, 1])) == [SetChoice(2)]
+    assert codec.decode(Block.of(1010, [2, 1])) == []
+    assert codec.decode(Block.of(1010, [3, 1])) == []  # a gateway that repeats what is old
+    assert codec.decode(Block.of(1010, [3, 2])) == [SetChoice(3)]
+    assert codec.counters.malformed == 0
+    assert codec.decode(Block.of(1010, [3])) == []
+    assert codec.counters.malformed == 1
+
+
+def test_the_set_in_force_is_shown_where_there_are_sets(codec):
+    assert [block.address for block in codec.encode(STATUS)].count(20) == 0
+    blocks = codec.encode(replace(STATUS, set_number=2, set_hash=0xDEADBEEF))
+    (found,) = (block for block in blocks if block.address == 20)
+    assert unpacked(SETS, found.words) == {"SET_IN_FORCE": 2, "SET_HASH": 0xDEADBEEF}
+
+
 def test_a_heartbeat_that_stands_still_ends(codec):
     assert codec.alive is None
     codec.decode(Block.of(1000, [5]))
@@ -200,7 +229,7 @@ def test_any_write_is_decoded_or_counted(address, data):
     codec.stand([0], [Pose()])
     for at in (address, 1000, 1001, state_address(0)):
         for message in codec.decode(Block(at, data)):
-            assert isinstance(message, Acknowledge | RobotState)
+            assert isinstance(message, Acknowledge | RobotState | SetChoice)
 
 
 @given(

@@ -134,3 +134,18 @@ def test_run_warns_of_a_calibration_that_nothing_uses(written, monkeypatch, caps
 def test_what_is_believed_of_the_source_s_clock(checked):
     found = checked("  mode: iso\n")
     assert found["clock"] == {"max_drift_ppm": pytest.approx(200), "wander_s": 0.1}
+
+
+def test_the_restart_type_and_the_hashes_of_sets_are_found(checked):
+    found = checked("  mode: iso\n  restart: supervised\n")
+    assert (found["restart"], found["latch"]) == ("supervised", ["stop", "start", "blind", "lost"])
+    assert found["sets"] == []
+    assert not any("risk.sets" in note for note in found["notes"])
+
+
+def test_sets_that_no_link_can_choose_are_noted(checked):
+    found = checked("  mode: iso\n  sets: [{number: 4, name: load, max_speed_m_s: 0.3}]\n")
+    (chosen,) = found["sets"]
+    assert (chosen["number"], chosen["name"]) == (4, "load")
+    assert 0 < chosen["hash"] < 2**32
+    assert any("no link can choose a set" in note for note in found["notes"])

@@ -6,7 +6,13 @@ from typing import Any
 import pytest
 from hypothesis import given
 
-from hri_predict.protocol.messages import BaseMotion, OperatingMode, RobotMode, RobotState
+from hri_predict.protocol.messages import (
+    BaseMotion,
+    OperatingMode,
+    RobotMode,
+    RobotState,
+    SetChoice,
+)
 from hri_predict.recording.mcap.format import message_to_dict, received_from_dict, to_json
 from tests.hri_predict.protocol.drawn import robot_states
 
@@ -25,7 +31,7 @@ STATE = RobotState(
 )
 
 
-def recorded(state: RobotState) -> dict[str, Any]:
+def recorded(state: RobotState | SetChoice) -> dict[str, Any]:
     """As a file holds it."""
     data: dict[str, Any] = json.loads(to_json(message_to_dict(state)))
     return data
@@ -34,6 +40,17 @@ def recorded(state: RobotState) -> dict[str, Any]:
 @given(robot_states)
 def test_every_field_of_a_state_comes_back(state: RobotState) -> None:
     assert received_from_dict(recorded(state)) == state
+
+
+@pytest.mark.parametrize("number", [0, 2, 65_535])
+def test_a_choice_of_a_set_comes_back(number: int) -> None:
+    assert received_from_dict(recorded(SetChoice(number))) == SetChoice(number)
+
+
+@pytest.mark.parametrize("number", [-1, 65_536, "x", None])
+def test_a_choice_of_an_impossible_set_is_refused(number: object) -> None:
+    with pytest.raises((ValueError, TypeError)):
+        received_from_dict({"type": "SetChoice", "number": number})
 
 
 def test_a_state_of_version_1_asks_for_nothing() -> None:

@@ -160,6 +160,29 @@ def test_a_latched_stop_needs_an_acknowledgement_after_its_cause_has_cleared():
     assert run(CLEAR).latch_id == 2
 
 
+SUPERVISED = SETTINGS.model_copy(update={"latch": ["stop"], "restart": "supervised"})
+
+
+def test_a_supervised_latch_waits_until_the_level_would_be_clear():
+    run = Run(SUPERVISED).to_clear()
+    run(STOP)
+    for demand in (SLOW, WARN, UNKNOWN):
+        assert run(demand, 50).latch_id == 0
+    assert run(CLEAR).latch_id == 1
+    assert run(WARN).latch_id == 0  # a condition is back, and the number is not shown
+
+
+def test_a_supervised_press_that_began_before_all_was_clear_releases_nothing():
+    run = Run(SUPERVISED).to_clear()
+    run(STOP)
+    before_ns = run.now_ns
+    latched = run(CLEAR, 50)
+    assert not run.machine.acknowledge(latched.latch_id, before_ns)
+    again = run(CLEAR)
+    assert again.latch_id == latched.latch_id + 1  # each number is used once
+    assert run.machine.acknowledge(again.latch_id, run.now_ns)
+
+
 def test_a_latch_outlives_unknown():
     run = Run(SETTINGS.model_copy(update={"latch": ["stop"]})).to_clear()
     run(STOP)

@@ -45,6 +45,12 @@ void setup()
     Serial1.write((uint8_t)0); /* ends whatever the node has in its buffer */
 }
 
+uint8_t acknowledge(hri_unit *unit)
+{
+    return latch_id != 0 ? hri_acknowledge(&receiver, latch_id, press_id, unit)
+                         : hri_released(&receiver, press_id, unit);
+}
+
 void loop()
 {
     uint32_t now = millis();
@@ -58,6 +64,9 @@ void loop()
         press_id = press_id + 1 != 0 ? press_id + 1 : 1; /* never 0 */
         latch_id = receiver.message.advice.latch_id;
         ack_left = latch_id != 0 ? 3 : 0; /* 0: there is nothing to acknowledge */
+    } else if (!down && pressed && latch_id != 0) {
+        latch_id = 0; /* the button was released */
+        ack_left = 3;
     }
     pressed = down;
     if (now - state_ms >= STATE_PERIOD_MS) {
@@ -65,7 +74,7 @@ void loop()
         if (hri_send_robot_state(&receiver, &robot, now, units) > 0) {
             Serial1.write(units[0].data, units[0].length);
         }
-        if (ack_left > 0 && hri_acknowledge(&receiver, latch_id, press_id, units) > 0) {
+        if (ack_left > 0 && acknowledge(units) > 0) {
             ack_left--;
             Serial1.write(units[0].data, units[0].length);
         }

@@ -100,6 +100,9 @@ void loop()
         press_id = press_id + 1 != 0 ? press_id + 1 : 1; /* never 0 */
         latch_id = receiver.message.advice.latch_id;
         ack_left = latch_id != 0 ? 3 : 0; /* 0: there is nothing to acknowledge */
+    } else if (!down && pressed && latch_id != 0) {
+        latch_id = 0; /* the button was released */
+        ack_left = 3;
     }
     pressed = down;
     if (now - state_ms >= STATE_PERIOD_MS) {
@@ -108,7 +111,8 @@ void loop()
         transmit(units, hri_send_robot_state(&receiver, &robot, now, units));
         if (ack_left > 0) {
             ack_left--;
-            transmit(units, hri_acknowledge(&receiver, latch_id, press_id, units));
+            transmit(units, latch_id != 0 ? hri_acknowledge(&receiver, latch_id, press_id, units)
+                                          : hri_released(&receiver, press_id, units));
         }
     }
     speed_mm_s = open_bus ? hri_permitted_speed(&receiver, now) : 0;

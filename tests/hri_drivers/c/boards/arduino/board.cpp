@@ -3,7 +3,7 @@
  *   at MS          the clock from now on
  *   rx ID BYTES    a CAN frame comes (with Serial1: the bytes)
  *   state N        the TWAI driver's state
- *   press ID       the button goes down (ID is the sketch's matter);   free: it goes up
+ *   press ID       the button goes down (ID is the sketch's matter);   free, up: it goes up
  *   cycle          prints "tx ID:BYTES ..." of what was sent, then "SPEED LOST VERDICT"
  *                  after one loop(), where SPEED is 1 if the relay is closed
  */

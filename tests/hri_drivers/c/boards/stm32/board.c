@@ -4,7 +4,7 @@
  *   rx ID BYTES       a CAN frame comes, with its interrupt (a UART: the bytes)
  *   full              nothing leaves any more;   free: it does again
  *   error             a UART's error interrupt
- *   press ID          the button
+ *   press ID          the button goes down;   up: it is released
  *   cycle             prints "tx ID:BYTES ..." of what was sent, then "SPEED VERDICT LOST"
  */
 #include "hri_stm32.h"
@@ -264,6 +264,8 @@ int main(void)
             receive();
         } else if (strcmp(command, "press") == 0) {
             hri_press((uint32_t)strtoul(strtok(NULL, " \n"), NULL, 0));
+        } else if (strcmp(command, "up") == 0) {
+            hri_release();
         } else if (strcmp(command, "error") == 0) {
             fail();
         } else {
