@@ -196,7 +196,7 @@ class Presses:
 
 _WORDS = {
     "names_nothing": "latch id 0 acknowledges nothing, and no press with this number waits for its"
-    " release; a press must name the latch id of the Advice",
+    " release; since protocol version 3 a press must name the latch id of the Advice",
     "not_shown": "the Advice does not show this latch id now",
     "too_soon": f"it came within {SHOWN_S:g} s of being shown, sooner than a person presses",
     "replayed": f"it came more than {REPEATS_S:g} s ago already; give each press its own number",

@@ -13,7 +13,7 @@ from hri_predict.protocol.ros.zed import OBJECTS, keypoints_of
 from hri_predict.recording.ros.about import PEOPLE, about
 from hri_predict.recording.ros.bag import Bag, open_bag
 
-NO_ORDER = ("bvh", "ros4hri")
+NO_ORDER = ("bvh", "motive21", "qualisys24", "rokoko23", "ros4hri", "unity22")
 """Maps whose joints are found by their names."""
 LOOKED_AT = 100
 """Messages in which a topic is looked for people."""
