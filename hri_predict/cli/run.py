@@ -30,6 +30,7 @@ from hri_predict.operation.monitoring.summary import Summary
 from hri_predict.operation.service import logs
 from hri_predict.operation.service.notify import Notifier, has_terminal
 from hri_predict.recording.format_table import ANY_ENDING
+from hri_predict.recording.ros.about import is_own
 from hri_predict.recording.ros.bag import BAG_ENDING, file_of, is_ros_mcap
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly, unused_coverage
@@ -305,8 +306,8 @@ BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # default place where a recording starts
 def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
     """Return ``source:`` of a recording in place of a cell's own.
 
-    A motion file starts beside the robot. This node's own recording is in the room already. A bag
-    of the cell's own topic is read as the cell reads the topic.
+    A motion file starts beside the robot. This node's own recording, or a bag made of one, is in
+    the room already. A bag of the cell's own topic is read as the cell reads the topic.
 
     Args:
         cell: the configuration's source.
@@ -325,11 +326,13 @@ def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
         "stale_s": cell.stale_s,
         "field_of_view": None if view is None else view.model_dump(),
     }
-    if cell.kind == "ros2" and _is_bag(recording):
+    is_bag = _is_bag(recording)
+    in_room = is_own(file_of(recording)) if is_bag else recording.suffix == ".mcap"
+    if cell.kind == "ros2" and is_bag and not in_room:
         own = cell.model_dump(include={"joint_map", "axes", "frame"})
         topics: list[str] = getattr(cell, "topics", [])
         return source | own | ({"topic": topics[0]} if len(topics) == 1 else {})
-    if recording.suffix != ".mcap" or _is_bag(recording):
+    if not in_room:
         source["place"] = BESIDE_THE_ROBOT
     return source
 

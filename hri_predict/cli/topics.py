@@ -74,4 +74,4 @@ def _show(bag: Path, found: "list[BagTopic]") -> None:
         words = ["hri-predict", "replay", str(bag), *_options(each)]
         if len(each.joint_maps) != 1 and not each.is_named:
             words += ["--joint-map", each.joint_maps[0] if each.joint_maps else "FILE.yaml"]
-        print(f"to see it: {shlex.join([*words, '--viewer'])}")
+        print(f"to see it: {shlex.join([*words, '--viewer', '0'])}")

@@ -8,13 +8,23 @@ from pathlib import Path
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.recording.mcap.info import RecordingInfo
-from hri_predict.recording.ros.bag import Bag
+from hri_predict.recording.ros.bag import Bag, open_bag
 
 PREFIX = "/recorded"
 """Before the names of all topics that this node writes into a bag."""
 ABOUT, PEOPLE = f"{PREFIX}/about", f"{PREFIX}/people"
 STRING = "std_msgs/msg/String"
 MAX_BYTES = 4 * 1024 * 1024
+
+
+def is_own(path: Path) -> bool:
+    """Whether this node wrote a bag.
+
+    Raises:
+        RecordingError: it cannot be read.
+    """
+    with open_bag(path) as bag:
+        return any(c.topic == ABOUT and c.msgtype == STRING for c in bag.connections)
 
 
 def about(path: Path, bag: Bag) -> RecordingInfo | None:

@@ -98,6 +98,11 @@ def open_bag(path: Path) -> Iterator[Bag]:
         raise RecordingError(f"recording {path}: no such file, or a folder without {METADATA}")
     if path.suffix.lower() not in ENDINGS:
         raise RecordingError(f"recording {path}: not a ROS bag ({', '.join(ENDINGS)})")
+    if path.suffix.lower() == ".mcap" and not is_ros_mcap(path):
+        raise RecordingError(
+            f"recording {path}: not a bag of ROS; 'hri-predict replay' plays a recording of this "
+            "node as it is, and 'convert --to rosbag2' makes a bag of it"
+        )
     from rosbags import rosbag1, rosbag2
 
     kind = rosbag1.Reader if path.suffix.lower() == BAG_ENDING else rosbag2.Reader

@@ -105,7 +105,7 @@ class SetChooser:
         """Return what is in force now."""
         before, self.in_force = self.in_force, self._found(now_ns) if self._known else InForce()
         if (before.number, before.is_known) != (self.in_force.number, self.in_force.is_known):
-            self._say()
+            self._say(now_ns)
         return self.in_force
 
     def _found(self, now_ns: int) -> InForce:
@@ -125,15 +125,20 @@ class SetChooser:
         held = [self._known[number] for number in sorted(self._held)]
         return held[0] if len(held) == 1 else _strictest(held)
 
-    def _say(self) -> None:
+    def _say(self, now_ns: int) -> None:
         if not self.in_force.is_known:
-            asked = sorted({line.number for line in self._lines.values()})
-            log.warning(
-                "no configuration set is in force: %s; the robots stop",
-                f"chosen: {', '.join(map(str, asked))}" if asked else "none was chosen yet",
-            )
+            log.warning("no configuration set is in force: %s; the robots stop", self._why(now_ns))
         elif number := self.in_force.number:
             log.info("configuration set %d (%s) is in force", number, self._names[number])
+
+    def _why(self, now_ns: int) -> str:
+        silent = [k for k, line in self._lines.items() if now_ns - line.heard_ns > STALE_S * 1e9]
+        if silent:
+            return f"no choice has come for {STALE_S:g} s by link {', '.join(sorted(silent))}"
+        asked = sorted({line.number for line in self._lines.values()} - self._known.keys())
+        if asked:
+            return f"no set has number {', '.join(map(str, asked))}"
+        return "a set was chosen a moment ago" if self._lines else "none was chosen yet"
 
 
 def _strictest(held: Sequence[InForce]) -> InForce:

@@ -1,9 +1,11 @@
 """Sends a person who sways, as a motion capture program would: to try a source without its system.
 
-python -m hri_sim.senders.mocap_person vmc --port 39539 --seconds 10
+python -m hri_sim.senders.mocap_person vmc --port 39539
 """
 
 import argparse
+import contextlib
+import itertools
 import socket
 import time
 from collections.abc import Callable
@@ -19,7 +21,7 @@ from hri_sim.senders.qualisys import Qtm
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Send until the time is over."""
+    """Send until the time is over, or Ctrl-C."""
     parser = argparse.ArgumentParser(description="Send a person who sways.")
     parser.add_argument("kind", choices=sorted(PROGRAMS), help="kind of source that receives")
     parser.add_argument("--host", default="127.0.0.1", help="address to send to")
@@ -27,14 +29,16 @@ def main(arguments: list[str] | None = None) -> None:
         "--port", type=int, required=True, help="port of the source; natnet: command_port"
     )
     parser.add_argument("--rate", type=float, default=60.0, help="captures per second")
-    parser.add_argument("--seconds", type=float, default=10.0, help="time to send")
+    parser.add_argument("--seconds", type=float, help="time to send; default: until Ctrl-C")
     parser.add_argument("--place", type=float, nargs=2, default=(2.0, 0.0), help="x and y, metres")
     asked = parser.parse_args(arguments)
     program = PROGRAMS[asked.kind]()
     program.start()
     send = opened(asked.kind, asked.host, asked.port)
     body, begin_s = Body(1.75), time.monotonic()
-    for k in range(round(asked.seconds * asked.rate)):
+    print(f"sending {asked.rate:g} captures a second, port {asked.port}", flush=True)
+    end = None if asked.seconds is None else round(asked.seconds * asked.rate)
+    for k in itertools.islice(itertools.count(), end):
         time.sleep(max(0.0, begin_s + k / asked.rate - time.monotonic()))
         place = np.array(asked.place) + 0.02 * np.sin(3.0 * k / asked.rate + np.arange(2))
         person = Person(1, body.joints(body.standing(place, np.pi)), _ALL)
@@ -61,4 +65,5 @@ _ALL = np.ones(len(JOINTS), np.bool_)
 
 
 if __name__ == "__main__":
-    main()
+    with contextlib.suppress(KeyboardInterrupt):
+        main()

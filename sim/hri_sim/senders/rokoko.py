@@ -52,7 +52,8 @@ def actor(name: str, joints: Floats) -> dict[str, Any]:
         points = zip(_PARTS, body.limbs(letter), strict=True)
         parts |= {f"{side}{part}": point for part, point in points}
         ankle, foot = f"{letter}_ankle", f"{letter}_foot"
-        parts[f"{side}ToeEnd"] = body.between(ankle, foot, 1.3)
+        parts[f"{side}ToeEnd"] = parts[f"{side}Toe"]
+        parts[f"{side}Toe"] = body.between(ankle, foot, 0.75)
     has = {"hasGloves": False, "hasLeftGlove": False, "hasRightGlove": False, "hasFace": False}
     return {
         "name": name,

@@ -13,6 +13,9 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.source import SourceCounters
 
+PAUSE_NS = 300_000_000
+"""After a longer silence a sender may have started again."""
+
 
 class MocapDecoder:
     """See ``hri_drivers.sources.live.Decoder``.
@@ -56,6 +59,7 @@ class MocapDecoder:
         self._contradicted = contradicted
         self._order = Order(counters)
         self._rooted: dict[int, Rooted] = {}
+        self._received_ns = 0
 
     def reset(self) -> None:
         """Forget incomplete captures."""
@@ -64,6 +68,9 @@ class MocapDecoder:
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
         """The scene that one datagram completes, if any."""
         self._counters.packets += 1
+        if received_ns - self._received_ns > PAUSE_NS:
+            self._reader.reset()  # what came before belongs to no capture that comes now
+        self._received_ns = received_ns
         try:
             frame = self._reader.read(data)
             stamp_ns = None if frame is None else self._stamp(frame, received_ns)

@@ -48,6 +48,7 @@ class VmcReader:
         self._normal_mode = normal_mode
         self._counters = counters
         self._why_not: str | None = "the performer has not sent /VMC/Ext/OK"
+        self._newest = b""
         self._stamp_ns: int | None = None
         self._root: Pose | None = None
         self._scale = np.ones(3)
@@ -55,11 +56,16 @@ class VmcReader:
         self._segments = Segments(counters)
 
     def reset(self) -> None:
-        """Forget the capture that is arriving."""
+        """Forget the capture that is arriving, and the time: it is none of the next capture's."""
         self._segments.reset()
+        self._stamp_ns = None
 
     def read(self, data: bytes) -> Frame | None:
-        """See ``Reader``."""
+        """See ``Reader``; a datagram that the network has doubled counts once."""
+        if data == self._newest:
+            self._counters.ignored += 1
+            return None
+        self._newest = data
         try:
             found = messages(data)
         except OscError as error:
