@@ -30,7 +30,7 @@ from hri_predict.operation.monitoring.summary import Summary
 from hri_predict.operation.service import logs
 from hri_predict.operation.service.notify import Notifier, has_terminal
 from hri_predict.recording.format_table import ANY_ENDING
-from hri_predict.recording.ros.about import is_own
+from hri_predict.recording.ros.about import is_in_room
 from hri_predict.recording.ros.bag import BAG_ENDING, file_of, is_ros_mcap
 from hri_predict.run import config as configuration
 from hri_predict.run.assemble import Assembly, unused_coverage
@@ -327,7 +327,7 @@ def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
         "field_of_view": None if view is None else view.model_dump(),
     }
     is_bag = _is_bag(recording)
-    in_room = is_own(file_of(recording)) if is_bag else recording.suffix == ".mcap"
+    in_room = is_in_room(file_of(recording)) if is_bag else recording.suffix == ".mcap"
     if cell.kind == "ros2" and is_bag and not in_room:
         own = cell.model_dump(include={"joint_map", "axes", "frame"})
         topics: list[str] = getattr(cell, "topics", [])

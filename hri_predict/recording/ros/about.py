@@ -17,14 +17,15 @@ STRING = "std_msgs/msg/String"
 MAX_BYTES = 4 * 1024 * 1024
 
 
-def is_own(path: Path) -> bool:
-    """Whether this node wrote a bag.
+def is_in_room(path: Path) -> bool:
+    """Whether a bag was made of a recording of this node, whose people are in the room already.
 
     Raises:
         RecordingError: it cannot be read.
     """
     with open_bag(path) as bag:
-        return any(c.topic == ABOUT and c.msgtype == STRING for c in bag.connections)
+        said = about(path, bag)
+    return said is not None and bool(said.config)
 
 
 def about(path: Path, bag: Bag) -> RecordingInfo | None:

@@ -111,3 +111,5 @@ def test_a_bag_that_this_node_wrote_needs_no_option(cli, bag, tmp_path):
     (row,) = json.loads(listed)["topics"]
     assert (row["name"], row["options"], row["is_named"]) == ("/recorded/people", [], True)
     assert f"hri-predict replay '{own}' --viewer" in cli("topics", own)[1]
+    demo = configuration.load(configuration.shipped("live_udp.yaml"))
+    assert played(demo.source, own)["place"] == BESIDE_THE_ROBOT  # a motion file, as the bag was

@@ -13,7 +13,7 @@ from hri_predict.protocol.ros.bodies import IDS_PER_BODY, MARKER_ARRAY, MAX_PEOP
 from hri_predict.recording import Recording, open_recording
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, of_person
-from hri_predict.recording.ros.about import ABOUT, MAX_BYTES, PEOPLE, STRING
+from hri_predict.recording.ros.about import ABOUT, MAX_BYTES, PEOPLE, STRING, is_in_room
 from hri_predict.recording.ros.outputs import full_speed
 
 pytest.importorskip("rosbags", reason="needs the extra bags")
@@ -60,7 +60,9 @@ def node_recording(tmp_path_factory) -> Path:
 @pytest.mark.parametrize("to", STORAGES)
 def test_a_recording_of_the_node_replays_from_a_bag_as_from_itself(tmp_path, node_recording, to):
     own = open_recording(node_recording)
-    again = open_recording(bag_of(own, tmp_path, to))
+    bag = bag_of(own, tmp_path, to)
+    again = open_recording(bag)
+    assert is_in_room(bag)
     assert (again.kind, again.in_room, again.config) == ("rosbag", True, own.config)
     assert again.joint_map.source_joints == own.joint_map.source_joints
     np.testing.assert_array_equal(again.joint_map.weights, own.joint_map.weights)
