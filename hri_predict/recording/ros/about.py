@@ -32,18 +32,29 @@ def about(path: Path, bag: Bag) -> RecordingInfo | None:
     """Return the description; ``None``: this node did not write the bag.
 
     Raises:
-        RecordingError: it is damaged.
+        RecordingError: it is damaged, or there are several that differ.
     """
     own = [c for c in bag.connections if c.topic == ABOUT and c.msgtype == STRING]
+    first: bytes | None = None
     for _, _, data in bag.messages(own):
-        what = f"recording {path}: the message on {ABOUT}"
-        try:
-            if len(data) > MAX_BYTES:
-                raise ValueError(f"more than {MAX_BYTES} bytes")
-            said = json.loads(bag.read(data, STRING).data)
-            return RecordingInfo.from_metadata({str(k): str(v) for k, v in said.items()})
-        except RecordingError as error:
-            raise RecordingError(f"{what}: {error}") from error
-        except Exception as error:  # of rosbags and json: many kinds
-            raise RecordingError(f"{what} is damaged ({error}); convert it again") from error
-    return None
+        if first is None:
+            first = bytes(data)
+        elif first != data:
+            raise RecordingError(
+                f"recording {path}: the messages on {ABOUT} differ: bags of several recordings "
+                "were merged; replay each alone"
+            )
+    return None if first is None else _description(path, bag, first)
+
+
+def _description(path: Path, bag: Bag, data: bytes) -> RecordingInfo:
+    what = f"recording {path}: the message on {ABOUT}"
+    try:
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"more than {MAX_BYTES} bytes")
+        said = json.loads(bag.read(data, STRING).data)
+        return RecordingInfo.from_metadata({str(k): str(v) for k, v in said.items()})
+    except RecordingError as error:
+        raise RecordingError(f"{what}: {error}") from error
+    except Exception as error:  # of rosbags and json: many kinds
+        raise RecordingError(f"{what} is damaged ({error}); convert it again") from error

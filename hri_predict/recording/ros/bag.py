@@ -16,6 +16,7 @@ ENDINGS = (BAG_ENDING, *_STORAGES)
 _MCAP_START = b"\x89MCAP0\r\n\x01"
 _LENGTHS = Struct("<QI")  # of the header record, and of the profile's name
 _MAX_PROFILE = 64
+_REMEDY = "copy it again, or repair it ('ros2 bag reindex', 'mcap recover', 'rosbag reindex')"
 
 
 def is_ros_mcap(path: Path) -> bool:
@@ -58,14 +59,27 @@ class Bag:
 
     def __init__(self, path: Path, reader: Any) -> None:
         self.connections: list[Any] = list(reader.connections)
-        self._reader = reader
+        self._path, self._reader = path, reader
         self._is_1 = path.suffix.lower() == BAG_ENDING
         self._store = typestore(self._release())
 
     def messages(self, connections: Collection[Any]) -> Iterator[tuple[Any, int, bytes]]:
-        """Connection, time of its receipt (ns) and bytes of each message, by their times."""
+        """Connection, time of its receipt (ns) and bytes of each message, by their times.
+
+        Raises:
+            RecordingError: at the end, if the bag counts more messages than could be read: where
+                its index is damaged, the reader leaves messages out without a word.
+        """
+        read, counted = 0, sum(c.msgcount for c in connections)
         if connections:
-            yield from self._reader.messages(connections=list(connections))
+            for each in self._reader.messages(connections=list(connections)):
+                read += 1
+                yield each
+        if read < counted:
+            raise RecordingError(
+                f"recording {self._path}: not a whole bag: {read} of {counted} messages can be "
+                f"read; {_REMEDY}"
+            )
 
     def read(self, data: bytes, kind: str) -> Any:
         """A message as plain values.
@@ -113,7 +127,4 @@ def open_bag(path: Path) -> Iterator[Bag]:
         raise
     except Exception as error:  # rosbags and what it uses raise many kinds on damaged files
         said = (str(error).splitlines() or [""])[0][:120] or type(error).__name__
-        raise RecordingError(
-            f"recording {path}: not a whole bag: {said}; copy it again, or repair it "
-            f"('ros2 bag reindex', 'mcap recover', 'rosbag reindex')"
-        ) from error
+        raise RecordingError(f"recording {path}: not a whole bag: {said}; {_REMEDY}") from error

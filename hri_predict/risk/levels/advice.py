@@ -230,7 +230,7 @@ class Levels:
         situation = Situation(
             asked=found.asked,
             demand=demand,
-            is_known=not found.unknown,
+            is_known=not found.unknown and self.sets.in_force.is_known,
             beside_unseen=beside_unseen,
             not_backing_out=found.not_backing_out,
         )

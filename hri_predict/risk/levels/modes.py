@@ -49,7 +49,8 @@ class Situation:
     Attributes:
         asked: by the robot's controllers.
         demand: what people, zones and unseen places demand, or *unknown*.
-        is_known: whether the situation is known: neither the scene nor the robot is in doubt.
+        is_known: whether the situation is known: neither the scene, the robot nor the configuration
+            set is in doubt.
         beside_unseen: whether space that the sensor does not see stops the robot.
         not_backing_out: why it would not recede from each person on its way back; "" if it would.
     """

@@ -80,6 +80,7 @@ class SetChooser:
         }
         self._names = {each.number: each.name for each in sets}
         self._lines: dict[str, _Line] = {}
+        self._came: set[int] = set()  # all numbers chosen since the last update
         self._held: set[int] = set()
         self.in_force = InForce(is_known=not sets)
 
@@ -95,6 +96,7 @@ class SetChooser:
 
     def choose(self, link: str, number: int, at_ns: int) -> None:
         """Take a PLC's choice, received at ``at_ns``."""
+        self._came.add(number)
         line = self._lines.get(link)
         if line is None or number != line.number or at_ns - line.heard_ns > STALE_S * 1e9:
             self._lines[link] = _Line(number, at_ns, at_ns)
@@ -111,11 +113,12 @@ class SetChooser:
     def _found(self, now_ns: int) -> InForce:
         lines = self._lines.values()
         silent = any(now_ns - line.heard_ns > STALE_S * 1e9 for line in lines)
-        asked = {line.number for line in lines}
+        steady = bool(lines) and now_ns - max(x.since_ns for x in lines) >= STEADY_S * 1e9
+        asked = {line.number for line in lines} | (set() if steady else self._came)
+        self._came.clear()
         if silent or not asked or not asked <= self._known.keys():
             self._held.clear()
             return InForce(is_known=False)
-        steady = now_ns - max(line.since_ns for line in lines) >= STEADY_S * 1e9
         if steady:
             self._held = asked
         elif self._held:

@@ -8,6 +8,7 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from hri_predict.protocol.messages import Level, OperatingMode, RobotMode
 from hri_predict.protocol.reasons import Reason
+from hri_predict.risk.sets import SetSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from tests.hri_predict.risk.engine_cell import MODES, ROBOT, SETTINGS, Cell
@@ -106,6 +107,20 @@ def test_a_stale_or_impossible_robot_wins(asked: dict[str, Any]) -> None:
     advice = one.step(NEAR_M, **asked)
     assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.ROBOT_STATE_INVALID)
     assert advice.mode is OperatingMode.AUTOMATIC
+
+
+@pytest.mark.parametrize("asked", [TEACH, MUTE])
+def test_no_mode_moves_a_robot_while_no_configuration_set_is_chosen(asked: dict[str, Any]) -> None:
+    sets = [SetSettings(number=1, name="setting up", max_speed_m_s=0.2)]
+    modes = robot(teach={}, muting={"max_s": 60})
+    one = Cell(QUICK.model_copy(update={"sets": sets}), robot=modes)
+    one.turn = 0.0
+    advice = one.settle(NEAR_M, ticks=TICKS)
+    assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.SET_UNKNOWN)
+    advice = one.settle(NEAR_M, ticks=TICKS, **asked)
+    assert (advice.level, advice.mode) == (Level.UNKNOWN, OperatingMode.AUTOMATIC)
+    assert (advice.speed_limit_m_s, advice.reason) == (0.0, Reason.SET_UNKNOWN)
+    assert " refused: the situation is unknown" in advice.detail
 
 
 def test_a_latched_stop_stays_latched_in_every_mode() -> None:

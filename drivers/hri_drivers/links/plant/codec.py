@@ -231,9 +231,12 @@ class RegisterCodec:
         return Acknowledge(latch_id, ack_id)
 
     def _choice(self, number: int, counter: int) -> SetChoice | None:
-        """A choice of a set, unless its counter stands still: a gateway may repeat what is old."""
+        """A choice of a set, if its counter was seen to change: a gateway may repeat what is old.
+
+        So the first write after the server's start chooses nothing.
+        """
         before, self._set_counter = self._set_counter, counter
-        return SetChoice(number) if counter != before else None
+        return SetChoice(number) if before not in (None, counter) else None
 
     def _state(self, robot: int, words: list[int]) -> RobotState | None:
         values = unpacked(STATE, words)

@@ -152,6 +152,7 @@ def test_a_release_is_of_the_newest_press_and_comes_once(codec):
 
 
 def test_a_choice_of_a_set_counts_while_its_counter_advances(codec):
+    assert codec.decode(Block.of(1010, [2, 0])) == []  # was it written before the node's start?
     assert codec.decode(Block.of(1010, [2, 1])) == [SetChoice(2)]
     assert codec.decode(Block.of(1010, [2, 1])) == []
     assert codec.decode(Block.of(1010, [3, 1])) == []  # a gateway that repeats what is old
@@ -159,6 +160,14 @@ def test_a_choice_of_a_set_counts_while_its_counter_advances(codec):
     assert codec.counters.malformed == 0
     assert codec.decode(Block.of(1010, [3])) == []
     assert codec.counters.malformed == 1
+
+
+def test_a_gateway_that_repeats_an_old_choice_chooses_nothing_after_a_restart(codec):
+    for counter in (6, 7):
+        codec.decode(Block.of(1010, [2, counter]))
+    codec.reset()
+    assert [codec.decode(Block.of(1010, [2, 7])) for _ in range(3)] == [[], [], []]
+    assert codec.decode(Block.of(1010, [2, 8])) == [SetChoice(2)]
 
 
 def test_the_set_in_force_is_shown_where_there_are_sets(codec):

@@ -180,6 +180,31 @@ def test_a_damaged_description_is_one_line(tmp_path, said):
     assert "\n" not in str(caught.value)
 
 
+def test_merged_bags_of_several_recordings_are_refused(tmp_path):
+    """The people of both would be on one topic, with the joints and the frame of the first."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer2(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        about = writer.add_connection(ABOUT, STRING, typestore=store)
+        people = writer.add_connection(PEOPLE, MARKER_ARRAY, typestore=store)
+        for at_ns, said in enumerate(['{"format": "2"}', '{"format": "3"}']):
+            writer.write(about, at_ns, string(said))
+        writer.write(people, 2, b"\x00\x01\x00\x00" + bytes(4))
+    with pytest.raises(RecordingError, match=rf"messages on {ABOUT} differ: .* replay each alone"):
+        open_recording(tmp_path / "bag")
+
+
+def test_a_damaged_index_that_hides_messages_is_refused(tmp_path):
+    path = bag_of(made(["waist", "head"], missing=0), tmp_path)
+    with Reader(path) as reader:
+        last_ns = max(at_ns for _, at_ns, _ in reader.messages())
+    data = path.read_bytes()
+    of_statistics = data.rindex(last_ns.to_bytes(8, "little"))
+    of_chunk = data.rindex(last_ns.to_bytes(8, "little"), 0, of_statistics)
+    path.write_bytes(data[:of_chunk] + (last_ns - 1).to_bytes(8, "little") + data[of_chunk + 8 :])
+    with pytest.raises(RecordingError, match=r"not a whole bag: \d+ of \d+ messages can be read"):
+        open_recording(path, any_joints=True)
+
+
 def test_scenes_of_a_motion_file_stay_in_its_own_frame(tmp_path):
     path = bag_of(made(["waist", "head"], missing=0), tmp_path)
     (first, *_) = contents(path)[PEOPLE]

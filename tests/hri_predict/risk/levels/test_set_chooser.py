@@ -93,6 +93,21 @@ def test_numbers_that_a_switch_passes_through_hold_together_until_it_rests(plant
     assert plant.at(5.41).number == 2
 
 
+def test_a_number_that_came_and_went_between_two_ticks_holds_too(plant):
+    """Two PLCs on one link may write so that each tick finds the same of their numbers last."""
+    plant.steady(1, 5.0)
+    for k in range(1, 20):
+        plant.choose(3, 5.0 + 0.04 * k)
+        plant.choose(1, 5.001 + 0.04 * k)
+        found = plant.at(5.002 + 0.04 * k)
+        assert (found.number, found.zones, found.max_speed_m_s) == (0, None, 0.1)
+    plant.choose(4, 6.0)  # no set has it
+    plant.choose(1, 6.001)
+    assert not plant.at(6.002).is_known
+    plant.choose(1, 6.2)
+    assert plant.at(6.21).number == 1
+
+
 @pytest.mark.parametrize("number", [0, 4, 65_535])
 def test_a_number_that_no_set_has_is_unknown_at_once_and_for_a_while_after(plant, number):
     plant.steady(1, 5.0)
