@@ -1,5 +1,6 @@
 """From QTM's packets to captures, over a real connection as well, and any bytes."""
 
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -46,6 +47,12 @@ class Client:
 
 def both(number: int = 1) -> bytes:
     return qualisys.data(number, 1_000_000 + number, {"Ann": JOINTS, "Bob": JOINTS + 1.0})
+
+
+def twice() -> bytes:
+    """A capture whose second segment has the first one's id."""
+    first, second = (struct.pack("<I", qualisys.FIRST_ID + k) for k in range(2))
+    return both().replace(second, first)
 
 
 def test_it_asks_for_what_it_needs_in_order() -> None:
@@ -106,6 +113,9 @@ def test_other_skeletons_are_asked_for_again() -> None:
         (qualisys.packet(0, b"Parse error\0"), "QTM says: Parse error"),
         (qualisys.packet(3, b"\0" * 10), "cut short"),
         (qualisys.packet(3, b"\0" * 16), "solve skeletons"),
+        (qualisys.data(1, 2**63 - 1, {"Ann": JOINTS, "Bob": JOINTS}), "a time that is not"),
+        (qualisys.data(1, -1, {"Ann": JOINTS, "Bob": JOINTS}), "a time that is not"),
+        (twice(), "a segment comes twice"),
     ],
 )
 def test_what_is_not_a_capture_is_refused(unit: bytes, says: str) -> None:
