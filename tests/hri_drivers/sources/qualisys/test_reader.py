@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError
 from hri_drivers.sources.qualisys import packets
+from hri_drivers.sources.qualisys import reader as qualisys_reader
 from hri_drivers.sources.qualisys.reader import PARAMETERS, STREAM, VERSION, QtmReader
 from hri_predict.base.errors import ConfigError, SourceError
 from hri_predict.base.settings import validated
@@ -103,6 +104,22 @@ def test_other_skeletons_are_asked_for_again() -> None:
     with pytest.raises(FrameError, match="asking for them again"):
         client.read(qualisys.data(1, 1, {"Ann": JOINTS}))
     assert client.reader.wanted == PARAMETERS
+
+
+def test_names_are_remembered_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qualisys_reader, "MOST_NAMES", 3)
+    client = Client()
+
+    def skeletons(*names: str) -> Frame:
+        client.reader.wanted = PARAMETERS
+        client.read(qualisys.parameters(list(names)))
+        (frame,) = client.read(qualisys.data(1, 1_000_000, dict.fromkeys(names, JOINTS)))
+        return frame
+
+    assert [person.id for person in skeletons("Ann", "Bob").people] == [1, 2]
+    assert [person.id for person in skeletons("Cid", "Ann").people] == [3, 1]
+    with pytest.raises(FrameError, match="more than 3 names of skeletons"):
+        skeletons("Dan", "Ann")
 
 
 @pytest.mark.parametrize(
