@@ -107,7 +107,7 @@ def _sides_m(positions: Floats, observed: Bools) -> Floats:
     """
     nearest = np.full((len(positions), len(positions)), np.inf)
     for pair in _SIDES:
-        seen = observed[:, pair].all(axis=1)
+        seen: Bools = np.logical_and.reduce(observed[:, pair], axis=1)
         places = positions[:, pair]
         apart = norm(places[:, None] - places).mean(axis=2)
         nearest = np.minimum(nearest, np.where(seen[:, None] & seen, apart, np.inf))
