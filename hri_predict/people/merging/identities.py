@@ -166,12 +166,10 @@ class Identities:
                 return False
         both = [*own, *more]
         sensors = {s.sensor for s in both}
-        rest = [s for s in likeness.bodies if s not in both and s.sensor in sensors]
         return not any(
-            likeness.may_be(other, each)
-            for other in rest
+            other.sensor in sensors and other not in both
             for each in both
-            if other.sensor != each.sensor
+            for other in likeness.that_may_be(each)
         )
 
     def _joined(

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.merging.sensor import Key
@@ -25,7 +26,9 @@ class Seen(NamedTuple):
 
 
 class Likeness:
-    """Distances between the bodies of one time, each worked out once.
+    """Distances between the bodies of one time, all worked out at once.
+
+    A source may show 64 people to each of four sensors, and the merge must not hold up the node.
 
     Args:
         bodies: all of them, canonical joints at the same time.
@@ -34,22 +37,25 @@ class Likeness:
 
     def __init__(self, bodies: Mapping[Seen, Body], same_m: float, apart_m: float) -> None:
         self.bodies = bodies
-        self._same_m, self._apart_m = same_m, apart_m
-        self._known: dict[tuple[Seen, Seen], float | None] = {}
+        self._apart_m = apart_m
+        self._order = list(bodies)
+        self._place = {seen: k for k, seen in enumerate(bodies)}
+        positions = np.array([b.positions for b in bodies.values()]).reshape(-1, len(JOINTS), 3)
+        observed = np.array([b.observed for b in bodies.values()], np.bool_)
+        observed = observed.reshape(-1, len(JOINTS))
+        self._apart = _medians_m(positions, observed)
+        self._same = (self._apart <= same_m) & (_sides_m(positions, observed) <= same_m)
+        self._that_may_be: dict[Seen, list[Seen]] = {}
+        self._may_be = self._all_that_may_be(positions, observed)
 
     def apart_m(self, one: Seen, other: Seen) -> float | None:
         """Median distance of the joints that both see, metres; ``None``: too few joints."""
-        pair = (one, other) if one < other else (other, one)
-        if pair not in self._known:
-            self._known[pair] = median_m(self.bodies[one], self.bodies[other])
-        return self._known[pair]
+        apart_m = float(self._apart[self._place[one], self._place[other]])
+        return apart_m if apart_m < np.inf else None
 
     def is_same(self, one: Seen, other: Seen) -> bool:
         """Whether they are near enough, with both sides, to be taken for one person."""
-        apart_m = self.apart_m(one, other)
-        if apart_m is None or apart_m > self._same_m:
-            return False
-        return sides_m(self.bodies[one], self.bodies[other]) <= self._same_m
+        return bool(self._same[self._place[one], self._place[other]])
 
     def still_same(self, one: Seen, other: Seen) -> bool:
         """Whether two that were one person still are; one without a joint contradicts nothing."""
@@ -58,35 +64,51 @@ class Likeness:
         apart_m = self.apart_m(one, other)
         return apart_m is not None and apart_m <= self._apart_m
 
-    def may_be(self, one: Seen, other: Seen) -> bool:
-        """Whether they could be one person's: so near, or seen too little to say."""
-        apart_m = self.apart_m(one, other)
-        if apart_m is not None:
-            return apart_m <= self._apart_m
-        first, second = self.bodies[one], self.bodies[other]
-        if not (first.observed.any() and second.observed.any()):
-            return False
-        return float(np.linalg.norm((first.centroid - second.centroid)[:2])) <= MAYBE_M
+    def that_may_be(self, seen: Seen) -> list[Seen]:
+        """The bodies of other sensors that could be this one: so near, or seen too little to say.
+
+        One without a joint is none of them.
+        """
+        if seen not in self._that_may_be:
+            others = (self._order[k] for k in np.flatnonzero(self._may_be[self._place[seen]]))
+            self._that_may_be[seen] = [each for each in others if each.sensor != seen.sensor]
+        return self._that_may_be[seen]
+
+    def _all_that_may_be(self, positions: Floats, observed: Bools) -> Bools:
+        """(N, N) whether two bodies could be one person's."""
+        counts = observed.sum(axis=1)
+        middles = positions[..., :2].sum(axis=1) / np.maximum(counts, 1)[:, None]
+        near: Bools = np.linalg.norm(middles[:, None] - middles, axis=2) <= MAYBE_M
+        seen = (counts > 0)[:, None] & (counts > 0)
+        may_be: Bools = (self._apart <= self._apart_m) | (np.isinf(self._apart) & near & seen)
+        return may_be
 
 
-def median_m(one: Body, other: Body) -> float | None:
-    """Median distance of the joints that two bodies have in common; ``None``: too few."""
-    both = one.observed & other.observed
-    if np.count_nonzero(both) < LEAST_JOINTS:
-        return None
-    return float(np.median(norm(one.positions[both] - other.positions[both])))
+def _medians_m(positions: Floats, observed: Bools) -> Floats:
+    """(N, N) median distance of the joints that two bodies have in common; inf: too few."""
+    medians = np.full((len(positions), len(positions)), np.inf)
+    for k in range(len(positions) - 1):
+        both = observed[k] & observed[k + 1 :]
+        apart = norm(positions[k] - positions[k + 1 :])
+        ordered = np.sort(np.where(both, apart, np.inf), axis=1)
+        counts = both.sum(axis=1)
+        rows = np.arange(len(counts))
+        middle = (ordered[rows, np.maximum(counts - 1, 0) // 2] + ordered[rows, counts // 2]) / 2
+        medians[k, k + 1 :] = np.where(counts >= LEAST_JOINTS, middle, np.inf)
+        medians[k + 1 :, k] = medians[k, k + 1 :]
+    return medians
 
 
-def sides_m(one: Body, other: Body) -> float:
-    """Mean distance of both shoulders, or of both hips, whichever is less; inf: neither is seen.
+def _sides_m(positions: Floats, observed: Bools) -> Floats:
+    """(N, N) mean distance of both shoulders, or of both hips, whichever is less; inf: neither.
 
     Of two people who stand shoulder to shoulder and look opposite ways, the left sides are nearly
     in one place; their right sides are a metre apart.
     """
-    both = one.observed & other.observed
-    found = [
-        float(norm(one.positions[pair] - other.positions[pair]).mean())
-        for pair in _SIDES
-        if both[pair].all()
-    ]
-    return min(found, default=np.inf)
+    nearest = np.full((len(positions), len(positions)), np.inf)
+    for pair in _SIDES:
+        seen: Bools = np.logical_and.reduce(observed[:, pair], axis=1)
+        places = positions[:, pair]
+        apart = norm(places[:, None] - places).mean(axis=2)
+        nearest = np.minimum(nearest, np.where(seen[:, None] & seen, apart, np.inf))
+    return nearest

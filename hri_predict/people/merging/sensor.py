@@ -30,6 +30,8 @@ KEPT = 1024
 """Captures kept: two seconds, the longest wait for another sensor, at 500 Hz."""
 REFUSED_NS = 1_000_000_000
 """A body in a scene that does not advance is remembered for this long."""
+ELSEWHERE_M = 2.5
+"""In a scene that does not advance, a body farther than this from its id's newest is another."""
 STEP_M_S = 4.0
 """A body that moved faster between two captures may be another one with its id: ids swap. A runner
 is then shown where the later capture has him."""
@@ -223,12 +225,23 @@ class Sensor:
         return self.source.declares_noise and most >= FROZEN
 
     def _look_at_refused(self, scene: Scene, now_ns: int) -> None:
-        """A body of an unknown id in a scene that does not advance: perhaps of a second sender."""
+        """A body of an unknown id in a scene that does not advance: perhaps of a second sender.
+
+        So is one of a known id far from where the newest capture has it.
+        """
         self.counters["refused_scenes"] += 1
         newest = self._captures[-1].bodies if self._captures else {}
-        if any((person.id, 0) not in newest for person in scene.people):
+        if any(self._is_elsewhere(person, newest.get((person.id, 0))) for person in scene.people):
             self.counters["people_in_refused_scenes"] += 1
             self._refused_ns = now_ns
+
+    def _is_elsewhere(self, person: Person, newest: Body | None) -> bool:
+        if newest is None:
+            return True
+        body = canonical_body(person, self.source.joint_map, self._origin).body
+        if body is None or not newest.observed.any():
+            return False
+        return float(np.linalg.norm(body.centroid - newest.centroid)) > ELSEWHERE_M
 
 
 def _between(before: Body, after: Body, part: float, most_m: float) -> Body | None:

@@ -9,12 +9,17 @@ from hri_drivers.sources.mocap.order import Order
 from hri_drivers.sources.mocap.rooted import Rooted
 from hri_drivers.sources.mocap.settings import MocapSettings
 from hri_drivers.sources.sent import SentPerson, SentScene
+from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.source import SourceCounters
 
 PAUSE_NS = 300_000_000
 """After a longer silence a sender may have started again."""
+REFUSED_NS = 1_000_000_000
+"""For this long, a person who is only in captures that do not advance keeps the room unseen."""
+ELSEWHERE_M = 0.5
+"""A body farther than this from where the newest capture has its id is another person."""
 
 
 class MocapDecoder:
@@ -60,6 +65,9 @@ class MocapDecoder:
         self._order = Order(counters)
         self._rooted: dict[int, Rooted] = {}
         self._received_ns = 0
+        self._scale_to_m = joint_map.scale_to_m
+        self._newest: dict[int, SentPerson] = {}
+        self._refused_ns: int | None = None
 
     def reset(self) -> None:
         """Forget incomplete captures."""
@@ -78,10 +86,15 @@ class MocapDecoder:
             self._counters.malformed += 1
             self._counters.note(f"{self._settings.kind}: {error}")
             return []
-        if frame is None or stamp_ns is None or not self._order.advances(stamp_ns, frame.number):
+        if frame is None or stamp_ns is None:
             return []
+        if not self._order.advances(stamp_ns, frame.number):
+            self._look_at_refused(frame, received_ns)
+            return []
+        self._newest = {person.id: person for person in frame.people}
         people = self._placed(frame)
         whole = frame.tracks and frame.complete and len(people) == len(frame.people)
+        whole = whole and not self._refused_lately(received_ns)
         return [
             SentScene(
                 stamp_ns=stamp_ns,
@@ -98,6 +111,32 @@ class MocapDecoder:
         if frame.stamp_ns is None:
             raise FrameError("the sender sends no time; set 'stamp: arrival'")
         return frame.stamp_ns
+
+    def _look_at_refused(self, frame: Frame, received_ns: int) -> None:
+        """A person who is only in captures that do not advance is perhaps a second program's.
+
+        Two programs behind one address look like one whose captures overtake each other: those of
+        the one that is ahead count, and the people of the other would not be seen.
+        """
+        if any(self._is_elsewhere(person) for person in frame.people):
+            self._refused_ns = received_ns
+            self._counters.note(
+                f"{self._settings.kind}: a person is only in captures that do not advance: two "
+                "programs send to this port; stop one of them"
+            )
+
+    def _refused_lately(self, received_ns: int) -> bool:
+        return self._refused_ns is not None and received_ns - self._refused_ns < REFUSED_NS
+
+    def _is_elsewhere(self, person: SentPerson) -> bool:
+        """Whether the newest capture does not show this person, or not here."""
+        if not person.observed.any():
+            return False
+        newest = self._newest.get(person.id)
+        if newest is None or not newest.observed.any():
+            return True
+        apart = _middle(person) - _middle(newest)
+        return float(np.linalg.norm(apart)) * self._scale_to_m > ELSEWHERE_M
 
     def _placed(self, frame: Frame) -> tuple[SentPerson, ...]:
         """The people whose place in the room is known."""
@@ -116,3 +155,9 @@ class MocapDecoder:
                     "while the body moves; let the sender stream positions in the room"
                 )
         return tuple(placed)
+
+
+def _middle(person: SentPerson) -> Floats:
+    """(3,) mean of the observed joints, of which there is one at least."""
+    middle: Floats = person.positions[person.observed].mean(axis=0)
+    return middle

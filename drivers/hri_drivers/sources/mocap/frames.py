@@ -63,7 +63,8 @@ def person(number: int, positions: Floats, *, origin_seen: bool = True) -> SentP
     """
     if not origin_seen:
         positions = np.where((positions == 0).all(axis=1, keepdims=True), np.nan, positions)
-    return SentPerson(number, positions, np.asarray(np.isfinite(positions).all(axis=1)))
+    observed = np.asarray(np.isfinite(positions).all(axis=1))
+    return SentPerson(number, np.where(observed[:, None], positions, np.nan), observed)
 
 
 def json_object(data: bytes) -> Mapping[str, Any]:

@@ -216,6 +216,8 @@ def frame(data: bytes) -> MocapFrame:
     if not 0 <= count <= MAX_PEOPLE:
         raise FrameError(f"{count} skeletons; at most {MAX_PEOPLE}")
     skeletons = dict(_pose(cursor) for _ in range(count))
+    if len(skeletons) < count:
+        raise FrameError("a skeleton comes twice in one frame")
     cursor.skip(end - cursor.at)
     for _ in range(SECTIONS_AFTER):
         _, size = (cursor.whole(), cursor.whole())
@@ -230,6 +232,8 @@ def frame(data: bytes) -> MocapFrame:
 def _pose(cursor: Cursor) -> tuple[int, Pose]:
     skeleton, pose = cursor.whole(), Pose()
     for number, place, tracked in _bones(cursor):
+        if number in pose.positions:
+            raise FrameError("a bone comes twice in one skeleton")
         pose.positions[number] = place
         if tracked:
             pose.tracked.add(number)

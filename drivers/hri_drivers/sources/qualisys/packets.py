@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_drivers.sources.mocap.frames import MAX_PEOPLE, FrameError
+from hri_drivers.sources.mocap.frames import MAX_PEOPLE, MAX_STAMP_S, FrameError
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import SourceError
 
@@ -23,6 +23,7 @@ SKELETON = 18
 MAX_BYTES = 1 << 20
 _HEAD, _DATA, _SEGMENT = struct.Struct("<II"), struct.Struct("<qII"), struct.Struct("<I7f")
 _COUNT = struct.Struct("<I")
+_MAX_US = int(MAX_STAMP_S * 1e6)
 
 Segments = dict[int, Floats]
 """By segment id, (3,) positions in millimetres."""
@@ -112,6 +113,8 @@ def frame(data: bytes) -> QtmFrame:
     """
     try:
         time_us, number, components = _DATA.unpack_from(data)
+        if not 0 <= time_us <= _MAX_US:
+            raise FrameError("a time that is not microseconds of QTM's clock")
         at = _DATA.size
         for _ in range(min(components, 64)):
             size, kind = _HEAD.unpack_from(data, at)
@@ -139,6 +142,8 @@ def _skeletons(data: bytes) -> Iterator[Segments]:
         found = {}
         for _ in range(segments):
             number, x, y, z, *_ = _SEGMENT.unpack_from(data, at)
+            if number in found:
+                raise FrameError("a segment comes twice in one skeleton")
             found[number] = np.array([x, y, z])
             at += _SEGMENT.size
         yield found

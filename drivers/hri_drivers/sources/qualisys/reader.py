@@ -15,6 +15,7 @@ VERSION = "Version 1.25"
 PARAMETERS = "GetParameters Skeleton"
 STREAM = "StreamFrames AllFrames Skeleton:global"
 ROOT = "Hips"
+MOST_NAMES = 1000
 LOCAL_MM = 700.0
 """If all segments but the root are within this of the origin, they are relative to their parents:
 no body of that length fits into such a ball."""
@@ -89,4 +90,11 @@ class QtmReader:
         measured = others[np.isfinite(others).all(axis=1)] if len(others) else others
         if len(measured) and np.linalg.norm(measured, axis=1).max() < LOCAL_MM:
             raise FrameError("a relative stream: segments in local coordinates; update QTM")
-        return person(self._ids.setdefault(name, len(self._ids) + 1) & 0xFFFF, found)
+        return person(self._id(name), found)
+
+    def _id(self, name: str) -> int:
+        if name not in self._ids:
+            if len(self._ids) >= MOST_NAMES:
+                raise FrameError(f"more than {MOST_NAMES} names of skeletons since the start")
+            self._ids[name] = len(self._ids) + 1
+        return self._ids[name]

@@ -88,6 +88,23 @@ def test_a_root_that_stays_while_the_body_moves_is_not() -> None:
     assert seen == [True] * (STILL - 1) + [False] * 2
 
 
+def test_a_root_that_is_not_measured_does_not_make_a_relative_stream_believed() -> None:
+    rooted = Rooted(root=0, up=2)
+    hidden = range(5, 3 * STILL, 5)
+    roots = [np.nan if k in hidden else 0.0 for k in range(3 * STILL)]
+    assert not any(rooted.sees(body(root, 0.01 * k)) for k, root in enumerate(roots))
+    rooted = Rooted(root=0, up=2)
+    assert not any(rooted.sees(body(np.nan, 0.01 * k)) for k in range(3 * STILL))
+
+
+def test_a_person_in_the_room_whose_root_is_hidden_for_a_while_stays_in_the_room() -> None:
+    rooted = Rooted(root=0, up=2)
+    rooted.sees(body(0.0, 0.0))
+    assert rooted.sees(body(0.1, 0.1))
+    assert all(rooted.sees(body(np.nan, 0.01 * k)) for k in range(3 * STILL))
+    assert rooted.sees(body(0.3, 0.3))
+
+
 def test_a_person_who_does_not_move_at_all_is_not_taken_for_one() -> None:
     rooted = Rooted(root=0, up=2)
     rooted.sees(body(0.0, 0.0))

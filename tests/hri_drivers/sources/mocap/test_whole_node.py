@@ -192,6 +192,40 @@ def test_no_fault_of_the_sender_is_clear(watch: Watch, kind: str, fault: str) ->
     assert fault != "repeated" or counters.replayed > 0
 
 
+def two_programs(others: Callable[[Person], tuple[Person, ...]]) -> Units:
+    """A second program behind the same address, 3 ms ahead, which does not see the person who is
+    beside the robot, as the first one does."""
+
+    def units(sender: Sender, _: float, scene: Scene) -> list[bytes]:
+        (far,) = scene.people
+        near = Person(1, far.positions - [5.0, 0.0, 0.0], far.observed)
+        ahead = Scene(scene.stamp_ns + 3 * MS, scene.sequence + 9, True, others(far))
+        beside = Scene(scene.stamp_ns, scene.sequence, True, (near,))
+        return sender.end.encode(ahead) + sender.end.encode(beside)
+
+    return units
+
+
+AHEAD = {"far": lambda far: (far,), "empty": lambda _: ()}
+
+
+@pytest.mark.parametrize(
+    ("kind", "shows"),
+    some(
+        [("rokoko", "empty"), ("rokoko", "far"), ("vmc", "far"), ("natnet", "far")],
+        ("rokoko", "empty"),
+        ("vmc", "far"),
+    ),
+)
+def test_a_person_whom_only_the_later_of_two_programs_sees_is_not_left_out(
+    watch: Watch, kind: str, shows: str
+) -> None:
+    levels, counters = watch(kind, STANDS, until_fault(two_programs(AHEAD[shows])))
+    assert levels.between(3.0, BEGINS_S) == {Level.CLEAR}
+    assert levels.between(BEGINS_S + ACTS_S, ENDS_S - 0.1) <= {Level.UNKNOWN, Level.STOP}
+    assert "two programs send to this port" in counters.last_error
+
+
 @pytest.mark.parametrize("kind", some(PROGRAMS, "vmc"))
 def test_a_sender_that_comes_back_is_believed_again(watch: Watch, kind: str) -> None:
     def paused(sender: Sender, since_s: float, scene: Scene) -> list[bytes]:

@@ -1,5 +1,6 @@
 """From NatNet's packets to captures, over a real socket as well, and any bytes."""
 
+import struct
 from collections.abc import Callable, Iterator
 from struct import pack
 from typing import Any
@@ -86,6 +87,16 @@ def test_bones_in_local_coordinates_are_refused_by_name() -> None:
 def test_a_frame_without_skeletons_is_a_scene_without_people() -> None:
     (frame,) = Client().read(natnet.frame(1, 1.0, {}))
     assert frame.people == ()
+
+
+def test_a_skeleton_or_bone_that_comes_twice_is_refused_and_no_person_left_out() -> None:
+    frame = natnet.frame(1, 1.0, {3: JOINTS, 5: JOINTS + 1})
+    skeleton = struct.pack("<ii", 5, len(natnet.BONES))
+    assert frame.count(skeleton) == 1
+    with pytest.raises(FrameError, match="a skeleton comes twice"):
+        Client().read(frame.replace(skeleton, struct.pack("<ii", 3, len(natnet.BONES))))
+    with pytest.raises(FrameError, match="a bone comes twice"):
+        Client().read(frame.replace(struct.pack("<i", 5 << 16 | 2), struct.pack("<i", 5 << 16 | 1)))
 
 
 def test_a_new_skeleton_is_asked_for() -> None:

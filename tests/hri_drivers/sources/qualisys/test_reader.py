@@ -1,5 +1,6 @@
 """From QTM's packets to captures, over a real connection as well, and any bytes."""
 
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 
 from hri_drivers.sources.mocap.frames import Frame, FrameError
 from hri_drivers.sources.qualisys import packets
+from hri_drivers.sources.qualisys import reader as qualisys_reader
 from hri_drivers.sources.qualisys.reader import PARAMETERS, STREAM, VERSION, QtmReader
 from hri_predict.base.errors import ConfigError, SourceError
 from hri_predict.base.settings import validated
@@ -46,6 +48,12 @@ class Client:
 
 def both(number: int = 1) -> bytes:
     return qualisys.data(number, 1_000_000 + number, {"Ann": JOINTS, "Bob": JOINTS + 1.0})
+
+
+def twice() -> bytes:
+    """A capture whose second segment has the first one's id."""
+    first, second = (struct.pack("<I", qualisys.FIRST_ID + k) for k in range(2))
+    return both().replace(second, first)
 
 
 def test_it_asks_for_what_it_needs_in_order() -> None:
@@ -98,6 +106,22 @@ def test_other_skeletons_are_asked_for_again() -> None:
     assert client.reader.wanted == PARAMETERS
 
 
+def test_names_are_remembered_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(qualisys_reader, "MOST_NAMES", 3)
+    client = Client()
+
+    def skeletons(*names: str) -> Frame:
+        client.reader.wanted = PARAMETERS
+        client.read(qualisys.parameters(list(names)))
+        (frame,) = client.read(qualisys.data(1, 1_000_000, dict.fromkeys(names, JOINTS)))
+        return frame
+
+    assert [person.id for person in skeletons("Ann", "Bob").people] == [1, 2]
+    assert [person.id for person in skeletons("Cid", "Ann").people] == [3, 1]
+    with pytest.raises(FrameError, match="more than 3 names of skeletons"):
+        skeletons("Dan", "Ann")
+
+
 @pytest.mark.parametrize(
     ("unit", "says"),
     [
@@ -106,6 +130,9 @@ def test_other_skeletons_are_asked_for_again() -> None:
         (qualisys.packet(0, b"Parse error\0"), "QTM says: Parse error"),
         (qualisys.packet(3, b"\0" * 10), "cut short"),
         (qualisys.packet(3, b"\0" * 16), "solve skeletons"),
+        (qualisys.data(1, 2**63 - 1, {"Ann": JOINTS, "Bob": JOINTS}), "a time that is not"),
+        (qualisys.data(1, -1, {"Ann": JOINTS, "Bob": JOINTS}), "a time that is not"),
+        (twice(), "a segment comes twice"),
     ],
 )
 def test_what_is_not_a_capture_is_refused(unit: bytes, says: str) -> None:
