@@ -77,7 +77,7 @@ class MocapDecoder:
         """The scene that one datagram completes, if any."""
         self._counters.packets += 1
         if received_ns - self._received_ns > PAUSE_NS:
-            self._reader.reset()  # what came before belongs to no capture that comes now
+            self._reader.pause()
         self._received_ns = received_ns
         try:
             frame = self._reader.read(data)

@@ -50,7 +50,10 @@ class Reader(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget incomplete captures."""
+        """Forget incomplete captures, and what the sender has said of itself."""
+
+    def pause(self) -> None:
+        """Forget incomplete captures: the sender was silent, and may have started again."""
 
 
 def person(number: int, positions: Floats, *, origin_seen: bool = True) -> SentPerson:

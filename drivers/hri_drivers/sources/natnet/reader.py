@@ -44,6 +44,9 @@ class NatNetReader:
         self._version = self._models = None
         self._damaged = 0
 
+    def pause(self) -> None:
+        """Nothing to forget: each frame is whole."""
+
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
         message, found = packets.payload(data)

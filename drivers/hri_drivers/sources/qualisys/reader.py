@@ -43,6 +43,9 @@ class QtmReader:
         """Begin the exchange again: the connection is new."""
         self.wanted = VERSION
 
+    def pause(self) -> None:
+        """Nothing to forget: each packet is whole."""
+
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
         kind, content = packets.content(data)

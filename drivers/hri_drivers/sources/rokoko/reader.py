@@ -64,6 +64,9 @@ class RokokoReader:
     def reset(self) -> None:
         """Nothing to forget: each datagram is whole."""
 
+    def pause(self) -> None:
+        """Nothing to forget: each datagram is whole."""
+
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
         found = json_object(_decompressed(data) if data.startswith(LZ4_MAGIC) else data)

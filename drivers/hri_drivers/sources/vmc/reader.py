@@ -60,6 +60,10 @@ class VmcReader:
         self._segments.reset()
         self._stamp_ns = None
 
+    def pause(self) -> None:
+        """Forget the capture that is arriving, and the time."""
+        self.reset()
+
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``; a datagram that the network has doubled counts once."""
         if data == self._newest:

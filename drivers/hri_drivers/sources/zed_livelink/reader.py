@@ -75,6 +75,10 @@ class ZedReader:
         """Forget the capture that is arriving."""
         self._capture, self._people = None, {}
 
+    def pause(self) -> None:
+        """Forget the capture that is arriving."""
+        self.reset()
+
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
         found = json_object(data)

@@ -44,6 +44,17 @@ class Performer:
         return found
 
 
+def test_after_a_pause_a_capture_waits_for_its_own_time() -> None:
+    """The time that was heard last is of the run before, if the performer has started again."""
+    performer = Performer()
+    assert len(performer.sends(5)) > 2
+    performer.reader.pause()
+    performer.time_s = 7.0
+    stamps = [frame.stamp_ns for frame in performer.sends(3)]
+    assert stamps
+    assert all(stamp is not None and 7e9 < stamp < 8e9 for stamp in stamps)
+
+
 def off_m(frame: Frame) -> float:
     """Distance of the worst joint from its true place, metres."""
     (person,) = frame.people
