@@ -21,7 +21,7 @@ class Assessment:
         reasons: why the zones are no better than they are; empty if nothing is wrong.
         near_misses: cases of a moving robot nearly too close, one per robot at most.
         ask_grounds: gives ``grounds``: a tick does not pay for what only a recorder reads.
-        set_in_force: number and hash of the configuration set; ``None``: there are no sets.
+        set_in_force: number and hash of the configuration set; ``None`` without sets.
     """
 
     advices: tuple[Advice, ...]

@@ -35,7 +35,7 @@ class Outputs:
 
     Attributes:
         frame_id: as above.
-        full_speed_m_s: see ``full_speed``; ``None``: there is no output.
+        full_speed_m_s: see ``full_speed``; ``None`` leaves the output out.
     """
 
     def __init__(

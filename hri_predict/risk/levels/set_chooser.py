@@ -91,7 +91,7 @@ class SetChooser:
 
     @property
     def shown(self) -> tuple[int, int] | None:
-        """Number and hash of the set in force; ``None``: there are no sets."""
+        """Number and hash of the set in force; ``None`` without sets."""
         return (self.in_force.number, self.in_force.hash) if self._known else None
 
     def choose(self, link: str, number: int, at_ns: int) -> None:

@@ -95,7 +95,7 @@ def member(found: Any, key: str, kind: type) -> Any:
     """The value of a key in an object.
 
     Raises:
-        FrameError: there is no such key, or its value is of another type.
+        FrameError: the key is missing, or its value is of another type.
     """
     value = found.get(key) if isinstance(found, Mapping) else None
     if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):

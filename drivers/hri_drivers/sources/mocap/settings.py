@@ -1,11 +1,11 @@
 """Settings common to all sources of motion capture over UDP."""
 
-import ipaddress
 from typing import ClassVar, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from hri_drivers.sources.live import LiveSettings
+from hri_drivers.sources.multicast import MulticastGroup
 from hri_drivers.sources.tcp import ALLOW_UNAUTHENTICATED, check_exposure
 from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
 
@@ -38,17 +38,7 @@ class MocapSettings(LiveSettings):
 class GroupSettings(MocapSettings):
     """Settings of a source whose program may send to a multicast group."""
 
-    multicast_group: str | None = Field(None, description="IPv4 address of a group to join")
-
-    @field_validator("multicast_group")
-    @classmethod
-    def _group(cls, value: str | None) -> str | None:
-        try:
-            if value is None or ipaddress.IPv4Address(value).is_multicast:
-                return value
-        except ValueError:
-            pass
-        raise ValueError("must be an IPv4 multicast address, such as 239.255.42.99")
+    multicast_group: MulticastGroup = None
 
     @model_validator(mode="after")
     def _interface(self) -> Self:

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
+from hri_drivers.sources.multicast import MulticastGroup
 from hri_drivers.sources.scene_stream.codec import MAX_DATAGRAM
 from hri_drivers.sources.scene_stream.stream_source import StreamSettings, StreamSource
 from hri_drivers.sources.udp_receiver import UdpReceiver, is_loopback
@@ -25,7 +26,7 @@ class UdpSettings(StreamSettings):
         "127.0.0.1", description="address of the interface to listen on; default: this machine only"
     )
     port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="UDP port; 0: any free port")
-    multicast_group: str | None = Field(None, description="IPv4 address of a group to join")
+    multicast_group: MulticastGroup = None
     allow_unauthenticated: bool = Field(
         False,
         description="without a key: believe any program that reaches the port",
@@ -40,16 +41,6 @@ class UdpSettings(StreamSettings):
             return str(ipaddress.ip_address("127.0.0.1" if value == "localhost" else value))
         except ValueError:
             raise ValueError("must be an IP address of this machine, such as 127.0.0.1") from None
-
-    @field_validator("multicast_group")
-    @classmethod
-    def _group(cls, value: str | None) -> str | None:
-        try:
-            if value is None or ipaddress.IPv4Address(value).is_multicast:
-                return value
-        except ValueError:
-            pass
-        raise ValueError("must be an IPv4 multicast address, such as 239.255.0.1")
 
     @model_validator(mode="after")
     def _protected(self) -> Self:

@@ -55,6 +55,16 @@ def test_after_a_pause_a_capture_waits_for_its_own_time() -> None:
     assert all(stamp is not None and 7e9 < stamp < 8e9 for stamp in stamps)
 
 
+def test_packets_that_the_network_doubles_count_once() -> None:
+    performer, found = Performer(), 0
+    for k in range(20):
+        for packet in vmc.capture(JOINTS, 100.0 + (k + 1) * STEP_S):
+            found += sum(performer.reader.read(packet) is not None for _ in range(2))
+    single = len(Performer().sends(20))
+    assert found == single > 10
+    assert performer.counters.incomplete == 0
+
+
 def off_m(frame: Frame) -> float:
     """Distance of the worst joint from its true place, metres."""
     (person,) = frame.people

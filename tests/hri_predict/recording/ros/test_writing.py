@@ -127,7 +127,7 @@ def test_a_part_holds_what_was_said_in_it_and_one_person_nothing(tmp_path, node_
 
 
 def blind_and_unseen() -> Recording:
-    """A person, an empty room, a blind source, and a person of whom no joint was seen."""
+    """A person, an empty room, a blind source, and a person without any seen joint."""
     recording = made(["waist", "head"], ids=(3,), frames=5, missing=0)
     scenes = list(recording.scenes)
     scenes[1] = replace(scenes[1], people=())
