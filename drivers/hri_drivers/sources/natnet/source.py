@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from hri_drivers.sources.live import LiveSettings, LiveSource, sender_joints
 from hri_drivers.sources.mocap.decoder import MocapDecoder
 from hri_drivers.sources.mocap.settings import GroupSettings
+from hri_drivers.sources.multicast import MulticastGroup
 from hri_drivers.sources.natnet.reader import NatNetReader
 from hri_drivers.sources.natnet.receiver import NatNetReceiver
 from hri_drivers.sources.tcp import check_exposure
@@ -34,7 +35,7 @@ class NatNetSettings(GroupSettings):
     server: str = Field("127.0.0.1", description="address of the machine that runs Motive")
     command_port: int = Field(1510, ge=1, le=65535, description="Motive's command port")
     port: int = Field(1511, ge=1, le=65535, description="Motive's data port, with a group")
-    multicast_group: str | None = Field(
+    multicast_group: MulticastGroup = Field(
         None, description="Motive's multicast group, 239.255.42.99; default: unicast"
     )
     up: Literal["y", "z"] | None = Field(

@@ -210,6 +210,7 @@ def test_a_client_and_a_server_over_real_sockets(
             {"sees_room": True, "server": "10.0.0.2", "allow_unauthenticated": True},
             "does not reach the server",
         ),
+        ({"sees_room": True, "multicast_group": "10.0.0.1"}, "must be an IPv4 multicast"),
         ({"sees_room": True, "multicast_group": "239.255.42.99"}, "allow_unauthenticated"),
     ],
 )
