@@ -19,7 +19,8 @@ PER_CELL = 2
 """One of the aspect ratio 1.0, and ``interpolated_scale_aspect_ratio``; each of a fixed size."""
 MIN_SCORE, MIN_OVERLAP = 0.3, 0.3
 """The graph has a score of 0.5. A person who is missed is worse here than another run of the
-landmark network, which decides: of a photographer in profile the score is 0.46, the presence 0.97."""
+landmark network, which decides: a photographer in profile has a score of 0.46, a presence of 0.97.
+"""
 HIPS, CIRCLE = 0, 1
 """Key points: middle of the hips, and a point on the circle around the whole body."""
 

@@ -68,7 +68,7 @@ def without_outside(pixels: Floats, visibility: Floats, picture: UInt8) -> Float
     """
     height, width = picture.shape[:2]
     with np.errstate(invalid="ignore"):
-        inside = ((pixels >= 0.0) & (pixels <= [width, height])).all(axis=1)
+        inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=1)
     inside &= np.isfinite(visibility)
     visibility[~inside] = 0.0
     return np.where(inside[:, np.newaxis], pixels, np.nan)

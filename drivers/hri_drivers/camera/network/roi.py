@@ -25,7 +25,7 @@ class Roi:
     """A turned square.
 
     Attributes:
-        x, y: its centre, in pixels of the picture.
+        x, y: its centre, in pixels of the picture; the centres of pixels are whole numbers.
         size: its side, in pixels.
         angle: radians from the picture's x axis to its own, clockwise as seen.
     """
@@ -48,10 +48,8 @@ class Roi:
     def crop(self, picture: UInt8, side: int) -> UInt8:
         """Return the square as (side, side, 3); black where it exceeds the picture."""
         scaled = self.turn * (self.size / side)
-        corner = self.in_picture(np.zeros((1, 2)))[0]
-        # pixel centres: a point p of OpenCV's grid is p + 0.5 here
-        shift = corner + scaled @ [0.5, 0.5] - 0.5
-        matrix = np.column_stack([scaled, shift])
+        first = self.in_picture(np.full((1, 2), 0.5 / side))[0]  # centre of the first pixel
+        matrix = np.column_stack([scaled, first])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         cut = cv2.warpAffine(picture, matrix, (side, side), flags=flags)
         return np.asarray(cut, np.uint8)
@@ -60,7 +58,7 @@ class Roi:
 def whole(picture: UInt8) -> Roi:
     """Return the upright square around a whole picture."""
     height, width = picture.shape[:2]
-    return Roi(width / 2, height / 2, max(width, height), 0.0)
+    return Roi((width - 1) / 2, (height - 1) / 2, max(width, height), 0.0)
 
 
 def around(centre: Floats, edge: Floats, picture: UInt8) -> Roi | None:
