@@ -278,7 +278,7 @@ class Pictures:
     """
 
     waits = True
-    stamps = "the time at which each file is read"
+    stamps = "the time at which each picture is taken"
 
     def __init__(self, path: Path, *, rate_hz: float | None, loop: bool) -> None:
         found = sorted(path.iterdir()) if path.is_dir() else [path]

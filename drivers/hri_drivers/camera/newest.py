@@ -2,6 +2,7 @@
 
 import threading
 import time
+from dataclasses import replace
 
 from hri_drivers.camera.images import Input
 from hri_drivers.camera.seen import Image
@@ -34,8 +35,15 @@ class Newest:
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
         self._thread.start()
 
+    @property
+    def stamps(self) -> str:
+        """See ``Input``."""
+        return self._input.stamps
+
     def take(self, timeout_s: float) -> Image | None:
         """Return the newest picture once, waiting for one; None if none comes in time.
+
+        A picture of an input that waits counts as exposed now.
 
         Raises:
             Exception: the input failed in a way that is not one of its own errors.
@@ -46,6 +54,8 @@ class Newest:
             self._changed.notify_all()
             if image is None and self._failure is not None:
                 raise self._failure
+            if image is not None and self._input.waits:
+                return replace(image, exposed_ns=time.time_ns())
             return image
 
     def close(self, timeout_s: float = 1.0) -> None:

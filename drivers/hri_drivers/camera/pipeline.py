@@ -3,7 +3,6 @@
 import sys
 import time
 from collections import Counter, deque
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from hri_drivers.camera.faults import FrozenWatch, hides
 from hri_drivers.camera.network.found import Finder, Finding
 from hri_drivers.camera.newest import Newest
+from hri_drivers.camera.placing import Placer
 from hri_drivers.camera.seen import Image, Seen
 from hri_drivers.camera.sending import Sender
 from hri_drivers.camera.tracking import Tracker
@@ -23,9 +23,6 @@ BLIND_PERIOD_S = 0.05
 """Between two of them."""
 _KEPT = 100_000  # latencies; an hour at 30 Hz
 
-Place = Callable[[Seen, Image], SentPerson]
-"""Places a person; one whose place is not known has no observed joint."""
-
 
 @dataclass(slots=True)
 class Counts:
@@ -35,7 +32,6 @@ class Counts:
         pictures: taken from the input.
         skipped: taken, and left out for the maximum rate.
         blind: scenes without a view of the room, by the reason.
-        unplaced: people in scenes whose place is not known.
         most_people: in one picture.
         latencies_ns: from exposure to the scene that was sent, of the last 100 000 pictures.
     """
@@ -43,7 +39,6 @@ class Counts:
     pictures: int = 0
     skipped: int = 0
     blind: Counter[str] = field(default_factory=Counter)
-    unplaced: int = 0
     most_people: int = 0
     latencies_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
@@ -58,7 +53,7 @@ class Pipeline:
     Args:
         newest: the input.
         finder: the network.
-        place: see ``Place``.
+        placer: places them.
         sender: to the node; None: nothing is sent.
         max_hz: maximum rate of scenes; None: as fast as the network is.
 
@@ -68,10 +63,10 @@ class Pipeline:
     """
 
     def __init__(
-        self, newest: Newest, finder: Finder, place: Place, *, sender: Sender | None,
+        self, newest: Newest, finder: Finder, placer: Placer, *, sender: Sender | None,
         max_hz: float | None = None,
     ) -> None:  # fmt: skip
-        self._newest, self._finder, self._place, self._sender = newest, finder, place, sender
+        self._newest, self._finder, self._placer, self._sender = newest, finder, placer, sender
         self._period_ns = 0 if max_hz is None else round(1e9 / max_hz)
         self._due_ns = 0
         self._tracker = Tracker()
@@ -98,6 +93,15 @@ class Pipeline:
             elif now - heard > SILENT_S or self._newest.trouble is not None:
                 self._blind(self._newest.trouble or "no picture comes", time.time_ns())
 
+    def close(self) -> None:
+        """Close the input."""
+        self._newest.close()
+
+    @property
+    def trouble(self) -> str | None:
+        """Why there is no picture now."""
+        return self._newest.trouble
+
     def take(self, image: Image) -> None:
         """Process one picture."""
         self.counts.pictures += 1
@@ -115,8 +119,7 @@ class Pipeline:
         seen = self._with_ids(finding, image)
         self.last = image, seen
         self.counts.most_people = max(self.counts.most_people, len(seen))
-        placed = tuple(self._place(each, image) for each in seen)
-        self.counts.unplaced += sum(not person.observed.any() for person in placed)
+        placed = tuple(self._placer.place(each, image) for each in seen)
         if not finding.is_whole:
             self.counts.blind["more people than are followed"] += 1
         elif not placed:
@@ -139,8 +142,9 @@ class Pipeline:
             "without_view": dict(counts.blind),
             "ids": self._tracker.given,
             "most_people": counts.most_people,
-            "unplaced": counts.unplaced,
+            "unplaced": dict(self._placer.unplaced),
             "latency_ms": {"p50": p50, "p99": p99},
+            "stamps": self._newest.stamps,
         }
 
     def _with_ids(self, finding: Finding, image: Image) -> list[Seen]:
