@@ -44,7 +44,7 @@ MIN_STATURE_M, MAX_STATURE_M = 1.1, 2.3
 RIVAL, RIVAL_M = 2.0, 0.01
 """Another match with at most this many times the miss, and this much more, may be the true one."""
 LANDMARK_ERROR_M = 0.08
-"""99 % bound of what all cameras see alike and beside the joint."""
+"""99 % bound of the error that all cameras share: the network's joints are not those of a body."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ class _Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
-    """What one camera saw of one person.
+    """One person as one camera sees him.
 
     Attributes:
         origin: (3,) the camera, room.
