@@ -21,7 +21,7 @@ NOISE = np.random.default_rng(1).integers(0, 8, (480, 640, 3)).astype(np.uint8)
     ],
 )
 def test_a_picture_that_shows_nothing_is_named(pixels, word):
-    assert word in hides(pixels)
+    assert word in (hides(pixels) or "")
 
 
 @pytest.mark.parametrize("light", [0.3, 1.0])

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hri_drivers.camera.seen import Image
 from hri_predict.base.errors import ConfigError, SourceError
 from tests.hri_drivers.camera.pictures import cv2, textured, write_video
 
@@ -22,7 +23,7 @@ def opened(text, *, rate_hz=None, loop=False, latency_s=None):
 
 
 def all_of(pictures, most=100):
-    found = []
+    found: list[Image] = []
     while len(found) < most and (image := pictures.read()) is not None:
         found.append(image)
     pictures.close()

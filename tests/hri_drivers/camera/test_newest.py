@@ -4,6 +4,7 @@ import threading
 
 import pytest
 
+from hri_drivers.camera.seen import Image
 from hri_predict.base.errors import SourceError
 from tests.hri_drivers.camera.pictures import image
 
@@ -39,12 +40,18 @@ class Steps:
         self.closed.set()
 
 
+def taken(newest: Newest) -> Image:
+    image = newest.take(PATIENT_S)
+    assert image is not None
+    return image
+
+
 def test_only_the_newest_picture_is_taken_and_the_others_count():
     steps = Steps()
     newest = Newest(steps)
     steps.give(image(1), image(2), image(3), None)
     assert steps.closed.wait(PATIENT_S)
-    assert newest.take(PATIENT_S).number == 3
+    assert taken(newest).number == 3
     assert newest.dropped == 2
     assert newest.take(0) is None
     assert newest.ended
@@ -54,9 +61,9 @@ def test_pictures_of_files_wait_for_each_other():
     steps = Steps(waits=True)
     newest = Newest(steps)
     steps.give(*(image(k) for k in (1, 2, 3)), None)
-    taken = [newest.take(PATIENT_S) for _ in range(3)]
-    assert [each.number for each in taken] == [1, 2, 3]
-    assert all(each.exposed_ns > 0 for each in taken)  # when they were taken
+    images = [taken(newest) for _ in range(3)]
+    assert [each.number for each in images] == [1, 2, 3]
+    assert all(each.exposed_ns > 0 for each in images)  # when they were taken
     assert newest.dropped == 0
 
 
@@ -64,7 +71,7 @@ def test_an_interruption_is_named_until_a_picture_comes():
     steps = Steps()
     newest = Newest(steps)
     steps.give(SourceError("camera 0: unplugged"), image(7), None)
-    assert newest.take(PATIENT_S).number == 7
+    assert taken(newest).number == 7
     assert newest.interruptions == 1
     assert newest.trouble is None
     steps = Steps()

@@ -1,5 +1,7 @@
 """From pictures to scenes: what the node is sent."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -64,9 +66,10 @@ def one(x=320.0):
 
 
 def pipeline(findings, *, inputs=(), knows=True, max_hz=None):
-    sent = Sent()
+    sent: Any = Sent()
+    placer: Any = Where(knows)
     newest = Newest(Given(*inputs))
-    return Pipeline(newest, Script(findings), Where(knows), sender=sent, max_hz=max_hz), sent
+    return Pipeline(newest, Script(findings), placer, sender=sent, max_hz=max_hz), sent
 
 
 def test_a_person_in_a_good_picture_is_sent_with_the_time_of_the_exposure():
@@ -139,8 +142,9 @@ class Unplugged(Given):
 
 
 def test_an_unplugged_camera_is_reported_to_the_node():
-    sent = Sent()
-    line = Pipeline(Newest(Unplugged(sent)), Script([one()]), Where(), sender=sent)
+    sent: Any = Sent()
+    placer: Any = Where()
+    line = Pipeline(Newest(Unplugged(sent)), Script([one()]), placer, sender=sent)
     line.run()
     assert sent.views[0] == (0, False)
     assert sent.views[-1] == (1, True)
