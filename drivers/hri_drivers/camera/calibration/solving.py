@@ -29,7 +29,7 @@ SIMILAR = 0.02
 MIN_COVER = 4
 """Of the nine parts of the picture, as many have a corner in some view."""
 MIN_TILT_DEG = 15.0
-"""Boards that all stand parallel to the picture do not tell the focal length from the distance."""
+"""Boards that all stand parallel to the picture leave focal length and distance undistinguished."""
 MAX_ERROR_PX, MAX_VIEW_RATIO = 1.5, 3.0
 MIN_FOCAL_ERROR, MAX_FOCAL_ERROR = 0.005, 0.05
 SIGMAS_99 = 2.58

@@ -1,4 +1,4 @@
-"""Reads a picture's file, whatever is in it."""
+"""Reads a picture's file, and survives any other one."""
 
 from pathlib import Path
 
