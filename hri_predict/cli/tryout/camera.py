@@ -54,8 +54,8 @@ class Camera:
         self.process = subprocess.Popen(
             [*COMMAND, *arguments, *where],
             stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stdout=subprocess.DEVNULL,  # a summary
+            stderr=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C is for the node, which ends this process in its turn
         )
         self._reader = threading.Thread(target=self._read, name="camera", daemon=True)
@@ -85,8 +85,8 @@ class Camera:
 
     def _read(self) -> None:
         """Keep what the process says; pass it on, except for the error that ends it."""
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
             text = "".join(c for c in line.decode("utf-8", "replace") if c.isprintable()).strip()
             self._lines.append(text)
             if text and not text.startswith("error: "):

@@ -14,7 +14,7 @@ from hri_predict.cli.tryout.camera import Camera
 
 SENDS = """
 import socket, sys
-print("camera: 640 x 480", flush=True)
+print("camera: 640 x 480", file=sys.stderr, flush=True)
 port = int(sys.argv[sys.argv.index("--port") + 1])
 socket.socket(socket.AF_INET, socket.SOCK_DGRAM).sendto(b"scene", ("127.0.0.1", port))
 """

@@ -74,7 +74,9 @@ def test_a_camera_that_ended_meanwhile_is_the_reason_of_the_end(monkeypatch):
     """As when it is unplugged: the node stops, and the last line says why."""
     waited = []
     monkeypatch.setattr(command, "go", lambda *args, stop: waited.append(stop.wait(60.0)))
-    result = started(monkeypatch, SENDS + "\nprint('error: camera 0: unplugged'); exit(2)")
+    result = started(
+        monkeypatch, SENDS + "\nprint('error: camera 0: unplugged', file=sys.stderr); exit(2)"
+    )
     assert waited == [True]
     assert str(result.exception) == "camera 0: unplugged"
 
