@@ -42,6 +42,8 @@ MAY_IMPORT = {  # from the ground up
     "hri_drivers.wires": "base protocol contracts",
     "hri_drivers.links": "base protocol robots contracts hri_drivers.wires",
     "hri_drivers.sources": "base protocol contracts hri_drivers.wires",
+    "hri_drivers.camera": "base protocol robots contracts cli hri_drivers.wires "
+    "hri_drivers.sources",
     "hri_sim": "",
     "hri_sim.rtde": "",
     "hri_sim.people": "base contracts",

@@ -1,0 +1,1 @@
+"""A camera of your own: from pictures to scenes for a node."""

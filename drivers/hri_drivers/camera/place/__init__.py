@@ -1,0 +1,1 @@
+"""The place of the people that a camera sees, in metres."""

@@ -1,0 +1,165 @@
+"""A person's place by one camera without depth: metric landmarks and their pixels.
+
+A network sees a cut-out of the picture and does not know where it was cut. So its landmarks in
+metres are not turned as the camera is, but as a camera would be that looks straight at the
+person: they are turned by the ray to the middle of the hips first. With the rotation known, the
+place t follows from linear least squares: a landmark (X, Y, Z) that is seen along the ray
+(x, y, 1) has X + tx = x (Z + tz) and Y + ty = y (Z + tz). Errors of the landmarks in metres stand
+on the left, where least squares expect them. Outliers lose their weight (P. Huber, "Robust
+Statistics", 1981).
+
+In one picture a tall person far away looks like a short one near by. The network draws every
+person as an adult of common size, so its landmarks grow or shrink with the person's stature if that
+is known. How the errors were measured: docs/measured/camera-place.md.
+"""
+
+import math
+
+import numpy as np
+
+from hri_drivers.camera.place.bones import ADULT_ERROR, ADULT_M, bones_of
+from hri_drivers.camera.place.camera import Camera
+from hri_drivers.camera.place.placed import (
+    FARTHEST_M,
+    MIN_VISIBILITY,
+    NEAREST_M,
+    SIGMAS_99,
+    Placed,
+    Unplaced,
+)
+from hri_drivers.camera.seen import Seen
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+
+MIN_HEIGHT_M, MAX_HEIGHT_M = 1.2, 2.2
+NETWORK_ERROR = 0.15
+"""99 % bound of the scale's error where the person's height is known."""
+MIN_JOINTS = 6
+MIN_COSINE = 0.1
+"""Joints are seen within 84 degrees of the middle of the body."""
+MAX_MISFIT_M = 0.12
+"""Root mean square of the landmarks' distance from their rays."""
+MAX_ERROR_M = 2.5
+HUBER = 1.345  # 95 % as good as least squares if all errors are normal
+LEAST_MISFIT_M = 0.005
+_ROUNDS = 5
+
+
+def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Placed | Unplaced:
+    """Place a person by the pixels and the metric landmarks of one picture.
+
+    Args:
+        seen: the person.
+        camera: of pictures of this size (``Camera.of_size``).
+        height_m: stature of all people in the picture, in shoes; None: adults.
+
+    Raises:
+        ConfigError: the network gives no landmarks in metres, or no person is so tall.
+    """
+    check_height(height_m)
+    if seen.world is None:
+        raise ConfigError(
+            "this network finds joints in the picture only, which does not say how far away a "
+            "person is: use one with landmarks in metres, a depth camera, or two cameras"
+        )
+    used = (
+        (seen.visibility >= MIN_VISIBILITY)
+        & camera.inside(seen.pixels)
+        & np.isfinite(seen.world).all(axis=1)
+    )
+    rays = camera.rays(seen.pixels)
+    used &= np.isfinite(rays).all(axis=1)
+    if np.count_nonzero(used) < MIN_JOINTS:
+        return Unplaced("too few visible joints")
+    scale, error = _scale(height_m)
+    error = math.hypot(error, camera.focal_error)
+    turned = _toward(_middle(rays, used, bones_of(seen.layout).hips))
+    return _fitted(seen.world * scale, rays, used, turned, error=error)
+
+
+def check_height(height_m: float | None) -> None:
+    """Refuse a stature that is not a person's.
+
+    Raises:
+        ConfigError: it is too small or too large.
+    """
+    if height_m is not None and not MIN_HEIGHT_M <= height_m <= MAX_HEIGHT_M:
+        raise ConfigError(
+            f"height: must be {MIN_HEIGHT_M:g} to {MAX_HEIGHT_M:g} metres; got {height_m:g}"
+        )
+
+
+def _scale(height_m: float | None) -> tuple[float, float]:
+    """Return by how much the landmarks must grow, and the 99 % bound of its relative error."""
+    if height_m is None:
+        return 1.0, math.hypot(ADULT_ERROR, NETWORK_ERROR)
+    return height_m / ADULT_M, NETWORK_ERROR
+
+
+def _middle(rays: Floats, used: Bools, hips: tuple[int, int]) -> Floats:
+    """Return (3,) the ray at which the network's cut-out is centred."""
+    ends = rays[list(hips)]
+    middle = ends.mean(axis=0) if np.isfinite(ends).all() else rays[used].mean(axis=0)
+    return np.append(middle, 1.0)
+
+
+def _toward(ray: Floats) -> Floats:
+    """Return (3, 3) the smallest rotation that carries the z axis to ``ray``."""
+    z = ray / np.linalg.norm(ray)
+    axis = np.array([-z[1], z[0], 0.0])  # z axis x ray
+    skew = np.array([[0, 0, axis[1]], [0, 0, -axis[0]], [-axis[1], axis[0], 0]])
+    rotation: Floats = np.eye(3) + skew + skew @ skew / (1.0 + z[2])
+    return rotation
+
+
+def _fitted(
+    body: Floats, rays: Floats, used: Bools, turned: Floats, *, error: float
+) -> Placed | Unplaced:
+    """Fit the place of ``body`` (J, 3), metres around its hips, to the ``rays`` (J, 2).
+
+    Args:
+        used: (J,) joints that count.
+        turned: (3, 3) from the body's axes to the camera's.
+        error: 99 % bound of the relative error of the distance, before the fit's own.
+    """
+    seen_from = np.column_stack([rays, np.ones(len(rays))]) @ turned  # in the body's axes
+    if not (seen_from[used, 2] > MIN_COSINE).all():
+        return Unplaced("landmarks and pixels disagree")
+    flat = seen_from[:, :2] / seen_from[:, 2:]
+    place, spread, misfit = _least_squares(body[used], flat[used])
+    distance = float(np.linalg.norm(place))
+    depth = body[:, 2] + place[2]
+    if not (misfit <= MAX_MISFIT_M and (depth[used] > 0).all()):
+        return Unplaced("landmarks and pixels disagree")
+    if not NEAREST_M <= distance <= FARTHEST_M:
+        return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
+    error_m = math.hypot(distance * error, SIGMAS_99 * spread)
+    if error_m > MAX_ERROR_M:
+        return Unplaced("place too uncertain")
+    points = np.column_stack([flat * depth[:, None], depth]) @ turned.T
+    return Placed(np.where(used[:, None], points, np.nan), used, error_m)
+
+
+def _least_squares(body: Floats, flat: Floats) -> tuple[Floats, float, float]:
+    """Return the place (3,) of ``body`` (N, 3) seen at ``flat`` (N, 2), x / z and y / z.
+
+    Also the standard deviation of the place along the ray, and the root mean square of the misfit
+    per axis, both in metres.
+    """
+    n = len(body)
+    a = np.zeros((2 * n, 3))
+    a[:n, 0] = a[n:, 1] = 1.0
+    a[:, 2] = -flat.T.ravel()
+    b = (flat * body[:, 2:] - body[:, :2]).T.ravel()
+    weights = np.ones(2 * n)
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weights)
+        place, *_ = np.linalg.lstsq(a * root[:, None], b * root, rcond=None)
+        off = np.abs(a @ place - b)
+        knee = max(HUBER * 1.48 * float(np.median(off)), LEAST_MISFIT_M)
+        weights = np.minimum(1.0, knee / np.maximum(off, 1e-9))
+    misfit = math.sqrt(float(weights @ off**2) / max(2 * n - 3, 1))
+    parts = np.split(flat.T.ravel(), 2), np.split(weights, 2)
+    extent = sum(float(w @ (x - w @ x / w.sum()) ** 2) for x, w in zip(*parts, strict=True))
+    spread = misfit / math.sqrt(extent) if extent > 0 else math.inf
+    return np.asarray(place, np.float64), spread, misfit

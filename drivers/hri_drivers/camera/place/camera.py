@@ -1,0 +1,230 @@
+"""A camera's geometry: intrinsics, distortion and its pose in the room, and ``camera.yaml``.
+
+A camera's own axes are x to the right, y down, z away from it. Its pose in the room is that of the
+axes of REP-103 (x away from it, y left, z up), as of every other source: ``room_from_source``.
+
+The distortion is OpenCV's: k1, k2, p1, p2, k3 (OpenCV documentation, "Camera Calibration and 3D
+Reconstruction").
+"""
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import numpy as np
+import yaml
+from pydantic import Field
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError, OsErrorAs
+from hri_predict.base.files import atomic_write, read_yaml
+from hri_predict.base.quantities.safe_side import Safety, harmless
+from hri_predict.base.settings import Pose, Settings, validated
+
+FIELD_OF_VIEW_DEG = 64.0
+"""Assumed horizontally of a webcam that is not known. Data sheets have 50 to 80 degrees for most
+webcams and laptops; the focal length of 64 is the geometric mean of theirs."""
+GUESSED_FOCAL_ERROR = 0.36
+"""From 64 degrees to 50 the focal length rises by 34 %, to 80 it falls by 26 %."""
+STATED_FOCAL_ERROR = 0.06
+"""From a data sheet's horizontal angle: 3 degrees at 70."""
+MIN_VIEW_DEG, MAX_VIEW_DEG = 10.0, 120.0  # a wider lens needs the model of a fisheye
+OPTICAL_FROM_REP103 = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+"""(3, 3) from x forward, y left, z up to the camera's own axes."""
+_UNDISTORTED_WITHIN = 1e-6
+_ROUNDS = 50
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Camera:
+    """A pinhole camera with distortion.
+
+    Attributes:
+        matrix: (3, 3) intrinsics, pixels.
+        size: width and height of the pictures that they are of, pixels.
+        distortion: (5,) k1, k2, p1, p2, k3.
+        focal_error: the focal length is known within this fraction, in 99 % of cameras.
+        pose: of the camera's axes by REP-103 in the room; None if not known.
+    """
+
+    matrix: Floats
+    size: tuple[int, int]
+    distortion: Floats = field(default_factory=lambda: np.zeros(5))
+    focal_error: float = GUESSED_FOCAL_ERROR
+    pose: Pose | None = None
+
+    def rays(self, pixels: Floats) -> Floats:
+        """Return (..., 2): x / z and y / z of the rays through ``pixels`` (..., 2).
+
+        NaN where a pixel is not finite, or so far outside that the distortion has no inverse.
+        """
+        distorted = (pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
+        if not self.distortion.any():
+            return distorted
+        ideal = distorted
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(_ROUNDS):
+                ideal = ideal + (distorted - _distort(ideal, self.distortion))
+            wrong = np.abs(_distort(ideal, self.distortion) - distorted).max(axis=-1)
+        return np.where((wrong < _UNDISTORTED_WITHIN)[..., None], ideal, np.nan)
+
+    def project(self, points: Floats) -> Floats:
+        """Return the pixels (..., 2) of ``points`` (..., 3), camera axes; NaN unless in front."""
+        depth = np.where(points[..., 2:] > 1e-6, points[..., 2:], np.nan)
+        flat = _distort(points[..., :2] / depth, self.distortion)
+        pixels: Floats = flat * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
+        return pixels
+
+    def inside(self, pixels: Floats) -> Bools:
+        """Return (...,) which ``pixels`` (..., 2) lie in the picture; never one that is NaN."""
+        return np.asarray(((pixels >= 0) & (pixels <= np.asarray(self.size) - 1)).all(axis=-1))
+
+    def of_size(self, width: int, height: int) -> "Camera":
+        """Return the camera for pictures of this size, of the same shape.
+
+        Raises:
+            ConfigError: pictures of another shape are cut by a way that is not known.
+        """
+        scale = width / self.size[0]
+        if abs(height - scale * self.size[1]) > 1.0:
+            raise ConfigError(
+                f"the camera was calibrated with pictures of {self.size[0]} x {self.size[1]}, and "
+                f"these are {width} x {height}: calibrate again with pictures of this size"
+            )
+        matrix = self.matrix.copy()
+        matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5  # pixel centres are whole numbers
+        matrix[[0, 1], [0, 1]] *= scale
+        return replace(self, matrix=matrix, size=(width, height))
+
+    def room_from_optical(self) -> Floats:
+        """Return (4, 4) from the camera's own axes to the room.
+
+        Raises:
+            ConfigError: the camera has no pose.
+        """
+        if self.pose is None:
+            raise ConfigError(
+                "the camera has no pose in the room; find it with 'hri-predict camera-calibration "
+                "pose'"
+            )
+        matrix: Floats = self.pose.matrix()
+        matrix[:3, :3] = matrix[:3, :3] @ OPTICAL_FROM_REP103.T
+        return matrix
+
+
+def guessed_camera(width: int, height: int, field_of_view_deg: float | None = None) -> Camera:
+    """Return a camera without distortion, of a horizontal field of view; None: not known.
+
+    Raises:
+        ConfigError: the field of view is not that of a camera for which this holds.
+    """
+    degrees = FIELD_OF_VIEW_DEG if field_of_view_deg is None else field_of_view_deg
+    if not MIN_VIEW_DEG <= degrees <= MAX_VIEW_DEG:
+        raise ConfigError(
+            f"field of view: must be {MIN_VIEW_DEG:g} to {MAX_VIEW_DEG:g} degrees; got {degrees:g}"
+        )
+    focal = width / 2 / math.tan(math.radians(degrees) / 2)
+    middle = (width - 1) / 2, (height - 1) / 2
+    return Camera(
+        matrix=np.array([[focal, 0.0, middle[0]], [0.0, focal, middle[1]], [0.0, 0.0, 1.0]]),
+        size=(width, height),
+        focal_error=GUESSED_FOCAL_ERROR if field_of_view_deg is None else STATED_FOCAL_ERROR,
+    )
+
+
+class CameraFile(Settings):
+    """``camera.yaml``, as ``hri-predict camera-calibration`` writes it."""
+
+    width: int = Field(ge=16, le=16384, description="of the pictures, pixels")
+    height: int = Field(ge=16, le=16384, description="of the pictures, pixels")
+    focal: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
+        description="focal length, horizontal and vertical, pixels"
+    )
+    centre: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
+        description="where the optical axis meets the picture, pixels"
+    )
+    distortion: Annotated[
+        list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=5, max_length=5)
+    ] = Field([0.0] * 5, description="k1, k2, p1, p2, k3 as OpenCV has them")
+    focal_error: float = Field(
+        GUESSED_FOCAL_ERROR, gt=0, le=1, description="99 % bound of the focal length's error, share"
+    )
+    room_from_source: Pose | None = Field(None, description="pose of the camera in the room")
+
+    safety: ClassVar[Safety] = harmless("width", "height", "focal_error")
+
+    def camera(self) -> Camera:
+        """Return the camera that this describes.
+
+        Raises:
+            ValueError: no camera has such a focal length or centre.
+        """
+        narrow, wide = (
+            self.width / 2 / math.tan(math.radians(v) / 2) for v in (MIN_VIEW_DEG, MAX_VIEW_DEG)
+        )
+        for value in self.focal:
+            if not wide <= value <= narrow:
+                raise ValueError(
+                    f"focal: {value:g} is not {wide:.0f} to {narrow:.0f} pixels, a field of view "
+                    f"of {MAX_VIEW_DEG:g} to {MIN_VIEW_DEG:g} degrees; calibrate again"
+                )
+        if not (0 <= self.centre[0] < self.width and 0 <= self.centre[1] < self.height):
+            raise ValueError("centre: lies outside the picture; calibrate again")
+        (fx, fy), (cx, cy) = self.focal, self.centre
+        return Camera(
+            matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+            size=(self.width, self.height),
+            distortion=np.array(self.distortion),
+            focal_error=self.focal_error,
+            pose=self.room_from_source,
+        )
+
+
+def read_camera(path: Path) -> Camera:
+    """Read ``camera.yaml``.
+
+    Raises:
+        ConfigError: it is missing or wrong; one line names the key.
+    """
+    data = read_yaml(path, "camera")
+    try:
+        return validated(CameraFile, data, f"camera {path}").camera()
+    except ValueError as error:
+        raise ConfigError(f"camera {path}: {error}") from None
+
+
+def write_camera(path: Path, camera: Camera) -> None:
+    """Write ``camera.yaml``.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    data = {
+        "width": camera.size[0],
+        "height": camera.size[1],
+        "focal": [round(float(camera.matrix[i, i]), 3) for i in (0, 1)],
+        "centre": [round(float(v), 3) for v in camera.matrix[:2, 2]],
+        "distortion": [round(float(v), 6) for v in camera.distortion],
+        "focal_error": round(camera.focal_error, 5),
+    }
+    if camera.pose is not None:
+        data["room_from_source"] = camera.pose.model_dump()
+    text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None)
+    with OsErrorAs(ConfigError, f"cannot write {path}"):
+        atomic_write(path, text.encode())
+
+
+def _distort(ideal: Floats, distortion: Floats) -> Floats:
+    """Distort (..., 2) ideal x / z and y / z."""
+    k1, k2, p1, p2, k3 = distortion
+    x, y = ideal[..., 0], ideal[..., 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )

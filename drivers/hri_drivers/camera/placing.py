@@ -1,0 +1,60 @@
+"""People of a picture as the node's scene stream has them: in metres, in the camera's axes."""
+
+from collections import Counter
+
+import numpy as np
+
+from hri_drivers.camera.place.alone import check_height, place_alone
+from hri_drivers.camera.place.camera import Camera, guessed_camera
+from hri_drivers.camera.place.placed import Unplaced
+from hri_drivers.camera.seen import Image, Seen
+from hri_drivers.sources.sent import SentPerson
+
+
+class Placer:
+    """Places the people of one camera.
+
+    Args:
+        camera: calibrated; None: guessed from the field of view.
+        field_of_view_deg: horizontal, of a camera that is not calibrated; None: of most webcams.
+        height_m: stature of everyone who is seen; None: of adults.
+
+    Attributes:
+        unplaced: people in scenes whose place was not known, by the reason.
+
+    Raises:
+        ConfigError: a field of view or a height is out of range.
+    """
+
+    def __init__(
+        self,
+        camera: Camera | None = None,
+        field_of_view_deg: float | None = None,
+        height_m: float | None = None,
+    ) -> None:
+        check_height(height_m)
+        guessed_camera(64, 64, field_of_view_deg)  # a mistake shows now
+        self._given, self._view, self._height_m = camera, field_of_view_deg, height_m
+        self._camera: Camera | None = None
+        self.unplaced: Counter[str] = Counter()
+
+    def place(self, seen: Seen, image: Image) -> SentPerson:
+        """Return a person in metres; one whose place is not known has no observed joint.
+
+        Raises:
+            ConfigError: the camera was calibrated with pictures of another shape, or the network
+                finds no landmarks in metres.
+        """
+        placed = place_alone(seen, self._of(image), self._height_m)
+        if isinstance(placed, Unplaced):
+            self.unplaced[placed.why] += 1
+            nowhere = np.full((len(seen.pixels), 3), np.nan)
+            return SentPerson(seen.id, nowhere, np.zeros(len(nowhere), np.bool_))
+        return SentPerson(seen.id, placed.positions, placed.observed)
+
+    def _of(self, image: Image) -> Camera:
+        height, width = image.pixels.shape[:2]
+        if self._camera is None or self._camera.size != (width, height):
+            guess = guessed_camera(width, height, self._view)
+            self._camera = guess if self._given is None else self._given.of_size(width, height)
+        return self._camera

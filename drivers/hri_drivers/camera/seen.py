@@ -1,0 +1,48 @@
+"""The data that the camera's parts exchange: one picture, and one person in one picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.base.arrays import Floats
+
+UInt8 = NDArray[np.uint8]
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """One picture of one camera.
+
+    Attributes:
+        pixels: (H, W, 3), BGR.
+        exposed_ns: time of the exposure by ``time.time_ns``, as well as it is known.
+        number: counts up by one for each picture that the device delivered.
+        depth: (H, W) metres of an RGB-D camera, or None.
+    """
+
+    pixels: UInt8
+    exposed_ns: int
+    number: int
+    depth: Float32 | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """One person in one picture.
+
+    Attributes:
+        id: the same for the same person from picture to picture.
+        layout: name of the joint map that names the joints: ``mediapipe33`` or ``coco17``.
+        pixels: (J, 2) x to the right, y down, in pixels of the full picture; NaN where not found.
+        visibility: (J,) probability that the joint is visible, 0..1.
+        world: (J, 3) metres around the middle of the hips, in the camera's axes (x right, y down,
+            z away from it); None of a network that finds pixels only.
+    """
+
+    id: int
+    layout: str
+    pixels: Floats
+    visibility: Floats
+    world: Floats | None

@@ -1,0 +1,82 @@
+"""Scenes to a node, by its scene stream over UDP. It sends, and never receives."""
+
+import ipaddress
+import socket
+import time
+from collections.abc import Sequence
+
+from hri_drivers.sources.scene_stream.codec import encode
+from hri_drivers.sources.scene_stream.key_file import Key
+from hri_drivers.sources.sent import SentPerson, SentScene
+from hri_drivers.sources.udp_receiver import is_loopback
+from hri_predict.base.errors import ConfigError
+
+
+class Sender:
+    """Sends scenes to one address.
+
+    Args:
+        host: IP address at which the node listens.
+        port: UDP port of the node.
+        joints: names of the joints, of the node's joint map.
+        key: the node's; needed for an address that is not this machine's own.
+
+    Attributes:
+        scenes: number of scenes that were sent.
+        unsent: number of datagrams that the system refused.
+
+    Raises:
+        ConfigError: the host is not an IP address, or needs a key.
+    """
+
+    def __init__(self, host: str, port: int, joints: Sequence[str], key: Key | None = None) -> None:
+        try:
+            address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
+        except ValueError:
+            raise ConfigError(
+                f"--host {host}: not an IP address; give one such as 127.0.0.1"
+            ) from None
+        if key is None and not is_loopback(str(address)):
+            raise ConfigError(
+                f"--host {host}: on a network scenes need --key-file, a copy of the node's "
+                f"source.key_file"
+            )
+        family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._address = (str(address), port)
+        self._joints = list(joints)
+        self._key = key
+        self._session = time.time_ns()
+        self._sequence = 0
+        self.scenes = self.unsent = 0
+
+    def send(
+        self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int, missed: int = 0
+    ) -> None:
+        """Send one scene; what the system refuses is counted.
+
+        Args:
+            people: in the units and axes of the joint map.
+            sees_room: see ``hri_predict.contracts.scene.Scene``.
+            stamp_ns: time of the exposure, nanoseconds of UTC.
+            missed: captures since the scene before for which no scene was sent.
+        """
+        self._sequence += missed
+        scene = SentScene(
+            stamp_ns=stamp_ns,
+            sequence=self._sequence,
+            sees_room=sees_room,
+            people=people,
+            session=self._session,
+        )
+        self._sequence += 1
+        self.scenes += 1
+        for datagram in encode(scene, self._joints, self._key):
+            try:
+                self._socket.sendto(datagram, self._address)
+            except OSError:
+                self.unsent += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
