@@ -60,7 +60,8 @@ def evaluate(
     ] = None,
     calibration: CalibrationsOption = None,
     benchmark: Annotated[
-        str | None, typer.Option(help="cmu or human36m: evaluate as the papers do.")
+        str | None,
+        typer.Option(help="cmu, or human36m (baselines alone): evaluate as the papers do."),
     ] = None,
     windows: Annotated[
         str | None,

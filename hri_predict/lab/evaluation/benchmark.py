@@ -257,6 +257,11 @@ def network_forecaster(protocol: Protocol, network: Network, where: str) -> Fore
         PredictorError: it works on other joints, in the room's frame, or predicts too few frames.
     """
     shape, wanted = network.shape, protocol.skeleton
+    if protocol.benchmark == "human36m":
+        raise PredictorError(
+            f"{where}: no network is trained for Human3.6M yet; evaluate zero_velocity and "
+            f"constant_velocity there, or use --benchmark cmu"
+        )
     if shape.skeleton.joints != wanted.joints or not shape.framed:
         raise PredictorError(
             f"{where}: predicts skeleton {shape.skeleton.name}; this benchmark needs "

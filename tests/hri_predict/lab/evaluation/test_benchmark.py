@@ -187,6 +187,14 @@ def test_networks_that_cannot_be_judged_are_refused(shape, told):
         network_forecaster(Protocol("cmu", "all", 25), Mean(shape), "--predictor x")
 
 
+def test_human36m_judges_no_network():
+    network = Mean(
+        Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
+    )
+    with pytest.raises(PredictorError, match="no network is trained for Human3.6M"):
+        network_forecaster(Protocol("human36m", "all", 25), network, "--predictor x")
+
+
 def test_forecasts_that_are_not_finite_are_refused():
     tests = ActionTests("walking", np.ones((1, 10, 25, 3)), np.ones((1, 25, 25, 3)))
     with pytest.raises(PredictorError, match="not finite"):
