@@ -191,7 +191,7 @@ def test_human36m_judges_no_network():
     network = Mean(
         Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
     )
-    with pytest.raises(PredictorError, match="no network is trained for Human3.6M"):
+    with pytest.raises(PredictorError, match="no network is trained for Human3"):
         network_forecaster(Protocol("human36m", "all", 25), network, "--predictor x")
 
 
