@@ -56,8 +56,8 @@ def plants(
     """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
 
     Then the time from a controller's write of its state until the node has read it, by Modbus and
-    OPC UA. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms, that
-    of OPC UA subscribes. This runs in real time, so other programs disturb it.
+    OPC UA. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
+    that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """
