@@ -26,7 +26,7 @@ _KEPT = 100_000  # latencies; an hour at 30 Hz
 
 @dataclass(slots=True)
 class Counts:
-    """What happened since the start.
+    """Events since the start.
 
     Attributes:
         pictures: taken from the input.
