@@ -29,7 +29,8 @@ def camera(
         str | None,
         typer.Argument(
             metavar="INPUT",
-            help="A camera's number (0) or device, a video, a picture, or a folder of pictures.",
+            help="A camera's number (0) or device, 'realsense', a video, a picture, or a folder of "
+            "pictures.",
         ),
     ] = None,
     fetch_model: Annotated[
@@ -101,6 +102,7 @@ def camera(
     from hri_drivers.camera.pipeline import Pipeline
     from hri_drivers.camera.place.camera import read_camera
     from hri_drivers.camera.placing import Placer
+    from hri_drivers.camera.realsense import RealSense
     from hri_drivers.camera.sending import Sender
     from hri_drivers.sources.scene_stream.key_file import read_key
     from hri_predict.contracts.joint_map import load_joint_map
@@ -124,11 +126,14 @@ def camera(
     if preview is not None:
         drawing.check(preview)
     known = None if calibration is None else read_camera(calibration)
-    placer = Placer(known, field_of_view, height)
+    Placer(known, field_of_view, height)  # a mistake shows before a camera is opened
     key = None if key_file is None else read_key(str(key_file))
     pictures = open_input(
         source, rate_hz=fps, loop=loop, latency_s=latency, size=_size(size, source)
     )
+    if known is None and field_of_view is None and isinstance(pictures, RealSense):
+        known = pictures.camera
+    placer = Placer(known, field_of_view, height)
     finder = _finder(model, variant, people, threads)
     sender = Sender(host, port, load_joint_map(finder.layout).source_joints, key)
     pipeline = Pipeline(Newest(pictures), finder, placer, sender=sender, max_hz=max_fps)
@@ -201,7 +206,7 @@ def _size(size: str | None, source: str) -> tuple[int, int]:
     """Return width and height of ``--size``."""
     if size is None:
         return 640, 480
-    if not (source.isdecimal() or source.startswith("/dev/")):
+    if not (source.isdecimal() or source.startswith("/dev/") or source == "realsense"):
         without_effect({"--size": size}, f"on {source}: only on a camera")
     found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", size)
     if found is None:

@@ -12,11 +12,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from hri_drivers.camera.place.by_depth import read_depth
 from hri_drivers.camera.seen import Image, UInt8
 from hri_predict.base.errors import ConfigError, SourceError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 MIN_SIDE, MAX_SIDE = 64, 8192
+REALSENSE = "realsense"
+DEPTH = ".depth.png"
+"""NAME.depth.png beside a picture NAME.png: its depth, aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
 LATENCY_S = 0.05
 """From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
@@ -70,6 +74,13 @@ def open_input(
         cv2.utils.logging.LOG_LEVEL_SILENT
     )  # its warnings name no remedy; ours do
     path = Path(text)
+    if text == REALSENSE and not path.exists():
+        from hri_drivers.camera.realsense import RealSense
+
+        for flag, given in (("--loop", loop), ("--latency", latency_s is not None)):
+            if given:
+                raise ConfigError(f"{flag}: has no effect on a RealSense; leave it out")
+        return RealSense(rate_hz=rate_hz, size=size)
     is_device = text.isdecimal() or text.startswith("/dev/")
     if is_device and loop:
         raise ConfigError(f"--loop: has no effect on camera {text}; leave it out")
@@ -282,7 +293,11 @@ class Pictures:
 
     def __init__(self, path: Path, *, rate_hz: float | None, loop: bool) -> None:
         found = sorted(path.iterdir()) if path.is_dir() else [path]
-        self._paths = [p for p in found if p.suffix.lower() in PICTURES and p.is_file()]
+        self._paths = [
+            p
+            for p in found
+            if p.suffix.lower() in PICTURES and p.is_file() and not p.name.endswith(DEPTH)
+        ]
         if not self._paths:
             what = f"no pictures ({', '.join(PICTURES)}) in it" if path.is_dir() else "no such file"
             raise ConfigError(f"input {path}: {what}; check the path")
@@ -297,11 +312,12 @@ class Pictures:
         path = next(self._order, None)
         if path is None:
             return None
-        pixels = read_picture(path)
+        pixels, beside = read_picture(path), path.with_suffix(DEPTH)
+        depth = read_depth(beside) if beside.exists() else None
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = max(time.monotonic(), self._next) + self._period_s
         self._number += 1
-        return Image(pixels, time.time_ns(), self._number)
+        return Image(pixels, time.time_ns(), self._number, depth)
 
     def close(self) -> None:
         """See ``Input``."""

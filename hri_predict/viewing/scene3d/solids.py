@@ -50,9 +50,13 @@ def linear(colours: Any) -> NDArray[np.uint8]:
 
 
 def spheres_of(capsules: Shapes) -> tuple[Shapes, Shapes]:
-    """(2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first."""
+    """(2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first.
+
+    A capsule without length has one end that can be seen: two would look less see-through.
+    """
     middles = np.concatenate((capsules[:, :3], capsules[:, 3:6]))
-    radii = np.concatenate((capsules[:, 6], capsules[:, 6]))
+    point = (capsules[:, :3] == capsules[:, 3:6]).all(axis=1)
+    radii = np.concatenate((capsules[:, 6], np.where(point, 1e-6, capsules[:, 6])))
     return middles, np.repeat(radii[:, None], 3, axis=1)
 
 

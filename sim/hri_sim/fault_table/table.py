@@ -27,6 +27,7 @@ from hri_sim.fault_table.link_cell import run_cases
 from hri_sim.fault_table.live import run_live_faults
 from hri_sim.fault_table.node_death import How, die, restart_controller
 from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
+from hri_sim.fault_table.polled_state import run_states
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
 
@@ -215,6 +216,7 @@ def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
         from hri_sim.fault_table import zenoh_link
 
         yield from run_cases("zenoh", zenoh_link.ZenohCell, zenoh_link.CASES, only)
+    yield from run_states(only)
     if find_spec("rclpy") is not None:
         from hri_sim.fault_table import ros2_link
 

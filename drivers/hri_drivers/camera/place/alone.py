@@ -32,14 +32,17 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 1.2, 2.2
-NETWORK_ERROR = 0.15
-"""99 % bound of the scale's error where the person's height is known."""
+WHOLE_ERROR, PART_ERROR = 0.18, 0.45
+"""99 % bounds of the scale's error where the person's height is known: of a whole body in the
+picture, and of one without shoulders or without ankles, whose size the network cannot see."""
+BODY_ERROR_M = 0.4
+"""99 % bound of what does not grow with the distance: the joints, and bodies near by."""
 MIN_JOINTS = 6
 MIN_COSINE = 0.1
 """Joints are seen within 84 degrees of the middle of the body."""
 MAX_MISFIT_M = 0.12
 """Root mean square of the landmarks' distance from their rays."""
-MAX_ERROR_M = 2.5
+MAX_ERROR_M = 3.0
 HUBER = 1.345  # 95 % as good as least squares if all errors are normal
 LEAST_MISFIT_M = 0.005
 _ROUNDS = 5
@@ -71,9 +74,15 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     used &= np.isfinite(rays).all(axis=1)
     if np.count_nonzero(used) < MIN_JOINTS:
         return Unplaced("too few visible joints")
-    scale, error = _scale(height_m)
-    error = math.hypot(error, camera.focal_error)
-    turned = _toward(_middle(rays, used, bones_of(seen.layout).hips))
+    bones = bones_of(seen.layout)
+    scale = 1.0 if height_m is None else height_m / ADULT_M
+    whole = used[list(bones.shoulders)].any() and used[list(bones.ankles)].any()
+    error = math.hypot(
+        WHOLE_ERROR if whole else PART_ERROR,
+        ADULT_ERROR if height_m is None else 0.0,
+        camera.focal_error,
+    )
+    turned = _toward(_middle(rays, used, bones.hips))
     return _fitted(seen.world * scale, rays, used, turned, error=error)
 
 
@@ -87,13 +96,6 @@ def check_height(height_m: float | None) -> None:
         raise ConfigError(
             f"height: must be {MIN_HEIGHT_M:g} to {MAX_HEIGHT_M:g} metres; got {height_m:g}"
         )
-
-
-def _scale(height_m: float | None) -> tuple[float, float]:
-    """Return by how much the landmarks must grow, and the 99 % bound of its relative error."""
-    if height_m is None:
-        return 1.0, math.hypot(ADULT_ERROR, NETWORK_ERROR)
-    return height_m / ADULT_M, NETWORK_ERROR
 
 
 def _middle(rays: Floats, used: Bools, hips: tuple[int, int]) -> Floats:
@@ -133,7 +135,7 @@ def _fitted(
         return Unplaced("landmarks and pixels disagree")
     if not NEAREST_M <= distance <= FARTHEST_M:
         return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
-    error_m = math.hypot(distance * error, SIGMAS_99 * spread)
+    error_m = math.hypot(distance * error, SIGMAS_99 * spread, BODY_ERROR_M)
     if error_m > MAX_ERROR_M:
         return Unplaced("place too uncertain")
     points = np.column_stack([flat * depth[:, None], depth]) @ turned.T
