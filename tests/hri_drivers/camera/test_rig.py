@@ -67,7 +67,9 @@ def rig(left, right, *, images=((), ())):
 
 def pictures(number, exposed_ns=None):
     stamp_ns = number * 33_000_000 if exposed_ns is None else exposed_ns
-    return [image(2 * number + i, stamp_ns, textured(*SIZE, seed=2 * number + i)) for i in (0, 1)]
+    return [
+        image(2 * number + i, stamp_ns, textured(SIZE[0], SIZE[1], 2 * number + i)) for i in (0, 1)
+    ]
 
 
 def test_a_person_is_sent_in_the_axes_of_the_first_camera_with_the_stated_error():
