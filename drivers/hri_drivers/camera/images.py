@@ -20,7 +20,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 MIN_SIDE, MAX_SIDE = 64, 8192
 REALSENSE = "realsense"
 DEPTH = ".depth.png"
-"""NAME.depth.png beside a picture NAME.png: its depth, aligned, 16 bits, millimetres."""
+"""NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
 LATENCY_S = 0.05
 """From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
