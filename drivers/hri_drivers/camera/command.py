@@ -193,6 +193,10 @@ def finder_of(
     chosen = one_of("--variant", variant or "full", VARIANTS)
     detector, landmarks, digest = package.read(path, chosen)
     print(f"model: {path}, {chosen}, SHA-256 {digest}", file=sys.stderr)
+    if digest != package.SHA256 and model is None:
+        raise ConfigError(
+            f"model {path}: damaged, or exchanged since it was fetched; run '{package.COMMAND}'"
+        )
     if digest != package.SHA256:
         warn(f"model {path}: not the package that was tested ({package.NAME})")
     return BlazePose(
@@ -211,7 +215,9 @@ def size_of(size: str | None, source: str) -> tuple[int, int]:
     """Return width and height of ``--size``."""
     if size is None:
         return 640, 480
-    if not (source.isdecimal() or source.startswith("/dev/") or source == "realsense"):
+    from hri_drivers.camera.images import REALSENSE, is_device
+
+    if not (is_device(source) or source == REALSENSE):
         without_effect({"--size": size}, f"on {source}: only on a camera")
     found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", size)
     if found is None:

@@ -17,8 +17,9 @@ from hri_drivers.camera.sending import Sender
 from hri_drivers.camera.tracking import Tracker
 from hri_drivers.sources.sent import SentPerson
 
-SILENT_S = 0.2
-"""Without a picture for this long the node is sent scenes that say so."""
+SILENT_S, MAX_SILENT_S, INTERVALS = 0.2, 2.0, 2.5
+"""Without a picture for this long the node is sent scenes that say so; for longer, up to the
+maximum, if pictures come so seldom: after this many of their intervals."""
 BLIND_PERIOD_S = 0.05
 """Between two of them."""
 _KEPT = 100_000  # latencies; an hour at 30 Hz
@@ -79,18 +80,19 @@ class Pipeline:
     def run(self, seconds: float | None = None, once: bool = False) -> None:
         """Go on until the input ends, for some seconds, or for one picture."""
         end = None if seconds is None else time.monotonic() + seconds
-        heard = time.monotonic()
+        heard, silent_s = time.monotonic(), SILENT_S
         while end is None or time.monotonic() < end:
             image = self._newest.take(BLIND_PERIOD_S)
             now = time.monotonic()
             if image is not None:
+                silent_s = min(max(SILENT_S, INTERVALS * (now - heard)), MAX_SILENT_S)
                 heard = now
                 self.take(image)
                 if once:
                     return
             elif self._newest.ended:
                 return
-            elif now - heard > SILENT_S or self._newest.trouble is not None:
+            elif now - heard > silent_s or self._newest.trouble is not None:
                 self._blind(self._newest.trouble or "no picture comes", time.time_ns())
 
     def close(self) -> None:

@@ -176,7 +176,11 @@ class DescribedNetwork:
         if self._world_at is None:
             return None
         world = np.asarray(outputs[self._world_at], np.float64)
-        return world.reshape(people, JOINTS[self.layout], 3)
+        joints = JOINTS[self.layout]
+        points = world.reshape(people, -1, 3)
+        if points.shape[1] < joints:
+            raise ValueError(f"world has {points.shape[1]} points, expected {joints} or more")
+        return points[:, :joints]
 
     def _activated(self, scores: Floats) -> Floats:
         return logistic(scores) if self._about.joints.logits else scores
