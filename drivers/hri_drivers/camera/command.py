@@ -239,5 +239,6 @@ def _print(summary: dict[str, Any]) -> None:
     if latency["p50"] is not None:
         print(
             f"latency from exposure to scene: {latency['p50']:.0f} ms in the middle (p50), "
-            f"{latency['p99']:.0f} ms (p99); times by {summary['stamps']}"
+            f"{latency['p99']:.0f} ms (p99), by {summary['stamps']}; processor time for a picture: "
+            f"{summary['processor_ms']:.0f} ms"
         )

@@ -34,6 +34,7 @@ class Counts:
         skipped: taken, and left out for the maximum rate.
         blind: scenes without a view of the room, by the reason.
         most_people: in one picture.
+        processor_s: processor time of the whole process while it ran.
         latencies_ns: from exposure to the scene that was sent, of the last 100 000 pictures.
     """
 
@@ -41,6 +42,7 @@ class Counts:
     skipped: int = 0
     blind: Counter[str] = field(default_factory=Counter)
     most_people: int = 0
+    processor_s: float = 0.0
     latencies_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
 
@@ -79,7 +81,13 @@ class Pipeline:
 
     def run(self, seconds: float | None = None, once: bool = False) -> None:
         """Go on until the input ends, for some seconds, or for one picture."""
-        end = None if seconds is None else time.monotonic() + seconds
+        began_s = time.process_time()
+        try:
+            self._run(None if seconds is None else time.monotonic() + seconds, once)
+        finally:
+            self.counts.processor_s += time.process_time() - began_s
+
+    def _run(self, end: float | None, once: bool) -> None:
         heard, silent_s = time.monotonic(), SILENT_S
         while end is None or time.monotonic() < end:
             image = self._newest.take(BLIND_PERIOD_S)
@@ -134,6 +142,7 @@ class Pipeline:
         """Return the counts for the user."""
         counts, sender = self.counts, self._sender
         latency = np.array(counts.latencies_ns, np.float64) / 1e6
+        looked = counts.pictures - counts.skipped
         p50, p99 = np.percentile(latency, (50, 99)) if len(latency) else (None, None)
         return {
             "pictures": counts.pictures,
@@ -147,6 +156,7 @@ class Pipeline:
             "most_people": counts.most_people,
             "unplaced": dict(self._placer.unplaced),
             "latency_ms": {"p50": p50, "p99": p99},
+            "processor_ms": 1e3 * counts.processor_s / looked if looked else None,
             "stamps": self._newest.stamps,
         }
 
