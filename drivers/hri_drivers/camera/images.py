@@ -5,6 +5,7 @@ No input opens a connection: addresses are refused, and FFmpeg may read files on
 
 import math
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,7 +21,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", "
 MIN_SIDE, MAX_SIDE = 64, 8192
 REALSENSE = "realsense"
 DEPTH = ".depth.png"
-"""NAME.depth.png beside a picture NAME.png: its depth, aligned, 16 bits, millimetres."""
+"""NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
 LATENCY_S = 0.05
 """From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
@@ -81,12 +82,13 @@ def open_input(
             if given:
                 raise ConfigError(f"{flag}: has no effect on a RealSense; leave it out")
         return RealSense(rate_hz=rate_hz, size=size)
-    is_device = text.isdecimal() or text.startswith("/dev/")
-    if is_device and loop:
+    if not text:
+        raise ConfigError("input: empty; give a camera's number such as 0, or a file")
+    if is_device(text) and loop:
         raise ConfigError(f"--loop: has no effect on camera {text}; leave it out")
-    if not is_device and latency_s is not None:
+    if not is_device(text) and latency_s is not None:
         raise ConfigError(f"--latency: has no effect on {text}: only on a camera; leave it out")
-    if is_device:
+    if is_device(text):
         return Webcam(text, rate_hz=rate_hz, latency_s=latency_s, size=size)
     if "://" in text:
         raise ConfigError(
@@ -100,6 +102,11 @@ def open_input(
             f"a folder of pictures"
         )
     return Video(path, rate_hz=rate_hz, loop=loop)
+
+
+def is_device(text: str) -> bool:
+    """Return whether an input is a camera of this machine, by its number or path."""
+    return bool(re.fullmatch("[0-9]{1,4}", text)) or text.startswith("/dev/")
 
 
 def exposed(now_ns: int, monotonic_ms: float, device_ms: float) -> int | None:
@@ -244,7 +251,7 @@ class Video:
             return None
         if self._start is None:
             self._start, self._start_ns = time.monotonic(), time.time_ns()
-        pixels, at_s = self._ahead
+        (pixels, at_s), self._ahead = self._ahead, None
         time.sleep(max(0.0, self._start + at_s - time.monotonic()))
         self._number += 1
         image = Image(pixels, self._start_ns + round(1e9 * at_s), self._number)
@@ -336,7 +343,10 @@ def read_picture(path: Path) -> UInt8:
     """
     import cv2
 
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    try:
+        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    except cv2.error:  # larger than OpenCV takes
+        pixels = None
     if pixels is None:
         raise SourceError(f"picture {path}: cannot be read")
     return checked(pixels, f"picture {path}")

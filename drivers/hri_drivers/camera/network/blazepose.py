@@ -74,7 +74,7 @@ class BlazePose:
         return landmarks.decode(outputs, roi, pixels)
 
     def _newcomers(self, pixels: UInt8, known: list[Roi]) -> list[_Followed]:
-        """Return people whom no square follows, at most one more than there is room for."""
+        """Return people who are not followed yet, at most one more than there is room for."""
         square = whole(pixels)
         tensor = 2.0 * _tensor(square.crop(pixels, detector.SIDE)) - 1.0
         boxes, scores = sorted(self._detector.run(tensor), key=lambda each: -each.size)
