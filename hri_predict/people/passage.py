@@ -24,14 +24,18 @@ class Side:
     beyond_m: float
     named: bool
 
-    def crossing(self, begin: Floats, end: Floats) -> Floats | None:
-        """(2,) where the way from ``begin`` to ``end`` crosses this side outwards, if it does."""
+    def crossing(self, begin: Floats, end: Floats, error_m: float = 0.0) -> Floats | None:
+        """(2,) where the way from ``begin`` to ``end`` crosses this side outwards, if it does.
+
+        A way that may be off by ``error_m`` crosses it so far from both ends at least.
+        """
         before, after = float((begin - self.a) @ self.out), float((end - self.a) @ self.out)
         if not before <= 0.0 < after:
             return None
         at: Floats = begin + (end - begin) * (before / (before - after))
         edge = self.b - self.a
-        return at if 0.0 <= float((at - self.a) @ edge) <= float(edge @ edge) else None
+        within = error_m * float(np.hypot(*edge))
+        return at if within <= float((at - self.a) @ edge) <= float(edge @ edge) - within else None
 
 
 @dataclass(slots=True, eq=False)

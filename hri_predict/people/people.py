@@ -186,7 +186,8 @@ class People(RemembersLost):
             self._newest_good_ns = capture_ns
             self._captures += 1
         here = [track.centroid for track in self._tracks.values()]
-        is_whole = scene.sees_room and not bad and not nowhere
+        inexact = any(track.error_m > 0 for track in self._tracks.values())
+        is_whole = scene.sees_room and not bad and not nowhere and not inexact
         standing = standing_in(self._tracks.values(), capture_ns)
         self._counters["seen_free"] += self._lost.see(capture_ns, here, is_whole, standing)
 
@@ -325,20 +326,19 @@ class People(RemembersLost):
         with self._lock:
             self._now_ns = max(self._now_ns, now_ns)
             self._take_recalled(now_ns)
-            tracks = [(t.id, t.history, t.capture_ns) for t in self._tracks.values()]
+            tracks = [(t.id, t.history, t.capture_ns, t.error_m) for t in self._tracks.values()]
             lost, to_acknowledge = self._lost.snapshot(), self._lost.to_acknowledge(now_ns)
             reasons = self._reasons(now_ns)
             counters = {**self._gate.counts(), **self._counters}
             clock = self._gate.alignment.estimate()
-            newest_good_ns, captures = self._newest_good_ns, self._captures
-            doubts = self._doubts
+            newest_good_ns, captures, doubts = self._newest_good_ns, self._captures, self._doubts
         tracks.sort(key=lambda t: t[0])
         people, joints = len(tracks), len(JOINTS)
         history: Floats = np.zeros((people, self._steps, joints, 3))
         observed = np.zeros((people, self._steps, joints), np.bool_)
         last: Floats = np.zeros((people, joints, 3))
         age_s: Floats = np.full((people, joints), np.inf)
-        for index, (_, ring, capture_ns) in enumerate(tracks):
+        for index, (_, ring, capture_ns, _) in enumerate(tracks):
             window, last[index], stamps = ring.recall(capture_ns, self._steps, self._rate_hz)
             history[index], observed[index] = window.positions, window.observed
             ever = stamps != NEVER
@@ -358,8 +358,9 @@ class People(RemembersLost):
             counters=counters,
             clock=clock,
             to_acknowledge=to_acknowledge,
-            recent=recent_captures([ring for _, ring, _ in tracks], joints),
+            recent=recent_captures([t[1] for t in tracks], joints),
             doubts=doubts,
+            errors_m=np.array([t[3] for t in tracks], np.float64),
         )
         return with_inferred(snapshot, self._inference, self._rate_hz)
 

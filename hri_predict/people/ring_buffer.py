@@ -84,6 +84,7 @@ class RingBuffer:
         self._stamps: Stamps = np.zeros(self._size, np.int64)
         self._positions: Floats = np.zeros((self._size, joints, 3))
         self._observed: Bools = np.zeros((self._size, joints), np.bool_)
+        self._errors_m: Floats = np.zeros(self._size)
         # one view per slot, made once, because indexing an array makes a new view each time
         self._position_rows = list(self._positions)
         self._flat_rows = [row.reshape(-1) for row in self._positions]
@@ -98,7 +99,15 @@ class RingBuffer:
         """Samples held."""
         return min(self._committed, self.capacity)
 
-    def push(self, capture_ns: int, positions: Floats, observed: Bools, now_ns: int) -> PushResult:
+    def push(
+        self,
+        capture_ns: int,
+        positions: Floats,
+        observed: Bools,
+        now_ns: int,
+        *,
+        error_m: float = 0.0,
+    ) -> PushResult:
         """Append a sample; only the writing thread may call it.
 
         Joints with a coordinate that is not finite count as unobserved.
@@ -108,6 +117,7 @@ class RingBuffer:
             positions: (J, 3) metres; any value where not observed.
             observed: (J,).
             now_ns: the node's clock.
+            error_m: see ``hri_predict.contracts.scene.Person``.
 
         Returns:
             Whether the sample was accepted, or why not; each result is counted.
@@ -128,6 +138,7 @@ class RingBuffer:
         slot = index % self._size
         self._begun = index + 1
         self._stamps[slot] = capture_ns
+        self._errors_m[slot] = error_m
         row = self._position_rows[slot]
         seen = self._observed_rows[slot]
         row[...] = positions
@@ -144,6 +155,11 @@ class RingBuffer:
         self._newest_ns = capture_ns
         self._committed = index + 1
         return result
+
+    @property
+    def error_m(self) -> float:
+        """The largest error of the samples held, or of the few before them; for any thread."""
+        return float(self._errors_m.max())
 
     def _judge(self, capture_ns: int, now_ns: int) -> PushResult:
         if capture_ns > now_ns + self._future_tolerance_ns:

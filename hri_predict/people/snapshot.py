@@ -28,6 +28,7 @@ class LostPerson:
         places_ns: node's clock.
         floor_m, platform_m: of the room: between which heights those people may stand.
         inferred_m: (J,) as ``Inferred.within_m``; ``None``: no joint is inferred.
+        error_m: as ``PeopleSnapshot.errors_m``, when last seen.
     """
 
     id: int
@@ -41,6 +42,7 @@ class LostPerson:
     floor_m: float = 0.0
     platform_m: float = 0.0
     inferred_m: Floats | None = None
+    error_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,6 +113,8 @@ class PeopleSnapshot:
         doubts: why the source itself does not vouch for the newest scene, with names.
         inferred: which joints are inferred; they count as observed in the fields above. ``None``:
             none is. Ask ``measured``, ``fresh`` or ``shown`` where only the truth counts.
+        errors_m: (P,) metres: by how much all joints of a person may be off together, the largest
+            of the captures that are kept; ``None``: 0.
     """
 
     now_ns: int
@@ -130,6 +134,7 @@ class PeopleSnapshot:
     to_acknowledge: int = 0
     inferred: Inferred | None = None
     doubts: tuple[Doubt, ...] = ()
+    errors_m: Floats | None = None
 
     @property
     def shown(self) -> Bools:
@@ -148,6 +153,12 @@ class PeopleSnapshot:
     def measured(self) -> Bools:
         """(P, T, J) where the history was measured, inferred joints left out."""
         return self.observed if self.inferred is None else self.inferred.measured
+
+    @property
+    def all_errors_m(self) -> Floats:
+        """(P + L,) the errors of all people, the lost ones last."""
+        here = np.zeros(len(self.ids)) if self.errors_m is None else self.errors_m
+        return np.append(here, [person.error_m for person in self.lost])
 
     @property
     def age_s(self) -> float | None:

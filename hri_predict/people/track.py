@@ -50,11 +50,13 @@ _GLITCHES = 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One body of one scene, canonical joints: positions (J, 3) finite, 0 where not observed."""
+    """One body of one scene, canonical joints: positions (J, 3) finite, 0 where not observed; and
+    the common error of their places, see ``hri_predict.contracts.scene.Person``."""
 
     id: int
     positions: Floats
     observed: Bools
+    error_m: float = 0.0
 
     @property
     def centroid(self) -> Floats:
@@ -155,6 +157,11 @@ class Track:
         return Body(self.id, self.positions, self.stamps == self.capture_ns)
 
     @property
+    def error_m(self) -> float:
+        """The largest error of its places, of the captures that its history holds, metres."""
+        return self.history.error_m
+
+    @property
     def centroid(self) -> Floats:
         """(3,) mean of the joints seen at the newest capture, or else of all joints ever seen."""
         recent = self.stamps == self.capture_ns
@@ -241,7 +248,8 @@ class Track:
             chosen = np.array([0])
         part: Track | None = None
         for i in chosen:
-            body, capture_ns = Body(self.id, positions[i], observed[i]), int(stamps[i])
+            body = Body(self.id, positions[i], observed[i], self.error_m)
+            capture_ns = int(stamps[i])
             if part is None:
                 part = Track.start(body, history, capture_ns, capture_ns)
                 part.passage.in_room = self.passage.was_in_room and begin_ns == NEVER
@@ -295,7 +303,9 @@ class Track:
 
     def take(self, body: Body, believed: Bools, capture_ns: int, now_ns: int) -> PushResult:
         """Append ``body``; only its ``believed`` (J,) joints count as observed."""
-        result = self.history.push(capture_ns, body.positions, believed, now_ns)
+        result = self.history.push(
+            capture_ns, body.positions, believed, now_ns, error_m=body.error_m
+        )
         self.present_ns = max(self.present_ns, capture_ns)
         if result is PushResult.ACCEPTED:
             is_first = self.capture_ns == NEVER

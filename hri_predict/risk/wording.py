@@ -42,6 +42,11 @@ def clears_beside(advice: Advice, band_m: float | None) -> str:
     return clears.replace("by risk.band_m", f"by {band_m:g} m (risk.band_m)")
 
 
+def off_text(error_m: float) -> str:
+    """What the source states of a person's place, as a clause; "" where it is exact."""
+    return f", whose place may be off by {error_m:.2f} m" if error_m > 0 else ""
+
+
 def apart_text(advice: Advice, why: Grounds) -> str:
     """Return the distance of the deciding pair, and the rest that the robot's present motion
     leaves.

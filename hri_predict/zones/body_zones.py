@@ -4,7 +4,8 @@
 the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
 from the nearest observed joint bounds a segment that was neither seen nor inferred.
 
-Zones do not contain the position uncertainty Z_d: ``separation`` adds it, once.
+Zones contain the error that a source states of a person's place. They do not contain the position
+uncertainty Z_d of the configuration: ``separation`` adds it, once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -63,6 +64,8 @@ class BodyZones:
         untrusted: why the scene cannot be trusted; the zones then mean nothing.
         margins_m: (S,) what each segment of ``zones`` counts thicker by; ``None``: nothing.
         toward: how near those who are here may come by direction; ``None``: not calibrated.
+        errors_m: (P,) by how much all joints of a person may be off together; zones, paths and
+            ``toward`` contain it. ``None``: 0.
     """
 
     zones: Zones
@@ -78,6 +81,11 @@ class BodyZones:
     untrusted: tuple[Reason, ...] = ()
     margins_m: Floats | None = None
     toward: Toward | None = None
+    errors_m: Floats | None = None
+
+    def error_m(self, person: int) -> float:
+        """By how much all joints of a person may be off together, metres."""
+        return 0.0 if self.errors_m is None else float(self.errors_m[person])
 
     @property
     def captured(self) -> Capsules:
@@ -199,18 +207,20 @@ class ZoneBuilder:
             growth_m_s=moving.growth_m_s,
             unknown=speeds.unknown,
         )
+        errors_m = snapshot.all_errors_m
         zones, ends, extra = self._segments(joints.mid, joints.radius, joints.joint_age)
-        zones = self._where_lost(zones, snapshot, capture_ns)
+        zones = _grown(self._where_lost(zones, snapshot, capture_ns), errors_m)
         toward = self.joints.toward(
             snapshot, forecast, spheres=joints, trust=trust, velocities=velocities
         )
         if toward is not None:
             here = len(snapshot.ids)
-            toward = toward._replace(ends=ends[:here], extra=extra[:here])
+            extra = extra[:here] + errors_m[:here, None]
+            toward = toward._replace(ends=ends[:here], extra=extra)
         paths = zones
         if self._with_paths:
             paths, _, _ = self._segments(joints.path, joints.inflation, joints.joint_age)
-            paths = self._where_lost(paths, snapshot, capture_ns)
+            paths = _grown(self._where_lost(paths, snapshot, capture_ns), errors_m)
         ids = snapshot.ids + tuple(person.id for person in snapshot.lost)
         return BodyZones(
             zones=Zones(ids, self.segment_names, self.times_s, zones),
@@ -222,6 +232,7 @@ class ZoneBuilder:
             speeds=joined_speeds([speeds, self._lost_speeds(snapshot)]),
             margins_m=self._margins_m,
             toward=toward,
+            errors_m=errors_m,
             segments_m_s=np.concatenate(
                 [moving.segments_m_s, np.full((len(snapshot.lost), len(self._a)), np.inf)]
             ),
@@ -257,6 +268,11 @@ class ZoneBuilder:
         """Joints' spheres to capsules (P, K+1, S), and ``ends`` and ``extra`` of ``Toward``."""
         a, b, radius, ends, extra = _capsules((plain(mid), plain(around), joint_age), self._segment)
         return Capsules(a, b, radius), ends, extra
+
+
+def _grown(zones: Capsules, errors_m: Floats) -> Capsules:
+    """(P, K+1, S) zones that hold the bodies wherever their places may be."""
+    return Capsules(zones.a, zones.b, zones.radius + errors_m[:, None, None])
 
 
 class _Segments(NamedTuple):

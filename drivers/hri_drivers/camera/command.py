@@ -145,12 +145,13 @@ def camera(
 
 def _run(pipeline: "Pipeline", seconds: float | None, once: bool) -> None:
     """Run until the input ends, the time is over, or SIGINT or SIGTERM comes."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with contextlib.suppress(KeyboardInterrupt):
-        try:
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        with contextlib.suppress(KeyboardInterrupt):
             pipeline.run(seconds, once)
-        finally:
-            pipeline.close()
+    finally:
+        pipeline.close()
+        signal.signal(signal.SIGTERM, before)
 
 
 def _finder(model: Path | None, variant: str | None, people: int, threads: int) -> "Finder":

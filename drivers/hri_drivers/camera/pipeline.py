@@ -108,7 +108,8 @@ class Pipeline:
         if image.exposed_ns < self._due_ns - self._period_ns // 4:
             self.counts.skipped += 1
             return
-        self._due_ns = max(self._due_ns + self._period_ns, image.exposed_ns)
+        is_late = image.exposed_ns - self._due_ns >= self._period_ns
+        self._due_ns = (image.exposed_ns if is_late else self._due_ns) + self._period_ns
         wrong = hides(image.pixels) or self._frozen.judge(image)
         if wrong is not None:
             self.last = image, []

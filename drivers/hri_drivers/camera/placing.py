@@ -50,7 +50,7 @@ class Placer:
             self.unplaced[placed.why] += 1
             nowhere = np.full((len(seen.pixels), 3), np.nan)
             return SentPerson(seen.id, nowhere, np.zeros(len(nowhere), np.bool_))
-        return SentPerson(seen.id, placed.positions, placed.observed)
+        return SentPerson(seen.id, placed.positions, placed.observed, placed.error_m)
 
     def _of(self, image: Image) -> Camera:
         height, width = image.pixels.shape[:2]

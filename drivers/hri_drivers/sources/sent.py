@@ -15,11 +15,13 @@ class SentPerson:
         positions: (J_source, 3) in the units and axes of the source's joint map, in the sender's
             own frame; NaN where not observed.
         observed: (J_source,) which joints were observed.
+        error_m: see ``hri_predict.contracts.scene.Person``; metres, whatever the map's unit is.
     """
 
     id: int
     positions: Floats
     observed: Bools
+    error_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -48,6 +50,7 @@ class SentScene:
         """
         rotation, origin = room_from_sent[:3, :3], room_from_sent[:3, 3]
         people = tuple(
-            Person(p.id, p.positions @ rotation.T + origin, p.observed) for p in self.people
+            Person(p.id, p.positions @ rotation.T + origin, p.observed, error_m=p.error_m)
+            for p in self.people
         )
         return Scene(self.stamp_ns, self.sequence, self.sees_room, people)

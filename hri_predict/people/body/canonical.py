@@ -1,5 +1,6 @@
 """One body as the source sends it, in canonical joints."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.contracts.scene import Person
+from hri_predict.contracts.scene import Person, sound_error_m
 from hri_predict.people.body.size import is_human_sized
 from hri_predict.people.body.unseen import at_origin, out_of_reach
 from hri_predict.people.track import Body
@@ -49,6 +50,9 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
     count = len(joint_map.source_joints)
     if person.positions.shape != (count, 3) or person.observed.shape != (count,):
         return Mapped(None, "malformed_bodies")
+    error_m = sound_error_m(person.error_m)
+    if math.isnan(error_m):
+        return Mapped(None, "absurd_errors")
     # false for NaN and infinity as well
     sound = (np.abs(person.positions) < ROOM_LIMIT_M).all(axis=1)
     usable = person.observed & sound
@@ -72,7 +76,7 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
             return Mapped(None, None, unusable, unseen)
         if not is_human_sized(positions, observed):  # the lost joints outvoted the others
             return Mapped(None, "wrong_size_bodies", unusable, unseen)
-    body = Body(person.id, np.where(observed[:, None], positions, 0.0), observed)
+    body = Body(person.id, np.where(observed[:, None], positions, 0.0), observed, error_m)
     around = bool(nowhere.any()) and _is_waist(joint_map, nowhere) and _around(body, origin)
     return Mapped(body, None, unusable, unseen, around)
 

@@ -5,6 +5,9 @@ walking pace by a side that leads out. Places are those of hips or feet (``floor
 vanishes before has not left: who stands in a doorway, has just come in, turns round, crouches, or
 brushes an exit's edge, may come back unseen.
 
+Where the source states an error of a person's place, the person has left only if every place within
+that error is behind the side, too.
+
 The sides that lead out: the line that the configuration names (``out``), or else every side that
 lies on the far side of where the person came in, if the exit is wide enough there for a body.
 """
@@ -84,7 +87,7 @@ class Doors:
         if crossed is None or place is None:
             return False
         out = crossed.side.out
-        if float((place - crossed.at) @ out) < OUT_M:
+        if float((place - crossed.at) @ out) < OUT_M + track.error_m:
             return False
         since_s = (track.capture_ns - track.resumed_ns) * 1e-9
         if since_s >= RESUMED_S or track.resumed_ns == track.began_ns:
@@ -121,17 +124,17 @@ class Doors:
     def _crossed(self, track: Track, visit: Visit, before: Floats, place: Floats) -> Crossed | None:
         """The side by which a body that was in an exit, and is so no more, went out."""
         way = floor_way(track, LATELY_S)
-        found = self._out(visit, before, place)
+        found = self._out(visit, before, place, track.error_m)
         if way is None or found is None or way.along(found.side.out) < PACE_M_S:
             return None
         return found
 
-    def _out(self, visit: Visit, begin: Floats, end: Floats) -> Crossed | None:
+    def _out(self, visit: Visit, begin: Floats, end: Floats, error_m: float) -> Crossed | None:
         """Return where the way from ``begin`` to ``end`` leads out of an exit, right through it."""
         if not visit.from_room:
             return None
         for side in self._sides[visit.door]:
-            at = side.crossing(begin, end)
+            at = side.crossing(begin, end, error_m)
             if at is None:
                 continue
             if side.named or (visit.fits and float((at - visit.begin) @ side.out) >= THROUGH_M):

@@ -76,9 +76,14 @@ def floor_way(track: Track, span_s: float) -> Way | None:
 
 
 def standing_in(tracks: Iterable[Track], capture_ns: int) -> list[Floats]:
-    """(2,) places on the floor of the bodies that a scene shows down to an ankle or a foot."""
+    """(2,) places on the floor of the bodies that a scene shows down to an ankle or a foot.
+
+    Without those whose place the source does not know exactly: they show nothing.
+    """
     places = []
     for track in tracks:
+        if track.error_m > 0:
+            continue
         if track.capture_ns == capture_ns and (track.stamps[_FEET] == capture_ns).any():
             place = floor_place(track)
             places += [] if place is None else [place]

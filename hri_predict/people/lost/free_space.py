@@ -16,6 +16,9 @@ no person was seen there again, the claim that it is seen is wrong: something un
 it and the camera (a vehicle, say), and it is unknown how much that hides, or where it goes. For
 this person, no place counts as seen free then, until a body is seen down to its feet at that place,
 or just behind it on the same line of sight. So the tracker's drop-outs end where the body is found.
+
+A body whose place the source states with an error may hide other places than it seems to. So scenes
+with such a person prove nothing, and no place counts as seen free for one who is lost.
 """
 
 import itertools

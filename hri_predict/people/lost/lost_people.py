@@ -42,6 +42,7 @@ class Lost:
         capture_ns: when the person was last seen.
         speed_m_s: maximum speed at which the body moves on.
         limbs_m_s: (J,) how much faster than the body each joint was.
+        error_m: by how much all joints may be off together.
         track: a body that appears may take it over; ``None`` after a restart.
         whereabouts: possible places of the person; ``None``: the source does not see free space.
     """
@@ -52,6 +53,7 @@ class Lost:
     capture_ns: int
     speed_m_s: float
     limbs_m_s: Floats
+    error_m: float = 0.0
     track: Track | None = None
     whereabouts: Whereabouts | None = None
 
@@ -108,6 +110,7 @@ class LostPeople:
                 capture_ns=track.capture_ns,
                 speed_m_s=self.onward_speed_of(track),
                 limbs_m_s=limbs_m_s,
+                error_m=track.error_m,
                 track=track,
             )
         )
@@ -181,6 +184,7 @@ class LostPeople:
                 joint_age_s=lost.joint_age_s,
                 speed_m_s=lost.speed_m_s,
                 limbs_m_s=lost.limbs_m_s,
+                error_m=lost.error_m,
                 places=None if lost.whereabouts is None else lost.whereabouts.places(),
                 places_ns=None if lost.whereabouts is None else lost.whereabouts.capture_ns,
                 floor_m=self._settings.floor_m,
@@ -220,7 +224,7 @@ class LostPeople:
 
     def keep(self, lost: Lost) -> None:
         """Add a lost person; see ``add``."""
-        if self._space is not None and lost.track is not None:
+        if self._space is not None and lost.track is not None and lost.error_m == 0:
             on_floor = floor_place(lost.track)
             place = lost.centroid if on_floor is None else on_floor
             lost.whereabouts = self._space.start(place, lost.capture_ns, lost.speed_m_s)

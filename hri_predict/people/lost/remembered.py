@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hri_predict.base.skeleton import JOINTS
+from hri_predict.contracts.scene import sound_error_m
 from hri_predict.people.lost.lost_people import Lost, LostPeople
 from hri_predict.people.lost.unplaced import Unplaced
 
@@ -64,6 +65,7 @@ def lost_as_data(people: Sequence[Lost], now_ns: int) -> list[dict[str, Any]]:
             "id": lost.id,
             "ago_s": max(now_ns - lost.capture_ns, 0) * 1e-9,
             "speed_m_s": lost.speed_m_s,
+            **({"error_m": lost.error_m} if lost.error_m else {}),
             "positions": [
                 None if np.isnan(joint).any() else [round(float(v), 4) for v in joint]
                 for joint in lost.positions
@@ -87,9 +89,9 @@ def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Los
         if positions.shape != (len(JOINTS), 3) or not np.isfinite(positions).any():
             raise ValueError("a lost person's joints are wrong")
         known = np.isfinite(positions).all(axis=1)
-        speed_m_s = float(person["speed_m_s"])
-        if not (known.any() and 0 < speed_m_s < np.inf):
-            raise ValueError("a lost person's joints or speed are wrong")
+        speed_m_s, error_m = float(person["speed_m_s"]), sound_error_m(person.get("error_m", 0.0))
+        if not (known.any() and 0 < speed_m_s < np.inf and error_m >= 0):
+            raise ValueError("a lost person's joints, speed or error are wrong")
         number = int(person["id"])
         found.append(
             Lost(
@@ -99,6 +101,7 @@ def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Los
                 capture_ns=now_ns - round(min(float(person["ago_s"]), _LONG_AGO_S) * 1e9),
                 speed_m_s=speed_m_s,
                 limbs_m_s=np.zeros(len(positions)),
+                error_m=error_m,
             )
         )
     return found

@@ -1,6 +1,7 @@
 """One body made of what several sensors see of one person."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,18 +30,34 @@ def leading(lead: int | None, seen: Mapping[int, Body]) -> int:
     return best
 
 
-def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> tuple[Floats, Bools, int]:
+class Merged(NamedTuple):
+    """A merged body.
+
+    Attributes:
+        positions: (J, 3) metres, 0 where not observed.
+        observed: (J,) which are.
+        disputed: number of joints left out.
+        error_m: the largest error of the sensors that give a joint.
+    """
+
+    positions: Floats
+    observed: Bools
+    disputed: int
+    error_m: float
+
+
+def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> Merged:
     """Merge bodies joint by joint: the leading sensor's where it sees it, else another's.
 
     A joint that two sensors see farther apart than ``joint_apart_m`` is not observed: it is not
     known which of them is right, and the zone becomes as wide as for a joint that is hidden.
-
-    Returns:
-        (J, 3) metres, 0 where not observed; (J,) which are; and the number of joints left out.
+    Places are never averaged, so a joint is as wrong as the sensor that gives it: the error of the
+    whole body is the largest of those.
     """
     order = sorted(seen, key=lambda s: (s != lead, -np.count_nonzero(seen[s].observed), s))
     first = seen[order[0]]
     positions, observed = first.positions.copy(), first.observed.copy()
+    error_m = first.error_m
     disputed = np.zeros(len(observed), np.bool_)
     for sensor in order[1:]:
         other = seen[sensor]
@@ -48,6 +65,8 @@ def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> tuple[F
         disputed |= both & (norm(positions - other.positions) > joint_apart_m)
         more = other.observed & ~observed
         positions[more] = other.positions[more]
+        error_m = max(error_m, other.error_m) if more.any() else error_m
         observed |= more
     observed &= ~disputed
-    return np.where(observed[:, None], positions, 0.0), observed, int(np.count_nonzero(disputed))
+    positions = np.where(observed[:, None], positions, 0.0)
+    return Merged(positions, observed, int(np.count_nonzero(disputed)), error_m)

@@ -254,7 +254,8 @@ def _between(before: Body, after: Body, part: float, most_m: float) -> Body | No
     if not len(steps) or float(np.linalg.norm(steps.mean(axis=0))) > most_m:
         return None
     line = before.positions + part * (after.positions - before.positions)
-    return Body(after.id, np.where(observed[:, None], line, 0.0), observed)
+    error_m = max(before.error_m, after.error_m)
+    return Body(after.id, np.where(observed[:, None], line, 0.0), observed, error_m)
 
 
 def _filled(body: Body, other: Body) -> Body:
@@ -263,4 +264,5 @@ def _filled(body: Body, other: Body) -> Body:
     if not missing.any():
         return body
     positions = np.where(missing[:, None], other.positions, body.positions)
-    return Body(body.id, positions, body.observed | missing)
+    error_m = max(body.error_m, other.error_m)
+    return Body(body.id, positions, body.observed | missing, error_m)

@@ -147,7 +147,7 @@ class MergedSource:
     def _person(self, person: OnePerson, bodies: dict[Seen, Body]) -> Person:
         own = {sensor: bodies[seen] for sensor, seen in person.seen.items()}
         person.lead = leading(person.lead, own)
-        positions, observed, disputed = merged(person.lead, own, self._joint_apart_m)
+        positions, observed, disputed, error_m = merged(person.lead, own, self._joint_apart_m)
         self._identities.counters["disputed_joints"] += disputed
         if observed.any():
             person.place = positions[observed].mean(axis=0)
@@ -156,6 +156,7 @@ class MergedSource:
             np.where(observed[:, None], positions, np.nan),
             observed,
             tuple((self.sensors[n].name, seen.key[0]) for n, seen in sorted(person.seen.items())),
+            error_m,
         )
 
     def _doubts(self, views: list[View], silent: list[Sensor]) -> tuple[Doubt, ...]:

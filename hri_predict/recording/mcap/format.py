@@ -10,7 +10,7 @@ from typing import Any, TypeVar, get_type_hints
 import numpy as np
 
 from hri_predict.base.arrays import Floats
-from hri_predict.contracts.scene import Doubt, Person, Scene
+from hri_predict.contracts.scene import Doubt, Person, Scene, sound_error_m
 from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
@@ -68,7 +68,7 @@ def _finite(data: Any) -> Any:
 def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
     """A scene as received. Numbers are exact; ``observed`` is a string of 0 and 1 per joint.
 
-    What only a merged source says is left out of all other scenes.
+    What only a merged source says is left out of all other scenes, and an error of 0 of a place.
     """
     merged: dict[str, Any] = {}
     if scene.doubts:
@@ -86,11 +86,18 @@ def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
                 "observed": "".join("1" if seen else "0" for seen in person.observed.tolist()),
                 "positions": person.positions.tolist(),
                 **({"seen_as": dict(person.seen_as)} if person.seen_as else {}),
+                **_error_m(person),
             }
             for person in scene.people
         ],
         **merged,
     }
+
+
+def _error_m(person: Person) -> dict[str, float]:
+    """The error of a person's place; -1 where it is absurd: a replay refuses it again."""
+    error_m = sound_error_m(person.error_m)
+    return {} if error_m == 0 else {"error_m": -1.0 if math.isnan(error_m) else error_m}
 
 
 def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
@@ -112,7 +119,8 @@ def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
             (str(name), whole(number, 0, MAX_ID))
             for name, number in dict(person.get("seen_as", {})).items()
         )
-        people.append(Person(whole(person["id"], 0, MAX_ID), positions, observed, seen_as))
+        error_m = sound_error_m(person.get("error_m", 0.0))
+        people.append(Person(whole(person["id"], 0, MAX_ID), positions, observed, seen_as, error_m))
     scene = Scene(
         whole(data["capture_ns"]),
         whole(data["sequence"]),

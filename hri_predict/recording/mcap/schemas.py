@@ -82,6 +82,7 @@ _PERSON = _object(
         "observed": {"type": "string", "pattern": "^[01]*$"},
         "positions": _list(_list(_NUMBER_OR_NOT_SEEN, 3)),
         "seen_as?": _ANY,
+        "error_m?": _NUMBER,
     }
 )
 _GROUNDS: dict[str, dict[str, Any]] = {

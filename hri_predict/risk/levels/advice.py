@@ -32,7 +32,7 @@ from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.wording import NOTE, STANDS_M_S
+from hri_predict.risk.wording import NOTE, STANDS_M_S, off_text
 from hri_predict.zones.body_zones import BodyZones
 
 _TOO_CLOSE = "too close for the robot's present speed"
@@ -367,8 +367,8 @@ def _detail(
         segment, apart_m = bodies.zones.segments[who.segment], who.pair_m
         if apart_m is None and found.motion is not None:
             apart_m = pair_m(who, bodies, found.motion)
-        part = in_words(segment)
-        parts.append(f"person {ids[who.person]}, {part}, {where(robot, who, apart_m)}")
+        part, off = in_words(segment), off_text(bodies.error_m(who.person))
+        parts.append(f"person {ids[who.person]}{off}, {part}, {where(robot, who, apart_m)}")
         if who.slack_m < 0:
             stands = found.speed_m_s < STANDS_M_S
             parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")

@@ -45,7 +45,10 @@ def why_not_backing_out(
     moves_s = robot.reaction_s(bodies.age_s) + stops_s
     places = robot.plan.back_from(now.place_s, recovery.speed_m_s, moves_s, STEPS)
     way = robot.model.capsules(robot.plan.trajectory.at(places)[0])
-    distance = link_distances(bodies.captured, way)
+    distance = link_distances(bodies.captured, way)  # of all places within the stated error
+    inexact = [p for p in range(distance.shape[-1]) if bodies.error_m(p) > 0]
+    if not (distance[0][:, inexact] > 0).all():
+        return "the place of a person beside it is not known well enough"
     if not (distance >= distance[0] - NEARER_M).all():
         return "a link would come nearer to a person on the way back"
     return ""

@@ -6,6 +6,7 @@ give another id.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,7 +59,8 @@ class Occlusion:
             if observed.mean() < SEEN_SHARE:
                 continue
             positions = np.where(observed[:, None], person.positions, np.nan)
-            found.append(Person(self._id(person.id, now_ns), positions, observed))
+            number = self._id(person.id, now_ns)
+            found.append(replace(person, id=number, positions=positions, observed=observed))
         return tuple(found)
 
     def _visible(self, joints: Floats, others: Sequence[tuple[Floats, Floats]]) -> Bools:

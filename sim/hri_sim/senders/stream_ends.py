@@ -175,7 +175,7 @@ class SceneStreamEnd:
 
     def encode(self, scene: Scene) -> list[bytes]:
         """Datagrams."""
-        people = tuple(SentPerson(p.id, p.positions, p.observed) for p in scene.people)
+        people = tuple(SentPerson(p.id, p.positions, p.observed, p.error_m) for p in scene.people)
         sent = SentScene(
             stamp_ns=scene.stamp_ns,
             sequence=scene.sequence,

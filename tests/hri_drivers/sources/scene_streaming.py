@@ -75,6 +75,7 @@ def same(a: SentScene, b: SentScene) -> bool:
         and all(
             np.array_equal(p.observed, q.observed)
             and np.array_equal(p.positions, q.positions, equal_nan=True)
+            and p.error_m == q.error_m
             for p, q in zip(a.people, b.people, strict=True)
         )
     )

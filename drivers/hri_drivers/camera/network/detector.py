@@ -21,6 +21,8 @@ MIN_SCORE, MIN_OVERLAP = 0.3, 0.3
 """The graph has a score of 0.5. A person who is missed is worse here than another run of the
 landmark network, which decides: a photographer in profile has a score of 0.46, a presence of 0.97.
 """
+MAX_CANDIDATES, MAX_PIXELS = 200, 1e4
+"""The surest anchors count, about ten show each person; and none points farther away than this."""
 HIPS, CIRCLE = 0, 1
 """Key points: middle of the hips, and a point on the circle around the whole body."""
 
@@ -63,10 +65,12 @@ def decode(boxes: Float32, scores: Float32) -> list[Detection]:
         boxes: (1, 2254, 12) centre, size and four key points, in pixels from the anchor.
         scores: (1, 2254, 1) raw scores.
     """
-    sure = logistic(np.asarray(scores, np.float64).reshape(-1))
-    raw = np.asarray(boxes, np.float64).reshape(len(ANCHORS), 12) / SIDE
-    likely = np.flatnonzero((sure >= MIN_SCORE) & np.isfinite(raw).all(axis=1))
-    raw, centres = raw[likely], ANCHORS[likely]
+    with np.errstate(invalid="ignore"):  # NaN of some kinds
+        sure = logistic(scores.astype(np.float64).reshape(-1))
+        raw = boxes.astype(np.float64).reshape(len(ANCHORS), 12)
+    likely = np.flatnonzero((sure >= MIN_SCORE) & (np.abs(raw) <= MAX_PIXELS).all(axis=1))
+    likely = likely[np.argsort(-sure[likely], kind="stable")][:MAX_CANDIDATES]
+    raw, centres = raw[likely] / SIDE, ANCHORS[likely]
     middle, half = raw[:, :2] + centres, raw[:, 2:4] / 2
     corners = np.concatenate([middle - half, middle + half], axis=1)
     points = raw[:, 4:].reshape(-1, 4, 2) + centres[:, np.newaxis]

@@ -13,7 +13,8 @@ One object is one scene, with everything needed to read it::
         {"id": 1,                     0 to 65535, the same for the same body from scene to scene
          "joints": {"l_wrist": [0.41, 0.2, 1.1],         x, y, z
                     "r_wrist": [0.43, -0.2, 1.1, 0.9],   optionally a confidence, 0 to 1
-                    "head": null}}]}                     not observed; or leave it out
+                    "head": null},                       not observed; or leave it out
+         "error_m": 0.4}]}            all joints may be off by this together, metres; optional
 
 ``people`` is ``[]`` when the sender sees that the room is empty. Joints have the names of a joint
 map, whatever their case and separators; others are ignored and counted. On a stream, one object is
@@ -35,6 +36,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import HriPredictError, nearest
 from hri_predict.base.settings import Settings, validated
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, axes_rotation
+from hri_predict.contracts.scene import MAX_ERROR_M
 from hri_predict.contracts.source import SourceCounters
 
 MOST_NAMED = 8
@@ -68,6 +70,7 @@ class PersonMessage(_Strict):
 
     id: int = Field(ge=0, le=65535)
     joints: dict[str, Coordinates | None] = Field(max_length=1000)
+    error_m: float = Field(0.0, ge=0, le=MAX_ERROR_M)
 
 
 class SceneMessage(_Strict):
@@ -140,7 +143,8 @@ class SceneReader:
                 positions[index] = place[:3]
         with np.errstate(all="ignore"):
             metres = positions @ message.to_metres().T
-        return SentPerson(person.id, metres, np.asarray(np.isfinite(metres).all(axis=1)))
+        observed = np.asarray(np.isfinite(metres).all(axis=1))
+        return SentPerson(person.id, metres, observed, person.error_m)
 
     def _places(self, names: Collection[str]) -> dict[str, int]:
         """Which joint each name is: in another spelling only where nothing else can be meant."""

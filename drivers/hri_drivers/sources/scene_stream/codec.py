@@ -6,6 +6,7 @@ tag: a CRC-32, or HMAC-SHA256 truncated to 16 bytes. The body has one record per
     H        id
     B * ceil(J / 8)   which joints were observed; joint i is bit i % 8 of byte i // 8
     f * 3 * J         x, y, z of each joint, 0 if not observed
+    f                 error of the place, metres; only if the header's flag ``HAS_ERRORS`` is set
 
 A body longer than 1344 bytes takes several datagrams, in order; all but the last are full.
 """
@@ -21,10 +22,11 @@ import numpy as np
 
 from hri_drivers.sources.scene_stream.key_file import TAG_BYTES, Key
 from hri_drivers.sources.sent import SentPerson, SentScene
+from hri_predict.contracts.scene import MAX_ERROR_M, sound_error_m
 
 MAGIC, VERSION = b"HRIS", 1
 HEADER = Struct("<4sBBBBQQqIBBH")
-SEES_ROOM, AUTHENTICATED = 0x01, 0x02
+SEES_ROOM, AUTHENTICATED, HAS_ERRORS = 0x01, 0x02, 0x04
 _PART = slice(6, 7)  # the only header byte in which the parts of one scene differ
 
 MAX_PEOPLE, MAX_JOINTS = 16, 128
@@ -77,27 +79,31 @@ def names_crc(joints: Sequence[str]) -> int:
     return zlib.crc32("\n".join(joints).encode())
 
 
-def body_bytes(people: int, joints: int) -> int:
+def body_bytes(people: int, joints: int, has_errors: bool = False) -> int:
     """Length of a body."""
-    return people * _record(joints).itemsize
+    return people * _record(joints, has_errors).itemsize
 
 
 def encode(scene: SentScene, joints: Sequence[str], key: Key | None = None) -> list[bytes]:
-    """Datagrams of a scene.
+    """Datagrams of a scene; older nodes refuse those that state an error of a place.
 
     Raises:
         ValueError: too many people or joints, or arrays that do not fit the joints.
     """
     if not 1 <= len(joints) <= MAX_JOINTS or len(scene.people) > MAX_PEOPLE:
         raise ValueError(f"a scene has 1 to {MAX_JOINTS} joints and 0 to {MAX_PEOPLE} people")
-    records = np.zeros(len(scene.people), _record(len(joints)))
+    has_errors = any(person.error_m != 0 for person in scene.people)
+    records = np.zeros(len(scene.people), _record(len(joints), has_errors))
     for record, person in zip(records, scene.people, strict=True):
         record["id"] = person.id
         record["observed"] = np.packbits(person.observed, bitorder="little")
         record["positions"] = np.where(person.observed[:, np.newaxis], person.positions, 0.0)
+        if has_errors:
+            record["error"] = person.error_m
     body = records.tobytes()
     parts = parts_of(len(body))
     flags = (SEES_ROOM if scene.sees_room else 0) | (AUTHENTICATED if key is not None else 0)
+    flags |= HAS_ERRORS if has_errors else 0
     datagrams = []
     for part in range(parts):
         header = Header(
@@ -144,12 +150,12 @@ def decode_body(header: Header, body: bytes) -> SentScene:
     """Return the scene of a whole body; positions are NaN where not observed.
 
     Raises:
-        Refused: the body marks joints that do not exist, or an observed joint is not a number. A
-            partly NaN body does not pass as partly hidden.
+        Refused: the body marks joints that do not exist, an observed joint is not a number, or an
+            error is absurd. A partly NaN body does not pass as partly hidden.
     """
-    count = header.joints
+    count, has_errors = header.joints, bool(header.flags & HAS_ERRORS)
     people = []
-    for record in np.frombuffer(body, _record(count), header.people):
+    for record in np.frombuffer(body, _record(count, has_errors), header.people):
         bits = np.unpackbits(record["observed"], bitorder="little").astype(np.bool_)
         if bits[count:].any():
             raise Refused("malformed", f"it marks joints beyond its {count}")
@@ -158,7 +164,14 @@ def decode_body(header: Header, body: bytes) -> SentScene:
         if not np.isfinite(raw[observed]).all():
             raise Refused("malformed", "the position of an observed joint is not a number")
         positions = np.where(observed[:, np.newaxis], raw, np.float32(np.nan)).astype(np.float64)
-        people.append(SentPerson(int(record["id"]), positions, observed))
+        error_m = sound_error_m(record["error"]) if has_errors else 0.0
+        if error_m != error_m:
+            raise Refused(
+                "malformed",
+                f"the error of a person's place is {record['error']:g} m; send 0 to "
+                f"{MAX_ERROR_M:g}",
+            )
+        people.append(SentPerson(int(record["id"]), positions, observed, error_m))
     return SentScene(
         stamp_ns=header.stamp_ns,
         sequence=header.sequence,
@@ -206,10 +219,10 @@ def _tagged(data: bytes, key: Key | None) -> bytes:
 def _check(header: Header, payload: int) -> None:
     """Refuse a header with inconsistent numbers."""
     whole = 1 <= header.joints <= MAX_JOINTS and header.people <= MAX_PEOPLE
-    known = not header.flags & ~(SEES_ROOM | AUTHENTICATED)
+    known = not header.flags & ~(SEES_ROOM | AUTHENTICATED | HAS_ERRORS)
     if not (whole and known and header.sequence <= MAX_SEQUENCE):
         raise Refused("malformed", "people, joints, sequence or flags are out of range")
-    length = body_bytes(header.people, header.joints)
+    length = body_bytes(header.people, header.joints, bool(header.flags & HAS_ERRORS))
     if header.body_bytes != length or header.parts != parts_of(length):
         raise Refused("malformed", "its length does not fit its people and joints")
     if header.part >= header.parts:
@@ -218,11 +231,12 @@ def _check(header: Header, payload: int) -> None:
         raise Refused("malformed", f"part {header.part} has {payload} bytes")
 
 
-def _record(joints: int) -> np.dtype[np.void]:
+def _record(joints: int, has_errors: bool) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("id", "<u2"),
             ("observed", "u1", (-(-joints // 8),)),
             ("positions", "<f4", (joints, 3)),
+            *([("error", "<f4")] if has_errors else []),
         ]
     )

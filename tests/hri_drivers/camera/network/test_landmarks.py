@@ -1,6 +1,7 @@
 """BlazePose's landmarks: outputs as joints of the picture."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,14 +23,24 @@ def outputs(presence: float = 0.9, **changes) -> Outputs:
     points = np.zeros((39, 5))
     points[:, :2], points[:, 3:] = 128.0, 4.0
     points[34, 1] = 28.0  # 100 pixels above the hips
-    whole = {"points": points, "heatmap": np.full((64, 64, 39), -9.0), "world": np.zeros((39, 3))}
+    whole: dict[str, Any] = {
+        "points": points,
+        "heatmap": np.full((64, 64, 39), -9.0),
+        "world": np.zeros((39, 3)),
+    }
     return Outputs(presence=presence, **(whole | changes))
+
+
+def decoded(given_: Outputs, roi: Roi) -> Any:
+    result = decode(given_, roi, PICTURE)
+    assert result is not None
+    return result
 
 
 def test_a_landmark_is_where_the_square_has_it():
     given_ = outputs()
     given_.points[11, :2] = 64.0, 192.0
-    person, _ = decode(given_, ROI, PICTURE)
+    person, _ = decoded(given_, ROI)
     np.testing.assert_allclose(person.pixels[11], [320 - 64, 240 + 64], atol=EXACT)
     assert person.visibility[11] == pytest.approx(1 / (1 + math.exp(-4)))
 
@@ -38,13 +49,13 @@ def test_a_turned_square_turns_pixels_and_metres():
     given_ = outputs()
     given_.points[11, :2] = 192.0, 128.0
     given_.world[11] = 0.3, 0.0, 0.1
-    person, _ = decode(given_, Roi(320.0, 240.0, 256.0, math.pi / 2), PICTURE)
+    person, _ = decoded(given_, Roi(320.0, 240.0, 256.0, math.pi / 2))
     np.testing.assert_allclose(person.pixels[11], [320, 240 + 64], atol=EXACT)
     np.testing.assert_allclose(person.world[11], [0.0, 0.3, 0.1], atol=EXACT)
 
 
 def test_the_next_square_is_around_the_landmarks():
-    _, onward = decode(outputs(), ROI, PICTURE)
+    _, onward = decoded(outputs(), ROI)
     assert (onward.x, onward.y) == pytest.approx((320, 240))
     assert onward.size == pytest.approx(2 * 100 * 1.25)
 
@@ -52,7 +63,7 @@ def test_the_next_square_is_around_the_landmarks():
 def test_a_joint_outside_the_picture_is_not_found():
     given_ = outputs()
     given_.points[27, :2] = 128.0, 400.0  # 272 below the middle; the picture ends after 240
-    person, _ = decode(given_, ROI, PICTURE)
+    person, _ = decoded(given_, ROI)
     assert np.isnan(person.pixels[27]).all()
     assert person.visibility[27] == 0
 
@@ -61,7 +72,7 @@ def test_a_joint_outside_the_picture_is_not_found():
 def test_a_joint_counts_only_if_visible_and_present(column):
     given_ = outputs()
     given_.points[15, column] = -4.0
-    person, _ = decode(given_, ROI, PICTURE)
+    person, _ = decoded(given_, ROI)
     assert person.visibility[15] < 0.02
 
 

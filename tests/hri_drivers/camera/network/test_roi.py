@@ -47,9 +47,10 @@ def test_the_whole_picture_lies_in_its_square():
 )
 def test_the_line_from_hips_to_head_is_upright_in_the_square(edge, angle):
     roi = around(np.array([320.0, 240.0]), np.array(edge, float), PICTURE)
+    assert roi is not None
     assert roi.size == pytest.approx(200 * MARGIN)
     assert math.cos(roi.angle - angle) == pytest.approx(1.0)
-    u, v = np.linalg.solve(roi.turn * roi.size, np.array(edge) - [roi.x, roi.y])
+    u, v = np.linalg.solve(roi.turn * roi.size, np.array(edge) - np.array([roi.x, roi.y]))
     assert u == pytest.approx(0.0, abs=1e-9)
     assert v < 0  # above the middle
 

@@ -68,6 +68,19 @@ def test_an_empty_room_and_an_unseen_one_are_told_apart() -> None:
     assert not read(people=[], sees_room=False).sees_room
 
 
+def test_the_error_of_a_place_is_in_metres_whatever_the_unit_is() -> None:
+    people = [{"id": 0, "joints": {}, "error_m": 0.4}, {"id": 1, "joints": {}}]
+    assert [p.error_m for p in read(units="mm", people=people).people] == [0.4, 0.0]
+    sent = read(people=[{"id": 0, "joints": {"head": [1, 2, 3]}, "error_m": 20}])
+    assert [p.error_m for p in sent.in_room(np.diag([2.0, 2.0, 2.0, 1.0])).people] == [20.0]
+
+
+@pytest.mark.parametrize("error_m", [-0.1, 20.1, "0.4", None, True, [0.4]])
+def test_an_error_that_can_be_none_is_refused(error_m: Any) -> None:
+    with pytest.raises(SceneJsonError, match="error_m"):
+        read(people=[{"id": 0, "joints": {}, "error_m": error_m}])
+
+
 def test_millimetres_of_a_camera() -> None:
     """A camera's z is forward, its x right, its y down: 3 m ahead, 1 m to the right, 2 m up."""
     people = [{"id": 0, "joints": {"head": [1000, -2000, 3000]}}]

@@ -1,6 +1,7 @@
 """Scenes to datagrams and back; two implementations; what is damaged or forged is refused."""
 
 import re
+import zlib
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -31,7 +32,7 @@ from tests.hri_drivers.sources.scene_streaming import (
     scene,
 )
 
-COORDINATE = st.floats(-1000, 1000, width=32)
+ERROR_M = st.just(0.0) | st.floats(0, 20, width=32)
 
 
 @st.composite
@@ -44,7 +45,7 @@ def scenes(draw: st.DrawFn) -> tuple[SentScene, int]:
         observed = rng.random(joints) < 0.8
         positions = rng.normal(size=(joints, 3)).astype(np.float32).astype(np.float64)
         positions[~observed] = np.nan
-        people.append(SentPerson(number, positions, observed))
+        people.append(SentPerson(number, positions, observed, draw(ERROR_M)))
     stamp, sequence = draw(st.integers(-(2**63), 2**63 - 1)), draw(st.integers(0, 2**63 - 1))
     return SentScene(
         stamp_ns=stamp, sequence=sequence, sees_room=draw(st.booleans()), people=tuple(people)
@@ -70,8 +71,16 @@ def test_the_copied_sender_writes_the_same_bytes(key, tmp_path):
     sender = module.SceneSender("127.0.0.1", 9, names(40), file if key else None)
     for people in range(5):
         mine = scene(people, people, 40)
-        positions = [(p.id, [*p.positions[:-1], None]) for p in mine.people]
-        last = [SentPerson(p.id, p.positions, np.array([True] * 39 + [False])) for p in mine.people]
+        errors = [()] * people if people % 2 else [(0.3 * i,) for i in range(people)]
+        positions = [
+            (p.id, [*p.positions[:-1], None], *error)
+            for p, error in zip(mine.people, errors, strict=True)
+        ]
+        seen = np.array([True] * 39 + [False])
+        last = [
+            SentPerson(p.id, p.positions, seen, *error)
+            for p, error in zip(mine.people, errors, strict=True)
+        ]
         hidden = SentScene(
             stamp_ns=UTC,
             sequence=people,
@@ -90,14 +99,15 @@ def test_four_people_of_25_joints_fit_one_datagram():
 def test_the_worked_examples():
     text = (ROOT / "drivers" / "SCENE_STREAM.md").read_text(encoding="utf-8")
     examples = [bytes.fromhex(h) for h in re.findall(r"```hex\n(.*?)```", text, re.DOTALL)]
-    assert [len(e) for e in examples] == [71, 83]
-    for data, key in zip(examples, (None, KEY), strict=True):
+    assert [len(e) for e in examples] == [71, 75, 83]
+    keys, errors_m = (None, None, KEY), (0.0, np.float32(0.4), 0.0)
+    for data, key, error_m in zip(examples, keys, errors_m, strict=True):
         header, body = open_datagram(data, key)
         assert (header.session, header.stamp_ns) == (UTC, UTC + 1_400_000_000)
         found = decode_body(header, body)
         assert (found.sequence, found.sees_room) == (41, True)
         (seen,) = found.people
-        assert seen.id == 7
+        assert (seen.id, seen.error_m) == (7, error_m)
         assert seen.observed.tolist() == [True, False]
         assert seen.positions[0].tolist() == [0.5, -0.25, 1.0]
         assert encode(found, ["l_wrist", "r_wrist"], key) == [data]
@@ -152,6 +162,47 @@ def test_a_joint_that_is_observed_and_no_number_is_refused(value):
     with pytest.raises(Refused, match="not a number") as caught:
         decode_body(header, body)
     assert caught.value.counter == "malformed"
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -0.001, 20.001, 3e38])
+def test_an_error_that_can_be_none_is_refused(value):
+    everybody = (person(1, 4), replace(person(2, 4), error_m=value))
+    (data,) = encode(
+        SentScene(stamp_ns=UTC, sequence=0, sees_room=True, people=everybody), names(4)
+    )
+    header, body = open_datagram(data)
+    with pytest.raises(Refused, match="send 0 to 20") as caught:
+        decode_body(header, body)
+    assert caught.value.counter == "malformed"
+
+
+def test_the_flag_of_errors_is_set_only_where_there_is_one():
+    """So a node that does not know it refuses the scene, and takes all others."""
+    exact = scene(0, 2)
+    (without,) = encode(exact, names(4))
+    one, other = exact.people
+    (stated,) = encode(replace(exact, people=(one, replace(other, error_m=0.25))), names(4))
+    assert (without[5], stated[5]) == (0x01, 0x05)
+    assert len(stated) == len(without) + 2 * 4
+    with pytest.raises(Refused, match="length does not fit"):
+        opened(without, flags=0x05)
+    with pytest.raises(Refused, match="length does not fit"):
+        opened(stated, flags=0x01)
+
+
+def opened(data: bytes, *, flags: int) -> None:
+    """A datagram with other flags, and the tag that fits."""
+    changed = data[:5] + bytes([flags]) + data[6:-4]
+    open_datagram(changed + zlib.crc32(changed).to_bytes(4, "little"))
+
+
+@pytest.mark.parametrize("error_m", [-1, 20.5, float("nan"), float("inf")])
+def test_the_copied_sender_refuses_an_error_that_can_be_none(error_m):
+    sender = hri_sender().SceneSender("127.0.0.1", 9, ["head"])
+    with pytest.raises(ValueError, match=r"person 3: error .* give 0 to 20"):
+        sender.encode([(3, [None], error_m)], True, UTC)
+    assert sender.sequence == 0
+    sender.close()
 
 
 @pytest.mark.parametrize("keys", [(None, KEY), (KEY, None)])

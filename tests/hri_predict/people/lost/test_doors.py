@@ -20,13 +20,13 @@ SILL = Exit(polygon=DOOR.polygon, out=[[5.0, -0.5], [5.0, 0.5]])
 HZ = 25.0
 
 
-def walked(make_room, places, door=DOOR, hidden=None):
+def walked(make_room, places, door=DOOR, hidden=None, error_m=0.0):
     """Somebody is seen at these places in turn, then not any more."""
     room = make_room(latency=0, exits=[door])
     for i, place in enumerate(places):
         x, y = place if np.ndim(place) else (place, 0.0)
         observed = ALL if hidden is None else ~hidden(i, len(places))
-        room.see(Person(1, SHAPE + np.array([x, y, 0.0]), observed))
+        room.see(Person(1, SHAPE + np.array([x, y, 0.0]), observed, error_m=error_m))
     return room.see(times=10)
 
 
@@ -113,6 +113,23 @@ def test_where_a_line_is_named_that_alone_leads_out(make_room):
     assert len(walked(make_room, line([2.0, 0.8], [5.2, 0.8]), SILL).lost) == 1  # beside it
     assert len(walked(make_room, line([4.5, -3.0], [4.5, 1.2]), SILL).lost) == 1
     assert walked(make_room, line([4.5, -3.0], [4.5, 1.2])).lost == ()  # without it, any side
+
+
+@pytest.mark.parametrize(
+    ("error_m", "until", "aside", "has_left"),
+    [
+        (0.0, 5.3, 0.0, True),
+        (0.1, 5.3, 0.0, True),
+        (0.25, 5.3, 0.0, False),  # the true place may be 5.05: in the exit
+        (0.25, 5.45, 0.0, True),
+        (0.25, 5.45, 0.2, True),
+        (0.25, 5.45, 0.4, False),  # the way may lead past the exit's end, which is at 0.5
+        (20.0, 5.45, 0.0, False),
+    ],
+)
+def test_who_may_still_be_here_has_not_left(make_room, error_m, until, aside, has_left):
+    places = line([2.0, aside], [until, aside])
+    assert bool(walked(make_room, places, SILL, error_m=error_m).lost) is not has_left
 
 
 def test_without_an_exit_nobody_has_left(make_room):

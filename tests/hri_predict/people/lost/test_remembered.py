@@ -21,6 +21,15 @@ def test_lost_people_come_back_as_old_and_as_fast_as_they_are():
     assert again["positions"] == PLACES
 
 
+def test_the_error_of_a_place_is_remembered_and_one_of_0_leaves_the_data_as_they_were():
+    (lost,) = lost_from_data([DATA[0] | {"error_m": 0.75}], 10**10)
+    assert lost.error_m == 0.75
+    assert lost_as_data([lost], 10**10)[0]["error_m"] == 0.75
+    (exact,) = lost_from_data(DATA, 10**10)
+    assert exact.error_m == 0.0
+    assert lost_as_data([exact], 10**10)[0].keys() == DATA[0].keys()
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -32,6 +41,9 @@ def test_lost_people_come_back_as_old_and_as_fast_as_they_are():
         {"speed_m_s": None},
         {"speed_m_s": -1.0},
         {"speed_m_s": float("nan")},
+        {"error_m": -1.0},
+        {"error_m": float("nan")},
+        {"error_m": 21.0},
     ],
     ids=str,
 )

@@ -21,7 +21,7 @@ def body(positions, observed):
 
 @given(a=PLACES, b=PLACES, seen_a=MASKS, seen_b=MASKS, limit_m=st.floats(0.05, 0.4))
 def test_each_joint_is_one_sensors_own_and_never_a_contradicted_one(a, b, seen_a, seen_b, limit_m):
-    positions, observed, disputed = merged(0, {0: body(a, seen_a), 1: body(b, seen_b)}, limit_m)
+    positions, observed, disputed, _ = merged(0, {0: body(a, seen_a), 1: body(b, seen_b)}, limit_m)
     far = seen_a & seen_b & (np.linalg.norm(a - b, axis=1) > limit_m)
     near_limit = np.isclose(np.linalg.norm(a - b, axis=1), limit_m)
     assert np.array_equal(observed, (seen_a | seen_b) & ~far) or near_limit.any()
@@ -29,6 +29,18 @@ def test_each_joint_is_one_sensors_own_and_never_a_contradicted_one(a, b, seen_a
     want = np.where(seen_a[:, None], a, b)
     assert np.array_equal(positions[observed], want[observed])
     assert not positions[~observed].any()
+
+
+@pytest.mark.parametrize(
+    ("seen_first", "seen_second", "error_m"),
+    [(slice(None), slice(None), 0.2), (slice(2, None), slice(None), 0.9)],
+)
+def test_the_error_is_that_of_the_worst_sensor_that_gives_a_joint(seen_first, seen_second, error_m):
+    first, second = np.zeros((2, J), np.bool_)
+    first[seen_first], second[seen_second] = True, True
+    places = np.ones((J, 3))
+    seen = {0: Body(1, places, first, 0.2), 1: Body(4, places, second, 0.9)}
+    assert merged(0, seen, 0.3).error_m == error_m
 
 
 def test_the_leading_sensor_stays_until_another_sees_clearly_more():

@@ -40,7 +40,7 @@ def scene(k: int, people: int = 1, sees_room: bool = True) -> Scene:
     for i in range(people):
         observed = rng.random(JOINTS) < 0.8
         positions = np.where(observed[:, None], rng.normal(size=(JOINTS, 3)), np.nan)
-        found.append(Person(10 + i, positions, observed))
+        found.append(Person(10 + i, positions, observed, error_m=0.5 * (k % 3)))
     return Scene(1_000_000 * k + 17, 3 * k, sees_room, tuple(found))
 
 

@@ -39,6 +39,7 @@ def _same(a: Scene, b: Scene) -> None:
     for p, q in zip(a.people, b.people, strict=True):
         np.testing.assert_array_equal(p.positions, q.positions)  # exactly, and NaN where NaN
         np.testing.assert_array_equal(p.observed, q.observed)
+        np.testing.assert_array_equal(p.error_m, q.error_m)
 
 
 def _messages(path: Path, valid: bool = False) -> dict[str, list[Any]]:
@@ -165,6 +166,16 @@ def test_scenes_go_through_json_exactly(numbers, stamp, sees_room) -> None:
     back, receipt = scene_from_dict(json.loads(to_json(scene_to_dict(scene, stamp + 1))), joints=2)
     assert receipt == stamp + 1
     _same(back, scene)
+
+
+@pytest.mark.parametrize("absurd", [np.nan, np.inf, -0.5, 21.0, "much"])
+def test_an_absurd_error_is_absurd_again(absurd: Any) -> None:
+    person = Person(1, np.zeros((2, 3)), np.ones(2, bool), error_m=absurd)
+    data = json.loads(to_json(scene_to_dict(Scene(0, 0, True, (person,)), 1)))
+    back, _ = scene_from_dict(data, joints=2)
+    assert np.isnan(back.people[0].error_m)
+    data["people"][0]["error_m"] = absurd  # as a program of others may write it
+    assert np.isnan(scene_from_dict(data, joints=2)[0].people[0].error_m)
 
 
 def test_a_cut_file_gives_what_is_before_the_cut_and_says_so(tmp_path: Path) -> None:

@@ -1,0 +1,147 @@
+"""A person's place by a depth picture: the depth at each joint's pixel.
+
+A pixel at the edge of a limb may show the wall behind it, so the nearer surface of a small patch
+counts. What stands before the person then lies on the way to the joint, and is found by the bones:
+a joint farther from its neighbours than a bone can be was not measured.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from hri_drivers.camera.place.bones import Bones, bones_of
+from hri_drivers.camera.place.camera import Camera
+from hri_drivers.camera.place.placed import (
+    FARTHEST_M,
+    MIN_VISIBILITY,
+    NEAREST_M,
+    Placed,
+    Unplaced,
+)
+from hri_drivers.camera.seen import Float32, Seen
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
+
+PATCH = 0.006
+"""Half the side of a patch, as a share of the focal length: 2 cm on a person 3 m away."""
+SHORTEST_M = 0.15
+"""Depth cameras measure nothing nearer."""
+MIN_VALID = 0.3
+"""A patch with a smaller share of measured pixels has no depth."""
+NEAR_SHARE = 0.1
+"""The nearer surface covers at least this share of a patch; less are pixels between surfaces."""
+THICK_M = 0.12
+"""Depths of one surface within a patch."""
+SKIN_M = 0.06
+"""From the skin, which is measured, to the joint; trunks have more, wrists less."""
+MAX_STATURE_M = 2.1
+LOOSE = 1.3
+"""Allowance for a bone's length: proportions, and the errors of both ends."""
+REACH_M = 1.3
+"""From the middle of a body to its farthest joint along the ray."""
+MIN_JOINTS = 4
+ERROR_M = 0.08
+"""99 % bound near by: SKIN_M is not everywhere the same."""
+ERROR_SHARE = 0.02
+"""And of the distance: "less than 2 % at 2 m" (Intel RealSense D400 data sheet, depth accuracy)."""
+
+
+def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unplaced:
+    """Place a person by the depth at the pixels of the joints.
+
+    Args:
+        seen: the person; landmarks in metres are not needed.
+        depth: (H, W) metres along the optical axis, aligned with the colour picture; 0 or NaN
+            where not measured.
+        camera: of pictures of this size.
+
+    Raises:
+        ConfigError: the depth picture has another size than the colour picture.
+    """
+    if depth.shape != (camera.size[1], camera.size[0]):
+        raise ConfigError(
+            f"the depth picture is {depth.shape[1]} x {depth.shape[0]} and the colour picture "
+            f"{camera.size[0]} x {camera.size[1]}: align the depth with the colour first"
+        )
+    rays = camera.rays(seen.pixels)
+    visible = (seen.visibility >= MIN_VISIBILITY) & camera.inside(seen.pixels)
+    radius = max(1, round(PATCH * float(camera.matrix[0, 0])))
+    depths = np.array(
+        [
+            _surface(_patch(depth, pixel, radius)) if known else np.nan
+            for pixel, known in zip(seen.pixels, visible, strict=True)
+        ]
+    )
+    depths += SKIN_M
+    points = np.column_stack([rays, np.ones(len(rays))]) * depths[:, None]
+    known = np.isfinite(points).all(axis=1)
+    if known.any():
+        known &= np.abs(depths - np.median(depths[known])) <= REACH_M
+        known = _whole(points, known, bones_of(seen.layout))
+    if np.count_nonzero(known) < MIN_JOINTS:
+        return Unplaced("too few joints with depth")
+    middle = np.median(points[known], axis=0)
+    distance = float(np.linalg.norm(middle))
+    if not NEAREST_M <= distance <= FARTHEST_M:
+        return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
+    aside = camera.focal_error * math.hypot(middle[0], middle[1])
+    error_m = math.hypot(ERROR_M, ERROR_SHARE * distance) + aside
+    return Placed(np.where(known[:, None], points, np.nan), known, error_m)
+
+
+def read_depth(path: Path) -> Float32:
+    """Return a depth picture from a PNG of 16 bits and one channel, millimetres; NaN where it is 0.
+
+    Raises:
+        ConfigError: the file is missing, or is not such a picture.
+    """
+    import cv2
+
+    data = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if data is None:
+        raise ConfigError(f"{path}: missing, or not a picture")
+    if data.dtype != np.uint16 or data.ndim != 2:
+        raise ConfigError(
+            f"{path}: not a depth picture; a PNG of 16 bits and one channel, in millimetres, is"
+        )
+    return np.where(data > 0, data * np.float32(0.001), np.float32(np.nan)).astype(np.float32)
+
+
+def _patch(depth: Float32, pixel: Floats, radius: int) -> Floats:
+    """Return the depths around a pixel of the picture, flat."""
+    x, y = (round(float(v)) for v in pixel)
+    part = depth[max(y - radius, 0) : y + radius + 1, max(x - radius, 0) : x + radius + 1]
+    return part.astype(np.float64).ravel()
+
+
+def _surface(values: Floats) -> float:
+    """Return the depth of the nearest surface in a patch; NaN if there is none."""
+    valid = np.sort(values[(values >= SHORTEST_M) & (values <= FARTHEST_M)])
+    if len(valid) < max(1, MIN_VALID * len(values)):
+        return float("nan")
+    ends = np.searchsorted(valid, valid + THICK_M, side="right")
+    large = np.flatnonzero(ends - np.arange(len(valid)) >= NEAR_SHARE * len(valid))
+    if not len(large):
+        return float("nan")
+    first = int(large[0])
+    return float(np.median(valid[first : ends[first]]))
+
+
+def _whole(points: Floats, known: Bools, bones: Bones) -> Bools:
+    """Return the joints that are left when no bone is longer than a bone can be.
+
+    Of a bone that is, the end goes whose depth differs more from that of the body.
+    """
+    known = known.copy()
+    longest = bones.shares * MAX_STATURE_M * LOOSE
+    while True:
+        lengths = np.where(known[bones.ends].all(axis=1), bones.lengths(points), 0.0)
+        excess = lengths - longest
+        worst = int(excess.argmax())
+        if excess[worst] <= 0:
+            return known
+        first, second = bones.ends[worst]
+        depth = points[:, 2]
+        middle = np.median(depth[known])
+        known[first if abs(depth[first] - middle) > abs(depth[second] - middle) else second] = False

@@ -1,0 +1,109 @@
+"""Depth pictures: the joints' depth, what stands behind and before them, and missing pixels."""
+
+import numpy as np
+import pytest
+
+from hri_drivers.camera.place.by_depth import SKIN_M, place_by_depth, read_depth
+from hri_drivers.camera.place.camera import guessed_camera
+from hri_drivers.camera.place.placed import Placed, Unplaced
+from hri_drivers.camera.seen import Seen
+from hri_predict.base.errors import ConfigError
+from tests.hri_drivers.camera.place.bodies import JOINTS, person
+
+CAMERA = guessed_camera(640, 480, 60)
+WALL_M = 4.5
+PLACE = np.array([0.2, 0.0, 2.8])
+
+
+def picture(half=5):
+    """Return a person and his depth: at each joint a square of the skin, before a wall."""
+    body = person() + PLACE
+    pixels = CAMERA.project(body)
+    depth = np.full((480, 640), WALL_M, np.float32)
+    for (x, y), metres in sorted(zip(np.rint(pixels).astype(int).tolist(), body[:, 2], strict=True),
+                                 key=lambda item: -item[1]):  # fmt: skip
+        depth[max(y - half, 0) : y + half + 1, x - half : x + half + 1] = metres - SKIN_M
+    return Seen(1, "mediapipe33", pixels, np.ones(33), None), depth
+
+
+def off_m(found, joint):
+    """Return how far a joint is from the truth; the squares of neighbours overlap by 10 cm."""
+    assert isinstance(found, Placed)
+    number = JOINTS.index(joint)
+    assert found.observed[number]
+    return float(np.linalg.norm(found.positions[number] - (person()[number] + PLACE)))
+
+
+@pytest.mark.parametrize("joint", ["left_knee", "right_wrist", "left_shoulder", "right_ankle"])
+def test_joints_are_behind_the_skin_that_is_measured(joint):
+    seen, depth = picture()
+    found = place_by_depth(seen, depth, CAMERA)
+    assert off_m(found, joint) < 0.15  # fingers before the wrist are 0.1 m nearer
+    assert isinstance(found, Placed)
+    assert 0.08 < found.error_m < 0.3
+
+
+def test_the_wall_behind_a_thin_limb_does_not_count():
+    seen, depth = picture(half=1)  # 9 of 49 pixels are the limb's
+    found = place_by_depth(seen, depth, CAMERA)
+    assert off_m(found, "left_knee") < 0.15
+
+
+def test_a_joint_whose_pixel_is_on_the_wall_is_not_observed():
+    seen, depth = picture()
+    knee = JOINTS.index("left_knee")
+    x, y = np.rint(seen.pixels[knee]).astype(int)
+    depth[y - 8 : y + 9, x - 8 : x + 9] = WALL_M
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[knee]
+    assert found.observed[JOINTS.index("right_knee")]
+
+
+def test_what_stands_before_a_joint_is_not_the_joint():
+    seen, depth = picture()
+    elbow = JOINTS.index("left_elbow")
+    x, y = np.rint(seen.pixels[elbow]).astype(int)
+    depth[y - 8 : y + 9, x - 8 : x + 9] = 1.8  # a robot's arm
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[elbow]
+
+
+@pytest.mark.parametrize("missing", [0.0, np.nan, np.inf, -1.0, 99.0])
+def test_missing_depth_is_not_a_place(missing):
+    seen, depth = picture()
+    hip = JOINTS.index("left_hip")
+    x, y = np.rint(seen.pixels[hip]).astype(int)
+    depth[y - 8 : y + 9, x - 8 : x + 9] = missing
+    found = place_by_depth(seen, depth, CAMERA)
+    assert isinstance(found, Placed)
+    assert not found.observed[hip]
+    assert isinstance(place_by_depth(seen, np.full_like(depth, missing), CAMERA), Unplaced)
+
+
+def test_a_patch_of_many_depths_has_no_surface():
+    seen, depth = picture()
+    noise = np.random.default_rng(1).uniform(0.2, 14, depth.shape).astype(np.float32)
+    found = place_by_depth(seen, noise, CAMERA)
+    assert isinstance(found, Unplaced) or np.count_nonzero(found.observed) < 33
+
+
+def test_a_depth_picture_of_another_size_is_refused():
+    seen, depth = picture()
+    with pytest.raises(ConfigError, match="align"):
+        place_by_depth(seen, depth[:240], CAMERA)
+
+
+def test_depth_files_are_millimetres(tmp_path):
+    cv2 = pytest.importorskip("cv2", reason="pip install 'hri-predict[camera]'")
+    path = tmp_path / "depth.png"
+    cv2.imwrite(str(path), np.array([[0, 1500], [65535, 2]], np.uint16))
+    np.testing.assert_allclose(read_depth(path), [[np.nan, 1.5], [65.535, 0.002]], rtol=1e-6)
+    for bad in (np.zeros((2, 2), np.uint8), np.zeros((2, 2, 3), np.uint16)):
+        cv2.imwrite(str(path), bad)
+        with pytest.raises(ConfigError, match="16 bits"):
+            read_depth(path)
+    path.write_bytes(b"not a picture")
+    with pytest.raises(ConfigError, match="not a picture"):
+        read_depth(path)

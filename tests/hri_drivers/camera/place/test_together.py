@@ -1,0 +1,146 @@
+"""Two and more cameras: triangulated joints, and who is who."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hri_drivers.camera.place.camera import OPTICAL_FROM_REP103, Camera, guessed_camera
+from hri_drivers.camera.place.placed import Placed, Unplaced
+from hri_drivers.camera.place.together import APART_NS, View, place_together
+from hri_drivers.camera.seen import Seen
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.geometry import transform
+from hri_predict.base.settings import Pose
+from tests.hri_drivers.camera.place.bodies import JOINTS, person
+
+EXACT_M = 1e-6  # rounding of metres, divided by the smallest angle between rays
+
+
+def camera(x, y, turned_deg):
+    """Return a calibrated camera 1.5 m above the floor that looks along ``turned_deg``."""
+    half = math.radians(turned_deg) / 2
+    pose = Pose(xyz=[x, y, 1.5], quaternion_xyzw=[0.0, 0.0, math.sin(half), math.cos(half)])
+    return replace(guessed_camera(1280, 960, 80), focal_error=0.005, pose=pose)
+
+
+LEFT, RIGHT, BEHIND = camera(0, 0, 20), camera(0, 3, -40), camera(6, 1, 180)
+
+
+def standing(x, y):
+    """Return the joints (33, 3) of a person in the room, who faces the cameras."""
+    return person() @ OPTICAL_FROM_REP103 + [x, y, 0.9]
+
+
+def seen(of: Camera, bodies, noise=0.0, seed=0):
+    random = np.random.default_rng(seed)
+    from_room = np.asarray(np.linalg.inv(of.room_from_optical()), np.float64)
+    people = []
+    for number, body in enumerate(bodies):
+        pixels = of.project(transform(from_room, body))
+        pixels += random.normal(0, noise, pixels.shape) if noise else 0
+        people.append(Seen(number, "mediapipe33", pixels, np.ones(len(body)), None))
+    return tuple(people)
+
+
+def views(bodies, cameras=(LEFT, RIGHT), **how):
+    return [
+        View(of, 1_000, seen(of, bodies, seed=number, **how)) for number, of in enumerate(cameras)
+    ]
+
+
+def room(of: Camera, placed):
+    assert isinstance(placed, Placed)
+    return transform(of.room_from_optical(), placed.positions[placed.observed])
+
+
+def ids(together):
+    return {person.id for person in together.seen if person}
+
+
+@pytest.mark.parametrize("cameras", [(LEFT, RIGHT), (RIGHT, LEFT, BEHIND)])
+def test_each_person_is_placed_once_where_the_rays_meet(cameras):
+    bodies = [standing(2.8, 1.2), standing(3.4, 2.0)]
+    found = place_together(views(bodies, cameras))
+    assert len(found) == 2
+    for each in found:
+        assert isinstance(each.placed, Placed)
+        (number,) = ids(each)
+        np.testing.assert_allclose(
+            room(cameras[0], each.placed), bodies[number][each.placed.observed], atol=EXACT_M
+        )
+
+
+def test_the_stated_error_holds_that_of_noisy_pixels():
+    body = standing(3, 1.5)
+    for seed in range(20):
+        noisy = [
+            View(of, 0, seen(of, [body], 5.0, 2 * seed + i)) for i, of in enumerate((LEFT, RIGHT))
+        ]
+        (found,) = place_together(noisy)
+        assert isinstance(found.placed, Placed)
+        off = np.median(room(LEFT, found.placed) - body[found.placed.observed], axis=0)
+        assert np.linalg.norm(off) < found.placed.error_m < 0.5
+
+
+def test_a_joint_on_which_the_cameras_disagree_is_not_observed():
+    both = views([standing(3, 1.5)])
+    wrist = JOINTS.index("left_wrist")
+    both[1].seen[0].pixels[wrist] += [0, 120]
+    (found,) = place_together(both)
+    assert isinstance(found.placed, Placed)
+    assert np.flatnonzero(~found.placed.observed).tolist() == [wrist]
+
+
+def test_of_three_cameras_one_may_be_wrong_about_a_joint():
+    three = views([standing(3, 1.5)], (LEFT, RIGHT, BEHIND))
+    three[2].seen[0].pixels[JOINTS.index("left_wrist")] += [0, 120]
+    (found,) = place_together(three)
+    assert isinstance(found.placed, Placed)
+    assert found.placed.observed.all()
+
+
+def test_a_person_in_one_picture_only_is_reported_and_not_placed():
+    one = views([standing(3, 1.5)])
+    one[1] = replace(one[1], seen=())
+    (found,) = place_together(one)
+    assert found.placed == Unplaced("seen by one camera only")
+    assert found.seen[0] is one[0].seen[0]
+    assert found.seen[1] is None
+
+
+def test_other_people_in_each_picture_are_not_joined():
+    one, other = views([standing(2.5, 1)]), views([standing(4.5, 2.5)])
+    found = place_together([one[0], other[1]])
+    assert [type(each.placed) for each in found] == [Unplaced, Unplaced]
+
+
+def test_people_behind_each_other_for_nearly_parallel_cameras_are_doubtful_not_swapped():
+    near, far = camera(0, 0, 0), camera(0, 0.3, 0)
+    bodies = [standing(3.0, 0.1), standing(3.0, 0.14)]
+    for each in place_together(views(bodies, (near, far), noise=3.0)):
+        if isinstance(each.placed, Placed):
+            assert len(ids(each)) == 1
+        else:
+            assert each.placed.why
+
+
+def test_pictures_of_two_moments_are_not_joined():
+    late = views([standing(3, 1.5)])
+    late[1] = replace(late[1], exposed_ns=1_000 + APART_NS + 1)
+    found = place_together(late)
+    assert [each.placed for each in found] == [Unplaced("pictures are not of one moment")] * 2
+
+
+def test_rays_that_are_nearly_parallel_place_no_person():
+    found = place_together(views([standing(4, 0)], (camera(0, 0, 0), camera(0, 0.05, 0))))
+    assert all(isinstance(each.placed, Unplaced) for each in found)
+
+
+def test_a_single_camera_and_one_without_a_pose_are_refused():
+    one = views([standing(3, 1.5)])
+    with pytest.raises(ConfigError, match="two or more"):
+        place_together(one[:1])
+    with pytest.raises(ConfigError, match="no pose"):
+        place_together([one[0], replace(one[1], camera=guessed_camera(1280, 720))])

@@ -1,0 +1,208 @@
+"""Pictures of a camera, a video and files, with the times of their exposure."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hri_drivers.camera.seen import Image
+from hri_predict.base.errors import ConfigError, SourceError
+from tests.hri_drivers.camera.pictures import cv2, textured, write_video
+
+from hri_drivers.camera import images  # isort: skip
+from hri_drivers.camera.images import Webcam, checked, exposed, open_input  # isort: skip
+
+MS = 1_000_000
+SIZE = (640, 480)
+FAINT = 12.0
+"""Mean difference of grey values that Motion JPEG makes of such a picture; others differ by 60."""
+
+
+def opened(text, *, rate_hz=None, loop=False, latency_s=None):
+    return open_input(str(text), rate_hz=rate_hz, loop=loop, latency_s=latency_s, size=SIZE)
+
+
+def all_of(pictures, most=100):
+    found: list[Image] = []
+    while len(found) < most and (image := pictures.read()) is not None:
+        found.append(image)
+    pictures.close()
+    return found
+
+
+class Device:
+    """A ``cv2.VideoCapture`` that is told what it delivers."""
+
+    def __init__(self, present=True, stamp_ms=lambda: 0.0):
+        self.present, self.stamp_ms = present, stamp_ms
+        self.released = 0
+
+    def __call__(self, name):
+        self.name = name
+        return self
+
+    def isOpened(self):
+        return self.present
+
+    def read(self):
+        return self.present, textured() if self.present else None
+
+    def get(self, _):
+        return self.stamp_ms()
+
+    def set(self, *_):
+        return True
+
+    def release(self):
+        self.released += 1
+
+
+def webcam(device, latency_s=None):
+    return Webcam("0", rate_hz=None, latency_s=latency_s, size=SIZE, capture=device)
+
+
+@pytest.mark.parametrize(
+    ("device_ms", "expected"),
+    [
+        (9_980.0, 10**18 - 20 * MS),
+        (10_000.0, 10**18),
+        (10_001.0, None),  # of the future
+        (8_000.0, None),  # older than any camera's queue
+        (0.0, None),  # the backend knows none
+        (float("nan"), None),
+    ],
+)
+def test_a_device_stamp_counts_only_if_it_can_be_one_of_our_clock(device_ms, expected):
+    assert exposed(10**18, 10_000.0, device_ms) == expected
+
+
+@pytest.fixture
+def at_10_s(monkeypatch):
+    """The clocks stand: the monotonic one at 10 s, UTC at 10^18 ns."""
+    clock = SimpleNamespace(time_ns=lambda: 10**18, monotonic_ns=lambda: 10 * 10**9)
+    monkeypatch.setattr(images, "time", clock)
+
+
+def test_a_camera_with_time_stamps_is_believed(at_10_s):
+    camera = webcam(Device(stamp_ms=lambda: 9_800.0))
+    assert camera.read().exposed_ns == 10**18 - 200 * MS
+    assert camera.stamps == "the device's time stamps"
+
+
+@pytest.mark.parametrize(("latency_s", "late_ms"), [(None, 1000 * images.LATENCY_S), (0.2, 200)])
+def test_a_camera_without_time_stamps_counts_as_late(at_10_s, latency_s, late_ms):
+    camera = webcam(Device(), latency_s)
+    assert camera.read().exposed_ns == 10**18 - round(late_ms * MS)
+    assert f"{late_ms / 1000:g} s" in camera.stamps
+
+
+def test_a_stamp_that_stands_still_is_not_believed(at_10_s):
+    camera = webcam(Device(stamp_ms=lambda: 9_990.0))
+    camera.read()
+    camera.read()
+    assert camera.stamps.startswith("arrival less")
+
+
+def test_an_unplugged_camera_is_opened_again():
+    device = Device()
+    camera = webcam(device)
+    assert camera.read().number == 1
+    device.present = False
+    for _ in range(2):
+        with pytest.raises(SourceError, match="camera 0"):
+            camera.read()
+    assert device.released
+    device.present = True
+    assert camera.read().number == 2
+
+
+def test_a_camera_that_is_not_there_is_refused_in_one_line():
+    with pytest.raises(ConfigError, match="camera 0: cannot be opened; is it plugged in"):
+        webcam(Device(present=False))
+
+
+def test_a_video_plays_at_its_own_rate(tmp_path):
+    pictures = [textured(160, 120, seed=k) for k in range(4)]
+    path = write_video(tmp_path / "walk.avi", pictures, rate_hz=50)
+    found = all_of(opened(path))
+    assert [image.number for image in found] == [1, 2, 3, 4]
+    steps = np.diff([image.exposed_ns for image in found])
+    np.testing.assert_allclose(steps, 20 * MS, atol=MS)  # the file's times have milliseconds
+    for image, true in zip(found, pictures, strict=True):
+        assert np.abs(image.pixels.astype(float) - true).mean() < FAINT
+
+
+def test_the_rate_of_a_video_can_be_set(tmp_path):
+    path = write_video(tmp_path / "walk.avi", [textured(160, 120)] * 3, rate_hz=5)
+    steps = np.diff([image.exposed_ns for image in all_of(opened(path, rate_hz=100))])
+    np.testing.assert_allclose(steps, 10 * MS, atol=1000)  # rounding of seconds
+
+
+def test_a_video_can_begin_again(tmp_path):
+    pictures = [textured(160, 120, seed=k) for k in range(2)]
+    path = write_video(tmp_path / "walk.avi", pictures, rate_hz=100)
+    found = all_of(opened(path, loop=True), most=5)
+    np.testing.assert_allclose(np.diff([i.exposed_ns for i in found]), 10 * MS, atol=MS)
+    np.testing.assert_array_equal(found[0].pixels, found[4].pixels)
+
+
+def test_pictures_come_in_the_order_of_their_names(tmp_path):
+    for k in (2, 1):
+        cv2.imwrite(str(tmp_path / f"{k}.png"), textured(seed=k))
+    (tmp_path / "notes.txt").write_text("not a picture")
+    found = all_of(opened(tmp_path, rate_hz=1000))
+    assert [image.number for image in found] == [1, 2]
+    np.testing.assert_array_equal(found[0].pixels, textured(seed=1))
+
+
+def test_a_damaged_picture_is_an_interruption_not_the_end(tmp_path):
+    (tmp_path / "1.png").write_bytes(b"no picture")
+    cv2.imwrite(str(tmp_path / "2.png"), textured())
+    pictures = opened(tmp_path, rate_hz=1000)
+    with pytest.raises(SourceError, match=r"1\.png: cannot be read"):
+        pictures.read()
+    assert pictures.read() is not None
+    assert pictures.read() is None
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("missing.mp4", {}, "no such file"),
+        ("http://127.0.0.1/a.mp4", {}, "addresses are not opened"),
+        ("rtsp://127.0.0.1/a", {}, "addresses are not opened"),
+        ("text.mp4", {}, "not a video"),
+        ("empty", {}, "no pictures"),
+        ("missing.png", {}, "no such file"),
+        ("0", {"loop": True}, "--loop: has no effect"),
+        ("text.mp4", {"latency_s": 0.1}, "--latency: has no effect"),
+    ],
+)
+def test_what_cannot_be_opened_is_refused_in_one_line(
+    text, options, message, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "text.mp4").write_text("not a video")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ConfigError, match=message) as caught:
+        opened(text, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "pixels",
+    [
+        np.zeros((480, 640, 4), np.uint8),
+        np.zeros((480, 640, 3), np.uint16),
+        np.zeros((16, 640, 3), np.uint8),
+        np.zeros((1, 9000, 3), np.uint8),
+        np.zeros((3,), np.uint8),
+    ],
+)
+def test_pictures_of_another_kind_are_refused(pixels):
+    with pytest.raises(SourceError):
+        checked(pixels, "camera 0")
+
+
+def test_a_grey_picture_gets_three_channels():
+    assert checked(textured()[:, :, 0], "camera 0").shape == (480, 640, 3)

@@ -1,0 +1,169 @@
+"""From pictures to scenes: what the node is sent."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hri_predict.base.errors import SourceError
+from tests.hri_drivers.camera.pictures import Script, body, found, image
+
+from hri_drivers.camera.network.found import Finding  # isort: skip
+from hri_drivers.camera.newest import Newest  # isort: skip
+from hri_drivers.camera.pipeline import Pipeline  # isort: skip
+from hri_drivers.sources.sent import SentPerson  # isort: skip
+
+MS = 1_000_000
+
+
+class Given:
+    """An input of given results, then its end."""
+
+    waits, stamps = True, "the test's"
+
+    def __init__(self, *results):
+        self._results = list(results)
+
+    def read(self):
+        result = self._results.pop(0) if self._results else None
+        if isinstance(result, Exception):
+            raise result
+        return result
+
+    def close(self):
+        pass
+
+
+class Sent:
+    """A sender that keeps what it is given."""
+
+    scenes = unsent = 0
+
+    def __init__(self):
+        self.kept = []
+
+    def send(self, people, *, sees_room, stamp_ns, missed=0):
+        self.kept.append((people, sees_room, stamp_ns, missed))
+
+    @property
+    def views(self):
+        return [(len(people), sees_room) for people, sees_room, _, _ in self.kept]
+
+
+class Where:
+    """A placer that knows each place, or none."""
+
+    def __init__(self, knows=True):
+        self.unplaced, self._knows = {}, knows
+
+    def place(self, seen, image):
+        joints = len(seen.pixels)
+        return SentPerson(seen.id, np.zeros((joints, 3)), np.full(joints, self._knows))
+
+
+def one(x=320.0):
+    return Finding((found(body(x)),))
+
+
+def pipeline(findings, *, inputs=(), knows=True, max_hz=None):
+    sent: Any = Sent()
+    placer: Any = Where(knows)
+    newest = Newest(Given(*inputs))
+    return Pipeline(newest, Script(findings), placer, sender=sent, max_hz=max_hz), sent
+
+
+def test_a_person_in_a_good_picture_is_sent_with_the_time_of_the_exposure():
+    line, sent = pipeline([one()])
+    line.take(image(1, 7_000))
+    ((people, sees_room, stamp_ns, _),) = sent.kept
+    assert [person.id for person in people] == [1]
+    assert (sees_room, stamp_ns) == (True, 7_000)
+
+
+def test_a_picture_without_a_person_is_not_an_empty_room():
+    line, sent = pipeline([Finding(())])
+    line.take(image())
+    assert sent.views == [(0, False)]
+    assert line.summary()["without_view"] == {"no person in the picture": 1}
+
+
+def test_people_beyond_those_followed_are_not_left_out_silently():
+    line, sent = pipeline([Finding((found(body()),), is_whole=False)])
+    line.take(image())
+    assert sent.views == [(1, False)]
+
+
+def test_a_person_without_a_place_is_still_in_the_scene():
+    line, sent = pipeline([one()], knows=False)
+    line.take(image())
+    (person,) = sent.kept[0][0]
+    assert not person.observed.any()
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_a_picture_that_shows_nothing_is_not_looked_at(value, capsys):
+    line, sent = pipeline([one(), one()])
+    line.take(image(1, 0, np.full((480, 640, 3), value, np.uint8)))
+    line.take(image(2, 33 * MS, np.full((480, 640, 3), value, np.uint8)))
+    line.take(image(3, 66 * MS))
+    assert sent.views == [(0, False), (0, False), (1, True)]
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2  # each change once
+    assert "the room is not seen" in said[0]
+    assert "good again" in said[1]
+
+
+def test_a_frozen_camera_sees_nothing():
+    line, sent = pipeline([one()] * 9)
+    for k in range(9):
+        line.take(image(1, 100 * k * MS, image(1).pixels))
+    assert sent.views == [(1, True)] * 5 + [(0, False)] * 4
+
+
+def test_a_maximum_rate_leaves_pictures_out_and_counts_them():
+    line, sent = pipeline([one()] * 30, max_hz=15)
+    for k in range(30):
+        line.take(image(k + 1, round(1e9 * (5 + k / 30))))
+    assert len(sent.kept) == 15
+    assert line.summary()["skipped"] == 15
+
+
+class Unplugged(Given):
+    """A camera that is gone until the node was sent a scene, and then delivers one picture."""
+
+    def __init__(self, sent):
+        super().__init__(image(1))
+        self._sent = sent
+
+    def read(self):
+        if not self._sent.kept:
+            raise SourceError("camera 0: it is gone")
+        return super().read()
+
+
+def test_an_unplugged_camera_is_reported_to_the_node():
+    sent: Any = Sent()
+    placer: Any = Where()
+    line = Pipeline(Newest(Unplugged(sent)), Script([one()]), placer, sender=sent)
+    line.run()
+    assert sent.views[0] == (0, False)
+    assert sent.views[-1] == (1, True)
+    assert line.summary()["interruptions"] >= 1
+    assert line.summary()["without_view"]["camera 0: it is gone"] == len(sent.kept) - 1
+
+
+def test_once_is_one_picture():
+    line, sent = pipeline([one()], inputs=[image(k) for k in range(1, 5)])
+    line.run(once=True)
+    line.close()
+    assert len(sent.kept) == 1
+
+
+def test_the_summary_says_how_old_scenes_were():
+    import time
+
+    line, _ = pipeline([one()] * 3)
+    for k in range(3):
+        line.take(image(k + 1, time.time_ns() - 80 * MS))
+    latency = line.summary()["latency_ms"]
+    assert 80 <= latency["p50"] <= latency["p99"]
