@@ -19,7 +19,7 @@ from hri_predict.cli.tryout.cell import Place, place_of, with_camera, with_perso
 from hri_predict.run.session import Options
 from hri_predict.viewing.feed import Feed, check_viser
 
-BESIDE_THE_VIEW = Place(2.0, 1.0)
+BESIDE_THE_VIEW = Place(3.0, -1.5)
 """The robot's place before a camera, which is at the room's origin and looks along x."""
 FIRST_CAMERA = "0"
 SLOWER = ["--max-fps", "15"]
