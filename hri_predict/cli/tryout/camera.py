@@ -56,7 +56,7 @@ class Camera:
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,  # a summary
             stderr=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the node, which ends this process in its turn
+            process_group=0,  # Ctrl-C is for the node, which ends this process in its turn
         )
         self._reader = threading.Thread(target=self._read, name="camera", daemon=True)
         self._reader.start()
