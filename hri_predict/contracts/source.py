@@ -120,9 +120,9 @@ class SourceSettings(Settings):
 
     @property
     def judges_bodies(self) -> bool:
-        """Whether the source judges by itself if bodies move as people do, on one floor.
+        """Whether the source itself judges if bodies move as people do, on one floor.
 
-        What it finds are doubts of its scenes.
+        Its scenes then carry the doubts.
         """
         return False
 

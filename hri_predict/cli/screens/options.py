@@ -91,7 +91,8 @@ def screens(
 
 def addresses(shown: Feed | None) -> str:
     """The screens' addresses, for the last line of the terminal."""
-    return "" if shown is None else "  ".join(f"{k}: {v}" for k, v in shown.addresses.items())
+    places = [] if shown is None else [f"{k}: {v}" for k, v in shown.addresses.items()]
+    return "  ".join([*places, "Ctrl-C ends it"] if places else [])
 
 
 def how_to_see() -> str:

@@ -24,6 +24,7 @@ def _end_with_input() -> None:
 
 
 if __name__ == "__main__":
+    os.nice(5)  # the node goes first
     threading.Thread(target=_end_with_input, name="input", daemon=True).start()
     sys.argv[0] = "hri-predict"
     main()

@@ -56,7 +56,7 @@ class Camera:
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,  # a summary
             stderr=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C is for the node, which ends this process in its turn
+            process_group=0,  # Ctrl-C is for the node, which ends this process in its turn
         )
         self._reader = threading.Thread(target=self._read, name="camera", daemon=True)
         self._reader.start()
@@ -76,12 +76,15 @@ class Camera:
                     raise SourceError(f"the camera sent nothing in {START_S:.0f} s")
 
     def reason(self) -> str:
-        """Why the process ended: the last of what it said, its error if it named one."""
+        """Why the process ended: its error if it named one, else the end of its traceback."""
         self._reader.join(END_S)
         lines = [line for line in self._lines if line]
         errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
-        status = f"the camera's process ended (status {self.process.wait()}) without a word"
-        return [status, *lines[-1:], *errors[-1:]][-1]
+        if errors:
+            return errors[-1]
+        faulty = any(line.startswith("Traceback ") for line in lines)
+        status = f"the camera's process ended (status {self.process.wait()})"
+        return f"{status}: {lines[-1]}" if faulty else f"{status} without a reason"
 
     def _read(self) -> None:
         """Keep what the process says; pass it on, except for the error that ends it."""

@@ -1,14 +1,14 @@
 """Whether the floor is where it was: a sensor that sinks, tilts or is moved takes it along.
 
 A skeleton shows the floor where a person stands: both ankles still for a second, equally high, and
-the hips above them. In 540 such seconds of recorded people, barefoot and in shoes, the ankles were
-3 to 14 cm above the floor, so a floor that appears ``floor_drift_m`` higher or lower at the same
-place is not another person. It may be a box, a pallet or a new platform, which is in one place:
-only three places, each ``APART_M`` from the others, say that the sensor was moved.
+the hips above them. In 548 such seconds of recorded people the ankles were 3 to 14 cm above the
+floor, so a floor that appears ``floor_drift_m`` higher or lower at the same place is not another
+person. It may be a box, a pallet or a new platform, which is in one place: only three places, each
+``APART_M`` from the others, say that the sensor was moved.
 
 The places and their heights are learnt in the first minutes of standing; a place with two heights,
-as at the edge of a platform, says nothing. What is not seen: a turn about a plumb line and a shift
-along the floor, a sensor that was moved before the node started, and a cell in which people stand
+as at the edge of a platform, says nothing. Not seen: a turn about a plumb line and a shift along
+the floor, a sensor that was moved before the node started, and a cell in which people stand
 at fewer than three places.
 """
 
@@ -57,7 +57,7 @@ class _Second:
 
 @dataclass(slots=True)
 class _Place:
-    """Where people stood: (2,) at first and now, and the heights of their ankles, metres."""
+    """A place of standing: (2,) at first and now, and the heights of the ankles there, metres."""
 
     at: Floats
     now: Floats

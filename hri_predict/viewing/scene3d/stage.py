@@ -9,7 +9,15 @@ from viser import BatchedMeshHandle, ViserServer
 
 from hri_predict.viewing.levels import FORECAST, GREY, GRID, LOST, PERSON, colour, worst
 from hri_predict.viewing.picture import Picture, Shapes
-from hri_predict.viewing.scene3d.solids import cylinder, cylinders_of, linear, sphere, spheres_of
+from hri_predict.viewing.scene3d.solids import (
+    ENDS_M,
+    NO_SIZE,
+    cylinder,
+    cylinders_of,
+    linear,
+    sphere,
+    spheres_of,
+)
 from hri_predict.viewing.scene3d.surroundings import Surroundings
 from hri_predict.viewing.scene3d.tags import Tags
 
@@ -28,9 +36,8 @@ LOOK_FROM_M = np.array([2.3, -3.4, 1.9])
 LOOK_AT_M, ASIDE_M = 0.6, 0.9
 """That place's height, and how far it may lie from the robots, towards the room's middle."""
 ZONE_OPACITY, FORECAST_OPACITY, FADED = 0.2, 0.6, 0.4
-_FAR_M = 500.0
-_ENDS = np.array([[0, 0, z, 0, 0, z, 1e-6] for z in (-_FAR_M, _FAR_M)], np.float32)
-"""In each batch: the middle of all is the room's origin, whatever lies between."""
+_ENDS = np.concatenate((ENDS_M, ENDS_M, np.full((2, 1), NO_SIZE, np.float32)), axis=1)
+"""As capsules, the first two of each batch."""
 _UNTURNED = np.array([1, 0, 0, 0], np.float32)
 
 
@@ -39,8 +46,7 @@ class _Solids:
 
     Of those that are see-through, only the outermost surface shows: each batch is there twice, and
     the first, which is invisible, hides from the second all that lies behind the surface. Browsers
-    draw batches whose middles lie as far away in the order in which they were made: two far points
-    give all of them one middle.
+    draw batches of one middle in the order in which they were made (``ENDS_M``).
 
     Args:
         server: where they are shown.
@@ -64,7 +70,7 @@ class _Solids:
                     faces,
                     batched_wxyzs=np.tile(_UNTURNED, (2, 1)),
                     batched_positions=_ENDS[:, :3],
-                    batched_scales=np.full((2, 3), 1e-6, np.float32),
+                    batched_scales=np.full((2, 3), NO_SIZE, np.float32),
                     batched_colors=np.zeros((2, 3), np.uint8),
                     opacity=opaque,
                     lod="off",
@@ -82,6 +88,7 @@ class _Solids:
         colours = np.concatenate((np.zeros((2, 3), np.uint8), linear(colours)[sound]))
         balls, unturned = spheres_of(capsules), np.tile(_UNTURNED, (2 * len(capsules), 1))
         between = cylinders_of(capsules)
+        between[2][: len(_ENDS)] = NO_SIZE
         for ends, middles in self._parts:
             ends.batched_positions, ends.batched_scales = balls
             ends.batched_wxyzs = unturned
@@ -94,10 +101,10 @@ class Stage:
 
     def __init__(self, server: ViserServer) -> None:
         self._server = server
+        self._surroundings = Surroundings(server)
         self._solid = _Solids(server, "bodies")
         self._ghosts = _Solids(server, "forecast", FORECAST_OPACITY)
         self._zones = _Solids(server, "zones", ZONE_OPACITY)
-        self._surroundings = Surroundings(server)
         self._tags = Tags(server)
         self._looked = False
         server.scene.set_up_direction("+z")

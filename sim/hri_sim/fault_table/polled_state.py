@@ -87,7 +87,7 @@ class StateCell(LinkCell):
 
     def settings(self) -> tuple[type[ConfiguredLink[Any, Any]], ConfiguredLinkSettings]:
         """Return the shipped configuration's link, at the server's port."""
-        entry = self._config["links"][0] | {"port": self._port}
+        entry = self._config["links"][0] | {"port": self._port, "wait_for_device": True}
         kind: Any = registry.load("links", entry["kind"])
         settings = validated(kind.settings_model, entry, "the link")
         return kind, kind.of_robots(settings, [self._robot])

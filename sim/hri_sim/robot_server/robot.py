@@ -8,6 +8,7 @@ from typing import Literal
 from hri_sim.rtde.arm import Arm
 
 CYCLE_S = 0.01
+COUNTS = 65_536
 JOINTS = 6
 Fault = Literal["none", "frozen", "not a number", "late", "wrong type", "mode"]
 LATE_S = 0.15
@@ -21,7 +22,8 @@ class Robot:
         after_s: when it begins after the first client has come, unless ``toggle`` was called.
 
     Attributes:
-        beat: number of the cycle; it stands still with a controller that has stopped.
+        beat: time of the newest cycle, ms of the machine's monotonic clock, modulo 65536; it stands
+            still with a controller that has stopped.
         positions, velocities: rad, rad/s.
     """
 
@@ -67,7 +69,7 @@ class Robot:
             before_s = now_s
             if self.has("frozen"):
                 continue
-            self.beat = (self.beat + 1) % 65_536
+            self.beat = time.monotonic_ns() // 1_000_000 % COUNTS
             self.positions, self.velocities = self._arm.positions, self._arm.velocities
             made = written()
             if asyncio.iscoroutine(made):

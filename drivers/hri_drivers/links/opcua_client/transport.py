@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from hri_drivers.links.polled.transport import PolledTransport
 from hri_predict.base.errors import LinkError
 
-CONNECT_S = 8.0
+CONNECT_S = 15.0
 END_S = 0.5
 MOST_BYTES = 1 << 20
 """Bytes of one message of the server."""

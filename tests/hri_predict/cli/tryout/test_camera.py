@@ -22,6 +22,10 @@ UNTIL_INPUT_ENDS = "\nsys.stdin.read()\n"
 FAILS = (
     "import sys; print('looking'); print('error: camera 0: none found', file=sys.stderr); exit(2)"
 )
+KILLED = (
+    "import os, sys; print('INFO: a start', file=sys.stderr, flush=True); os.kill(os.getpid(), 9)"
+)
+FAULTY = "raise ValueError('a fault of ours')"
 HANGS = "\nimport time\nwhile True: time.sleep(60)\n"
 
 
@@ -57,9 +61,16 @@ def test_a_camera_that_fails_says_why_in_one_line(process, capfd):
     assert "none found" not in capfd.readouterr().err  # it is the caller's to say
 
 
-@pytest.mark.parametrize("process", ["exit(3)"], indirect=True)
-def test_a_process_that_ends_without_a_word_is_one_line(process):
-    with pytest.raises(SourceError, match=r"ended \(status 3\) without a word"):
+@pytest.mark.parametrize(
+    ("process", "said"),
+    [
+        (KILLED, r"^the camera's process ended \(status -9\) without a reason$"),
+        (FAULTY, r"^the camera's process ended \(status 1\): ValueError: a fault of ours$"),
+    ],
+    indirect=["process"],
+)
+def test_a_process_that_names_no_error_is_one_line(process, said):
+    with pytest.raises(SourceError, match=said):
         process.wait()
 
 

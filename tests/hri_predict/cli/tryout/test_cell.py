@@ -69,7 +69,9 @@ def test_a_camera_is_heard_on_this_machine_alone_and_by_its_key(tmp_path):
     source = cell.source.model_dump()
     assert (source["kind"], source["host"], source["port"]) == ("udp", "127.0.0.1", 4711)
     assert source["key_file"] == str(tmp_path / "camera.key")
-    assert cell.node.people.exits == []
+    camera = configuration.load(configuration.shipped("camera.yaml"))
+    assert source == camera.source.model_dump() | {"port": 4711, "key_file": source["key_file"]}
+    assert (cell.node.people, cell.predictor) == (camera.node.people, camera.predictor)
     pose = cell.node.robots[0].room_from_robot
     assert pose.xyz == [1.5, 0.9, 0.0]
     assert pose.quaternion_xyzw == pytest.approx([0, 0, math.sin(0.25), math.cos(0.25)])

@@ -36,6 +36,7 @@ def started(monkeypatch, code, *words):
         (["--seconds", "0"], "--seconds 0.0: give a number above 0"),
         (["--seconds", "nan"], "--seconds nan: give a number above 0"),
         (["--viewer", "70000", "--person"], "give a port from 0 to 65535"),
+        (["--person", "--", "--height", "1.8"], "--height 1.8: has no effect with --person"),
     ],
 )
 def test_a_mistake_is_one_line(words, said):
@@ -63,7 +64,27 @@ def test_without_a_camera_one_line_says_so_and_the_demos_person_comes(runs, monk
     assert config.source.kind == "procedural"
 
 
-@pytest.mark.parametrize("words", [["--video", "a.mp4"], ["--camera", "3"]])
+@pytest.mark.parametrize(
+    ("words", "handed_on"),
+    [
+        ([], "0 --max-fps 15"),
+        (["--camera", "3"], "3 --max-fps 15"),
+        (["--video", "a.mp4"], "a.mp4 --loop --max-fps 15"),
+        (["--", "--height", "1.8"], "0 --max-fps 15 --height 1.8"),
+    ],
+)
+def test_the_camera_gets_its_input_and_the_options_after_two_dashes(
+    runs, monkeypatch, words, handed_on
+):
+    says = "import sys\nprint(*sys.argv[1:sys.argv.index('--host')], file=sys.stderr, flush=True)"
+    result = started(monkeypatch, says + SENDS + UNTIL_INPUT_ENDS, *words)
+    assert result.exception is None
+    assert f"camera: {handed_on}\n" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "words", [["--video", "a.mp4"], ["--camera", "3"], ["--", "--height", "1.8"]]
+)
 def test_an_input_that_was_asked_for_is_not_replaced(runs, monkeypatch, words):
     result = started(monkeypatch, FAILS, *words)
     assert str(result.exception) == "camera 0: none found"

@@ -1,6 +1,7 @@
 """A floor that is not where it was: found where people stand, and never taken for a box."""
 
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from hri_predict.contracts.scene import Doubt, Person
 from hri_predict.people.body.floor_watch import FIRST, LEARNT, NEWEST, FloorWatch
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
+from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_sim.people.body import Body as Figure
 from tests.hri_predict.people.body.posture_table import RATE_HZ, recordings
@@ -192,6 +194,15 @@ def test_it_makes_nothing_milder(make_room, captures):
         assert with_it.ids == without.ids
         assert len(with_it.lost) >= len(without.lost)
         assert doubted == (Reason.SENSOR_MOVED in with_it.reasons)
+
+
+def test_the_level_is_unknown_and_the_detail_says_why(make_workcell):
+    cell = make_workcell([3.5, 3.0])
+    assert cell.run(1.5)[-1].advices[0].level.may_move
+    cell.node._people._floor = Says(repeat(True))
+    advice = cell.run(0.2)[-1].advices[0]
+    assert (advice.level, advice.reason) == (Level.UNKNOWN, Reason.SENSOR_MOVED)
+    assert "moved" in advice.detail
 
 
 def shown(cell, played, spots, move=lambda joints: joints):

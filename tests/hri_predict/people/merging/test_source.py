@@ -244,6 +244,7 @@ def reasons_of_node(source, seconds):
     return found
 
 
+@pytest.mark.long
 def test_a_slow_sensor_beside_a_fast_one_does_not_look_frozen():
     """Between two captures of the slow one, bodies lie on straight lines, and stop at each."""
     slow = {"rate_hz": 10, "latency_s": 0.03, "min_latency_s": 0.03}
