@@ -1,6 +1,7 @@
 """``camera``: find people with a camera, and send them to a node."""
 
 import contextlib
+import importlib
 import json
 import math
 import re
@@ -95,6 +96,13 @@ def camera(
     Example: hri-predict camera 0 --preview me.png
     """
     need_extra("cv2", "camera")
+    try:
+        importlib.import_module("cv2")
+    except ImportError as error:
+        raise ConfigError(
+            f"OpenCV cannot be loaded: {error}; pip install --force-reinstall "
+            f"opencv-python-headless"
+        ) from error
     from hri_drivers.camera import preview as drawing
     from hri_drivers.camera.images import open_input
     from hri_drivers.camera.network import package

@@ -171,8 +171,8 @@ class Webcam:
         """See ``Input``."""
         if self._device is None:
             self._device = self._open()
-        came, pixels = self._device.read()
-        if not came or pixels is None:
+        pixels = _read(self._device)
+        if pixels is None:
             self.close()
             raise SourceError(f"camera {self._name}: it delivers no picture; is it unplugged?")
         now_ns, now_ms = time.time_ns(), time.monotonic_ns() / 1e6
@@ -266,13 +266,13 @@ class Video:
         """Return the next picture, and its time in seconds from the first one."""
         import cv2
 
-        came, pixels = self._file.read()
-        if not came and self._loop and self._number:
+        pixels = _read(self._file)
+        if pixels is None and self._loop and self._number:
             self._file.release()
             self._file = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
-            came, pixels = self._file.read()
+            pixels = _read(self._file)
             self._own_s = -math.inf  # its times begin again
-        if not came:
+        if pixels is None:
             return None
         own_s = float(self._file.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
         if self._own_s is not None:
@@ -333,6 +333,17 @@ class Pictures:
         yield from self._paths
         while self._loop:
             yield from self._paths
+
+
+def _read(device: Any) -> Any:
+    """Return the next picture of a ``cv2.VideoCapture``; None if there is none."""
+    import cv2
+
+    try:
+        came, pixels = device.read()
+    except cv2.error:  # of a picture that it cannot convert
+        return None
+    return pixels if came else None
 
 
 def read_picture(path: Path) -> UInt8:

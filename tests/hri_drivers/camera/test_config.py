@@ -4,7 +4,6 @@ import time
 
 import numpy as np
 
-from hri_drivers.camera.network.blazepose import BlazePose
 from hri_drivers.camera.sending import Sender
 from hri_drivers.sources.scene_stream.udp_source import UdpSource
 from hri_drivers.sources.sent import SentPerson
@@ -21,7 +20,7 @@ def test_a_person_before_the_camera_is_there_in_the_room():
     source = UdpSource(settings, config.base_dir)
     source.open(time.monotonic_ns())
     try:
-        joints = load_joint_map(BlazePose.layout).source_joints
+        joints = load_joint_map("mediapipe33").source_joints  # of BlazePose
         sender = Sender("127.0.0.1", source.port, joints)
         ahead = np.tile([0.5, 0.2, 3.0], (33, 1))  # to the right, below the axis, 3 m away
         person = SentPerson(4, ahead, np.ones(33, np.bool_), 0.4)

@@ -52,6 +52,15 @@ class BlazePose:
         self._squares: list[Roi] = []
         self._since = DETECT_EVERY
         self._is_whole = True
+        try:  # a mistake shows now
+            nothing = np.zeros((detector.SIDE, detector.SIDE, 3), np.uint8)
+            self._newcomers(nothing, [])
+            self._look(nothing, whole(nothing))
+        except (KeyError, ValueError) as error:
+            raise ConfigError(
+                f"model: the networks have other outputs than BlazePose's ({error}); give the "
+                f"package of --fetch-model"
+            ) from error
 
     def find(self, pixels: UInt8) -> Finding:
         """See ``Finder``."""
