@@ -17,9 +17,11 @@ from hri_predict.people.merging.source import MergedSource
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.reasons import Reason
+from hri_predict.run.assemble import build_source
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from tests.hri_predict.people.merging.two_sensors import (
     BACK,
+    CELL,
     FRONT,
     START_NS,
     WALK,
@@ -318,6 +320,13 @@ def test_the_log_of_each_live_sensor_names_it():
     source.close()
     lives = [live_part(sensor.source) for sensor in source.sensors]
     assert [live and live.label for live in lives] == ["sensor front", "sensor back"]
+
+
+def test_a_node_judges_its_sensors_by_the_settings_of_people():
+    config = CELL.with_source(merged()).with_node(people=PeopleSettings(frozen_scenes=7))
+    source = build_source(config)
+    assert isinstance(source, MergedSource)
+    assert {sensor._frozen_scenes for sensor in source.sensors} == {7}
 
 
 def test_a_sensor_that_cannot_be_built_is_named():
