@@ -12,6 +12,7 @@ the floor, a sensor that was moved before the node started, and a cell in which 
 at fewer than three places.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -40,6 +41,8 @@ FIRST, NEWEST, PLACES = 10, 5, 3
 """Seconds of standing from which the height of a place is known, at first and since; places."""
 LEARNT = 600
 """Seconds of standing after which no new place is learnt, once there are ``PLACES``."""
+MOST_PLACES = 256
+"""Places that are kept; those that were not visited for longest are dropped first."""
 AGREES = 0.7
 """Part of the limit within which every place must be again."""
 _FEET, _HIPS = ([JOINTS.index(f"{side}_{name}") for side in "lr"] for name in ("ankle", "hip"))
@@ -50,9 +53,9 @@ class _Second:
     """The captures of one body in the present second: ankles (2, 3) and the hips' mean height."""
 
     began_ns: int
+    next_ns: int
     ankles: list[Floats] = field(default_factory=list)
     hips: list[float] = field(default_factory=list)
-    next_ns: int = 0
 
 
 @dataclass(slots=True)
@@ -63,14 +66,19 @@ class _Place:
     now: Floats
     first: list[float] = field(default_factory=list)
     newest: deque[float] = field(default_factory=lambda: deque(maxlen=NEWEST))
+    drift_m: float | None = None
 
-    def drift_m(self, limit_m: float) -> float | None:
-        """By how much the floor is higher than at first; ``None``: not known."""
-        if len(self.first) < FIRST or len(self.newest) < NEWEST:
-            return None
-        if np.ptp(self.first) > limit_m or np.ptp(self.newest) > limit_m:
-            return None
-        return float(np.median(self.newest) - np.median(self.first))
+    def add(self, height_m: float, limit_m: float) -> None:
+        """Take in a height, and work out by how much the floor is higher than at first.
+
+        While people stand at two heights, that remains as it was; ``None``: never known.
+        """
+        if len(self.first) < FIRST:
+            self.first.append(height_m)
+            return
+        self.newest.append(height_m)
+        if len(self.newest) == NEWEST and max(np.ptp(self.first), np.ptp(self.newest)) <= limit_m:
+            self.drift_m = float(np.median(self.newest) - np.median(self.first))
 
 
 class FloorWatch:
@@ -100,7 +108,7 @@ class FloorWatch:
             self._people = {
                 k: s for k, s in self._people.items() if capture_ns - s.began_ns <= 2 * STAND_NS
             }
-            second = self._people[body.id] = _Second(capture_ns)
+            second = self._people[body.id] = _Second(capture_ns, capture_ns)
         if capture_ns < second.next_ns:
             return
         second.next_ns = capture_ns + SAMPLE_NS
@@ -126,36 +134,33 @@ class FloorWatch:
 
     def _stand(self, ankles: Floats) -> None:
         """Take in a second in which a person stood: (3,) the middle of the ankles."""
-        known = [p for p in self._places if len(p.first) == FIRST]
-        learns = self.seconds < LEARNT or len(known) < PLACES
-        at, height_m = ankles[:2], float(ankles[2])
-        away = [float(np.linalg.norm(place.at - at)) for place in self._places]
-        nearest = int(np.argmin(away)) if away else -1
+        at, away_m = ankles[:2], [math.dist(place.at, ankles[:2]) for place in self._places]
         self.seconds += 1
-        if nearest >= 0 and away[nearest] <= REACH_M:
-            place = self._places.pop(nearest)
-        elif learns:
+        if away_m and min(away_m) <= REACH_M:
+            place = self._places.pop(away_m.index(min(away_m)))
+        elif self._learns():
             place = _Place(at, at)
         else:
             return
-        self._places.append(place)
         place.now = at
-        if len(place.first) < FIRST:
-            place.first.append(height_m)
-        else:
-            place.newest.append(height_m)
-            self._judge()
+        place.add(float(ankles[2]), self._limit_m)
+        self._places = [*self._places, place][-MOST_PLACES:]
+        self._judge()
+
+    def _learns(self) -> bool:
+        known = sum(len(place.first) == FIRST for place in self._places)
+        return self.seconds <= LEARNT or known < PLACES
 
     def _judge(self) -> None:
-        drifts = [(p.now, p.drift_m(self._limit_m)) for p in reversed(self._places)]
-        known = [(now, drift_m) for now, drift_m in drifts if drift_m is not None]
+        known = [(p.now, p.drift_m) for p in reversed(self._places) if p.drift_m is not None]
         latest: list[tuple[Floats, float]] = []
         for now, drift_m in known:
-            if all(np.linalg.norm(now - other) >= APART_M for other, _ in latest):
+            if len(latest) < PLACES and all(math.dist(now, at) >= APART_M for at, _ in latest):
                 latest.append((now, drift_m))
-        newest = [drift_m for _, drift_m in latest[:PLACES]]
+        newest = [drift_m for _, drift_m in latest]
         if len(newest) == PLACES and all(abs(drift_m) > self._limit_m for drift_m in newest):
-            self._drift_m = float(np.median(newest))
+            if self._drift_m is None:  # the text stays as it was, and is logged once
+                self._drift_m = float(np.median(newest))
         elif all(abs(drift_m) <= AGREES * self._limit_m for _, drift_m in known):
             self._drift_m = None
 

@@ -194,25 +194,28 @@ CASES = (
 # with lower numbers and stamps. A turn by 4 degrees puts the person 15 cm aside, and sensors
 # disagree when they were apart in half of the last 10 s of common sight.
 _SILENT = (Reason.SENSOR_SILENT,)
+_OF_ONE: tuple[
+    tuple[str, tuple[str, ...], Expected, float | None, tuple[Reason, ...], float], ...
+] = (
+    ("unplugged", ("drop@{t}",), "unknown", STALE + 34, _SILENT, LENGTH_S),
+    ("delayed 0.5 s", ("delay@{t}:delay_s=0.5",), "unknown", STALE + 34, _SILENT, LENGTH_S),
+    ("flooded, everything 8 times", 3 * ("duplicate@{t}",), "count only", None, (), LENGTH_S),
+    ("restarted, its clock 1 h back",
+     ("drop@{t}", f"clock_jump@{START_S}:offset_s=-3600,renumber=-100"),
+     "unknown", STALE + 34, _SILENT, 1.0),
+    ("clock jumps back 1 h", ("clock_jump@{t}:offset_s=-3600",), "unknown", SEEN + 34,
+     (Reason.CLOCK_JUMP,), LENGTH_S),
+    ("clock jumps on 1 h", ("clock_jump@{t}:offset_s=3600",), "unknown", SEEN + 34,
+     (Reason.CLOCK_JUMP,), LENGTH_S),
+    ("moved", ("rotate@{t}:quaternion_xyzw=[0,0,0.0349,0.9994]",), "unknown", 5_000 + SEEN,
+     (Reason.SENSORS_DISAGREE,), 8.0),
+    ("sees an empty room", ("vanish@{t}",), "not clear", SEEN, (), LENGTH_S),
+)  # fmt: skip
 SENSORS = tuple(
     Case(f"{sensor} of two sensors: {name}", faults, expected, "node", limit_ms, reasons,
          sensor=sensor, length_s=length_s)
     for sensor in ("back", "front")
-    for name, faults, expected, limit_ms, reasons, length_s in (
-        ("unplugged", ("drop@{t}",), "unknown", STALE + 34, _SILENT, LENGTH_S),
-        ("delayed 0.5 s", ("delay@{t}:delay_s=0.5",), "unknown", STALE + 34, _SILENT, LENGTH_S),
-        ("flooded, everything 8 times", 3 * ("duplicate@{t}",), "count only", None, (), LENGTH_S),
-        ("restarted, its clock 1 h back",
-         ("drop@{t}", f"clock_jump@{START_S}:offset_s=-3600,renumber=-100"),
-         "unknown", STALE + 34, _SILENT, 1.0),
-        ("clock jumps back 1 h", ("clock_jump@{t}:offset_s=-3600",), "unknown", SEEN + 34,
-         (Reason.CLOCK_JUMP,), LENGTH_S),
-        ("clock jumps on 1 h", ("clock_jump@{t}:offset_s=3600",), "unknown", SEEN + 34,
-         (Reason.CLOCK_JUMP,), LENGTH_S),
-        ("moved", ("rotate@{t}:quaternion_xyzw=[0,0,0.0349,0.9994]",), "unknown", 5_000 + SEEN,
-         (Reason.SENSORS_DISAGREE,), 8.0),
-        ("sees an empty room", ("vanish@{t}",), "not clear", SEEN, (), LENGTH_S),
-    )
+    for name, faults, expected, limit_ms, reasons, length_s in _OF_ONE
 )  # fmt: skip
 
 

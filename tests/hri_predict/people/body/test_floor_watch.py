@@ -97,6 +97,14 @@ def test_it_is_over_when_every_place_agrees_again():
     assert cell.visit(SPOTS[-1:]).says == []
 
 
+def test_it_is_not_over_where_people_stand_at_two_heights():
+    cell = Cell().learn().visit(metres=0.2)
+    for _ in range(3):
+        for spot in SPOTS:
+            cell.stand(spot, 1).stand(spot, 1, moved=on_a_box)
+    assert cell.says
+
+
 def on_a_box(joints):
     return joints + up_by(0.25)
 

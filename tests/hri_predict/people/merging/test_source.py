@@ -11,15 +11,17 @@ import pytest
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.settings import validated
 from hri_predict.contracts.joint_map import load_joint_map
-from hri_predict.contracts.source import NOT_KNOWN_NS
+from hri_predict.contracts.source import NOT_KNOWN_NS, live_part
 from hri_predict.people.merging.settings import MergedSettings
 from hri_predict.people.merging.source import MergedSource
 from hri_predict.people.people import People
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.reasons import Reason
+from hri_predict.run.assemble import build_source
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from tests.hri_predict.people.merging.two_sensors import (
     BACK,
+    CELL,
     FRONT,
     START_NS,
     WALK,
@@ -316,10 +318,15 @@ def test_the_log_of_each_live_sensor_names_it():
     source = MergedSource(MergedSettings.model_validate(block))
     source.open(0)
     source.close()
-    assert [sensor.source.live.label for sensor in source.sensors] == [
-        "sensor front",
-        "sensor back",
-    ]
+    lives = [live_part(sensor.source) for sensor in source.sensors]
+    assert [live and live.label for live in lives] == ["sensor front", "sensor back"]
+
+
+def test_a_node_judges_its_sensors_by_the_settings_of_people():
+    config = CELL.with_source(merged()).with_node(people=PeopleSettings(frozen_scenes=7))
+    source = build_source(config)
+    assert isinstance(source, MergedSource)
+    assert {sensor._frozen_scenes for sensor in source.sensors} == {7}
 
 
 def test_a_sensor_that_cannot_be_built_is_named():
