@@ -78,7 +78,7 @@ def test_who_is_found_under_another_id_keeps_the_error_of_the_history(make_room)
 
 def test_a_body_between_two_captures_has_the_larger_error_of_both():
     source = Given()
-    sensor = Sensor("front", source, ProceduralSettings(kind="procedural"))
+    sensor = Sensor("front", source, ProceduralSettings(kind="procedural"))  # type: ignore[arg-type]
     for number, error_m in enumerate((0.3, 0.1)):
         sent = scene(number, 1000 + 33 * number, 5.0)
         source.scenes.append(replace(sent, people=(replace(sent.people[0], error_m=error_m),)))
