@@ -87,6 +87,19 @@ def test_a_body_between_two_captures_has_the_larger_error_of_both():
     assert [body.error_m for body in view.bodies.values()] == [0.3]
 
 
+def test_a_sensor_with_an_absurd_error_is_doubted_by_name():
+    source = Given()
+    sensor = Sensor("front", source, ProceduralSettings(kind="procedural"))  # type: ignore[arg-type]
+    sent = scene(1, 1000, 5.0)
+    source.scenes.append(replace(sent, people=(replace(sent.people[0], error_m=-1.0),)))
+    sensor.take(1_005_000_000)
+    view = sensor.at(sensor.newest_ns, sensor.newest_ns - 1)
+    assert [doubt.reason for doubt in view.doubts] == [Reason.INPUT_IMPOSSIBLE]
+    assert "sensor front" in view.doubts[0].text
+    assert sensor.counters["absurd_errors"] == 1
+    assert not any(body.observed.any() for body in view.bodies.values())
+
+
 # -- free space --------------------------------------------------------------------------------
 
 
