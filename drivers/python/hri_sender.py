@@ -156,9 +156,13 @@ class SceneSender:
 
 def _error_m(number: int, error_m: float = 0.0) -> float:
     """The error of a person's place, if it can be one."""
-    if not 0.0 <= error_m <= MAX_ERROR_M:  # nor NaN
-        raise ValueError(f"person {number}: error {error_m} m; give 0 to {MAX_ERROR_M:g}")
-    return float(error_m)
+    try:
+        stated = float(error_m)
+    except (TypeError, ValueError):
+        stated = math.nan
+    if not 0.0 <= stated <= MAX_ERROR_M:
+        raise ValueError(f"person {number}: error {error_m!r} m; give 0 to {MAX_ERROR_M:g}")
+    return stated
 
 
 def read_key(path: str) -> bytes:

@@ -78,13 +78,26 @@ def test_who_is_found_under_another_id_keeps_the_error_of_the_history(make_room)
 
 def test_a_body_between_two_captures_has_the_larger_error_of_both():
     source = Given()
-    sensor = Sensor("front", source, ProceduralSettings(kind="procedural"))
+    sensor = Sensor("front", source, ProceduralSettings(kind="procedural"))  # type: ignore[arg-type]
     for number, error_m in enumerate((0.3, 0.1)):
         sent = scene(number, 1000 + 33 * number, 5.0)
         source.scenes.append(replace(sent, people=(replace(sent.people[0], error_m=error_m),)))
         sensor.take((1005 + 33 * number) * 1_000_000)
     view = sensor.at(sensor.newest_ns - 10_000_000, sensor.newest_ns - 20_000_000)
     assert [body.error_m for body in view.bodies.values()] == [0.3]
+
+
+def test_a_sensor_with_an_absurd_error_is_doubted_by_name():
+    source = Given()
+    sensor = Sensor("front", source, ProceduralSettings(kind="procedural"))  # type: ignore[arg-type]
+    sent = scene(1, 1000, 5.0)
+    source.scenes.append(replace(sent, people=(replace(sent.people[0], error_m=-1.0),)))
+    sensor.take(1_005_000_000)
+    view = sensor.at(sensor.newest_ns, sensor.newest_ns - 1)
+    assert [doubt.reason for doubt in view.doubts] == [Reason.INPUT_IMPOSSIBLE]
+    assert "sensor front" in view.doubts[0].text
+    assert sensor.counters["absurd_errors"] == 1
+    assert not any(body.observed.any() for body in view.bodies.values())
 
 
 # -- free space --------------------------------------------------------------------------------

@@ -196,7 +196,7 @@ def opened(data: bytes, *, flags: int) -> None:
     open_datagram(changed + zlib.crc32(changed).to_bytes(4, "little"))
 
 
-@pytest.mark.parametrize("error_m", [-1, 20.5, float("nan"), float("inf")])
+@pytest.mark.parametrize("error_m", [-1, 20.5, float("nan"), float("inf"), None, "far"])
 def test_the_copied_sender_refuses_an_error_that_can_be_none(error_m):
     sender = hri_sender().SceneSender("127.0.0.1", 9, ["head"])
     with pytest.raises(ValueError, match=r"person 3: error .* give 0 to 20"):

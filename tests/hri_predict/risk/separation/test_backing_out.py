@@ -37,7 +37,8 @@ def why(x: float, error_m: float | None) -> str:
         error_m=lambda _: error_m or 0.0,
     )
     now: Any = SimpleNamespace(place_s=0.0)
-    return why_not_backing_out(robot, now, SimpleNamespace(qd=None), bodies)
+    motion: Any = SimpleNamespace(qd=None)
+    return why_not_backing_out(robot, now, motion, bodies)
 
 
 @pytest.mark.parametrize(
