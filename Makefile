@@ -1,5 +1,6 @@
 # make demo: the whole cell, simulated.  make test: lint, then types, the daily tests, and what the
 # wheel holds at once, of which the tests in real time come first.
+# make webcam: you in front of your camera, the forecast and a moving robot, in 3D.
 # make test-long: the tests marked `long`, every property with 100 examples (EXAMPLES), and the wheel
 # installed alone.
 # make test-random: every property with 1000 examples (EXAMPLES), others in each run.
@@ -23,10 +24,13 @@ ROS2_VENV := build/ros2-venv
 # Tests start many processes: these need not compile the same modules again and again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-long test-random test-ros2 lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
+.PHONY: demo webcam test test-long test-random test-ros2 lint types pytest pytest-long wheel wheel-alone bundle bench docs pictures elsewhere clean
 
 demo: $(VENV)/.run
 	$(BIN)/hri-predict demo
+
+webcam: $(VENV)/.webcam
+	$(BIN)/hri-predict try
 
 test: lint
 	$(MAKE) --no-print-directory -j 3 types wheel pytest
@@ -122,13 +126,17 @@ $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[accel]'
 	touch $@
 
+$(VENV)/.webcam: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) -e '.[camera,viewer,accel]'
+	touch $@ $(VENV)/.run
+
 $(VENV)/.docs: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[docs]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/bin/python pyproject.toml constraints.txt
 	$(PIP) -e '.[dev]'
-	touch $@ $(VENV)/.run $(VENV)/.docs
+	touch $@ $(VENV)/.run $(VENV)/.docs $(VENV)/.webcam
 
 # ROS 2 brings another package named lark than the tests': an environment beside .venv, which adds
 # .venv's packages.

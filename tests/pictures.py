@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.terminal_theme import SVG_EXPORT_THEME
 
+from hri_predict.cli.tryout.cell import Place, with_person
 from hri_predict.run.session import Options, run
 from hri_predict.viewing.feed import OPERATOR, VIEWER
 from hri_predict.viewing.fleet_feed import FLEET
@@ -112,7 +113,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     folder.joinpath("demo.png").write_bytes(shot_of_terminal((1180, 640)))
-    far, near = pictures([5.2, 6.5], "sinn")
+    far, near = pictures([6.0, 6.5], "sinn")
+    (walking,) = pictures([6.7], config=with_person(Place(0.0, 0.0)))
+    folder.joinpath("try.png").write_bytes(shot(VIEWER, walking, (1400, 900)))
     folder.joinpath("viewer.png").write_bytes(shot(VIEWER, far, (1400, 900)))
     folder.joinpath("operator.png").write_bytes(shot(OPERATOR, near, (1200, 780)))
     folder.joinpath("fleet.png").write_bytes(shot_of_many(forty(), (1920, 1080)))

@@ -18,8 +18,8 @@ from typer.core import TyperCommand, TyperGroup
 from hri_predict import __version__
 
 ORDER = (
-    "demo", "run", "init", "check", "alerts", "register", "commission", "replay", "explain",
-    "report", "view", "listen", "fleet", "evidence", "service", "discover", "predictors",
+    "demo", "try", "camera", "run", "init", "check", "alerts", "register", "commission", "replay",
+    "explain", "report", "view", "listen", "fleet", "evidence", "service", "discover", "predictors",
     "conformance", "train", "ablate", "evaluate", "card", "calibrate", "simulate", "convert",
     "topics", "urdf", "bench", "config", "protocol",
 )  # fmt: skip

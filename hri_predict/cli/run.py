@@ -4,10 +4,11 @@ import faulthandler
 import json
 import math
 import sys
-from collections.abc import Sequence
+import threading
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,10 +23,18 @@ from hri_predict.cli.check.commissioned import (
 )
 from hri_predict.cli.check.notes import delay_notes
 from hri_predict.cli.common import JointMapOption, TopicOption, map_path
-from hri_predict.cli.screens.options import Host, Operator, OperatorUrl, Viewer, screens
+from hri_predict.cli.screens.options import (
+    Host,
+    Operator,
+    OperatorUrl,
+    Viewer,
+    addresses,
+    how_to_see,
+    screens,
+)
+from hri_predict.cli.screens.together import Together
 from hri_predict.cli.terminal.view import TerminalView
 from hri_predict.contracts.source import SourceSettings
-from hri_predict.node.listeners import Tick
 from hri_predict.operation.monitoring.summary import Summary
 from hri_predict.operation.service import logs
 from hri_predict.operation.service.notify import Notifier, has_terminal
@@ -33,11 +42,11 @@ from hri_predict.recording.format_table import ANY_ENDING
 from hri_predict.recording.ros.about import is_in_room
 from hri_predict.recording.ros.bag import BAG_ENDING, file_of, is_ros_mcap
 from hri_predict.run import config as configuration
-from hri_predict.run.assemble import Assembly, unused_coverage
+from hri_predict.run.assemble import unused_coverage
 from hri_predict.run.config import Config
-from hri_predict.run.session import Options, View
+from hri_predict.run.session import Options
 from hri_predict.run.session import run as run_session
-from hri_predict.viewing.feed import Feed
+from hri_predict.viewing.feed import Feed, has_viser
 from hri_predict.viewing.screen import LOOPBACK
 
 Json = Annotated[bool, typer.Option("--json", help="Print only the summary, as JSON.")]
@@ -91,11 +100,17 @@ def demo(
 ) -> None:
     """Run a demonstration without hardware: a person approaches a robot, two controllers obey.
 
+    In a terminal it shows the 3D view, too, if that is installed.
+
     Example: hri-predict demo
     """
+    if viewer is None and has_viser() and _in_terminal(as_json, _factor(speed)):
+        viewer = 0
     config = _with_faults(configuration.load(configuration.shipped("demo.yaml")), fault)
     options = Options(factor=_factor(speed), duration_s=DEMO_S, record=record, overwrite=overwrite)
-    _go(config, options, as_json, screens(viewer, operator, viewer_host))
+    go(config, options, as_json, screens(viewer, operator, viewer_host))
+    if not as_json:
+        print(how_to_see(), file=sys.stderr)
 
 
 def run(
@@ -145,7 +160,7 @@ def run(
     if not is_as_commissioned(facts):
         print(f"warning: {commissioning_lines(facts)[0]}; see hri-predict check", file=sys.stderr)
     with loaded.naming_lines():
-        _go(loaded, options, as_json, screens(viewer, operator, viewer_host, operator_url))
+        go(loaded, options, as_json, screens(viewer, operator, viewer_host, operator_url))
 
 
 def replay(
@@ -218,12 +233,24 @@ def replay(
         shadow=shadow,
         state=state,
     )
-    _go(loaded, options, as_json, screens(viewer, operator, viewer_host))
+    go(loaded, options, as_json, screens(viewer, operator, viewer_host))
 
 
-def _go(
-    config: Config, options: Options, as_json: bool, screens: AbstractContextManager[Feed | None]
+def go(
+    config: Config,
+    options: Options,
+    as_json: bool,
+    screens: AbstractContextManager[Feed | None],
+    *,
+    stop: threading.Event | None = None,
 ) -> None:
+    """Run the node with its screens, in the terminal if there is one; print the summary.
+
+    ``stop`` ends the run when it is set.
+
+    Raises:
+        typer.Exit: status 1: a person was touched, or the recording is not complete.
+    """
     logs.use(config.node.log)
     if options.factor is None:  # two runs of one configuration give the same bytes
         options = replace(options, last_latch_id=0)
@@ -232,15 +259,15 @@ def _go(
     real_time = options.factor is not None
     for note in delay_notes(config) if real_time else ():
         print(f"warning: {note}", file=sys.stderr)
-    in_terminal = not as_json and real_time and sys.stderr.isatty()
+    in_terminal = _in_terminal(as_json, options.factor)
     with (
         logs.unhurried() if real_time else nullcontext(),
         screens as feed,
-        TerminalView() if in_terminal else nullcontext() as terminal,
+        TerminalView(footer=partial(addresses, feed)) if in_terminal else nullcontext() as terminal,
     ):
         views = [each for each in (feed, terminal) if each is not None]
         run_config = config.quiet() if in_terminal else config
-        summary = run_session(run_config, replace(options, view=Together(views)))
+        summary = run_session(run_config, replace(options, view=Together(views)), stop)
     if feed is not None:
         summary.counted["pictures_dropped"] = feed.dropped
     try:
@@ -251,6 +278,10 @@ def _go(
             print(f"error: {_broken(summary.recording or {})}", file=sys.stderr)
         if summary.contacts or broken:
             raise typer.Exit(1)
+
+
+def _in_terminal(as_json: bool, factor: float | None) -> bool:
+    return not as_json and factor is not None and sys.stderr.isatty()
 
 
 def _broken(report: dict[str, Any]) -> str:
@@ -342,23 +373,3 @@ def _is_bag(recording: Path) -> bool:
     if file.suffix in (BAG_ENDING, ".db3"):
         return True
     return file.suffix == ".mcap" and file.is_file() and is_ros_mcap(file)
-
-
-# -- several views of one run ----------------------------------------------------------------------
-
-
-class Together(View):
-    """Hands everything on to each of these views; there may be none."""
-
-    def __init__(self, views: Sequence[View]) -> None:
-        self._views = tuple(views)
-
-    def bind(self, assembly: Assembly) -> None:
-        """Take the assembly for all of them."""
-        for view in self._views:
-            view.bind(assembly)
-
-    def on_tick(self, tick: Tick) -> None:
-        """Hand a tick on to all of them."""
-        for view in self._views:
-            view.on_tick(tick)

@@ -9,7 +9,8 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from types import TracebackType
 from typing import Any
 
@@ -32,18 +33,35 @@ VIEWER = "hri_predict.viewing.scene3d.live"
 OPERATOR = "hri_predict.viewing.operator.page"
 
 
+def has_viser() -> bool:
+    """Whether the 3D view's library is installed; it is not imported."""
+    return importlib.util.find_spec("viser") is not None
+
+
 def check_viser() -> None:
-    """Raise a ``ConfigError`` unless the 3D view's library is installed; it is not imported."""
-    if importlib.util.find_spec("viser") is None:
+    """Raise a ``ConfigError`` unless the 3D view's library is installed."""
+    if not has_viser():
         raise ConfigError("the 3D view needs viser: pip install 'hri-predict[viewer]'")
 
 
 class Feed(View):
-    """Feeds screens with the newest tick until it is closed; use it as a context manager."""
+    """Feeds screens with the newest tick until it is closed; use it as a context manager.
 
-    def __init__(self, settings: Sequence[ScreenSettings]) -> None:
+    Args:
+        settings: the screens.
+        opened: called with a screen's address the first time that it listens.
+
+    Attributes:
+        addresses: of the screens that listen, by name.
+    """
+
+    def __init__(
+        self, settings: Sequence[ScreenSettings], opened: Callable[[str], None] | None = None
+    ) -> None:
         self._settings = tuple(settings)
+        self._opened = opened
         self.screens: list[Screen] = []
+        self.addresses: dict[str, str] = {}
         self._assembly: Assembly | None = None
         self._coverage = ""
         self._band_m: float | None = None
@@ -96,7 +114,7 @@ class Feed(View):
         ports = [settings.port for settings in self._settings if settings.port]
         if len(set(ports)) < len(ports):
             raise ConfigError(f"--viewer, --operator {ports[0]}: give each a port of its own")
-        self.screens = [Screen(settings) for settings in self._settings]
+        self.screens = [Screen(each, partial(self._heard, each.name)) for each in self._settings]
         self._thread.start()
         return self
 
@@ -110,6 +128,11 @@ class Feed(View):
         self._thread.join(timeout=2.0)
         for screen in self.screens:
             screen.end()
+
+    def _heard(self, name: str, url: str) -> None:
+        if name not in self.addresses and self._opened is not None:
+            self._opened(url)
+        self.addresses[name] = url
 
     def _feed(self) -> None:
         shown: Tick | None = None

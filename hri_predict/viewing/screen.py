@@ -15,7 +15,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
@@ -75,12 +75,19 @@ class Screen:
         starts: number of starts. A new process knows nothing of what the last one was
             shown.
 
+    Args:
+        settings: its settings.
+        heard: called with its address once it listens, in a thread of its own.
+
     Raises:
         ConfigError: the system has no room for its process.
     """
 
-    def __init__(self, settings: ScreenSettings) -> None:
+    def __init__(
+        self, settings: ScreenSettings, heard: Callable[[str], None] = lambda url: None
+    ) -> None:
         self.settings = settings
+        self._heard = heard
         self.dropped = self.starts = 0
         self._port = settings.port
         self._in_a_row = 0
@@ -184,6 +191,8 @@ class Screen:
             with contextlib.suppress(ValueError):
                 self._port = urlsplit(text).port or self._port
             print(f"{self.settings.name}: {text}", file=sys.stderr, flush=True)
+            if text.startswith("http"):
+                self._heard(text)
 
 
 def write_until(screens: Sequence[Screen], end_s: float, stop: threading.Event) -> None:

@@ -1,6 +1,7 @@
 """``camera``: find people with a camera, and send them to a node."""
 
 import contextlib
+import importlib
 import json
 import math
 import re
@@ -95,6 +96,13 @@ def camera(
     Example: hri-predict camera 0 --preview me.png
     """
     need_extra("cv2", "camera")
+    try:
+        importlib.import_module("cv2")
+    except ImportError as error:
+        raise ConfigError(
+            f"OpenCV cannot be loaded: {error}; pip install --force-reinstall "
+            f"opencv-python-headless"
+        ) from error
     from hri_drivers.camera import preview as drawing
     from hri_drivers.camera.images import open_input
     from hri_drivers.camera.network import package
@@ -193,6 +201,10 @@ def finder_of(
     chosen = one_of("--variant", variant or "full", VARIANTS)
     detector, landmarks, digest = package.read(path, chosen)
     print(f"model: {path}, {chosen}, SHA-256 {digest}", file=sys.stderr)
+    if digest != package.SHA256 and model is None:
+        raise ConfigError(
+            f"model {path}: damaged, or exchanged since it was fetched; run '{package.COMMAND}'"
+        )
     if digest != package.SHA256:
         warn(f"model {path}: not the package that was tested ({package.NAME})")
     return BlazePose(
@@ -211,7 +223,9 @@ def size_of(size: str | None, source: str) -> tuple[int, int]:
     """Return width and height of ``--size``."""
     if size is None:
         return 640, 480
-    if not (source.isdecimal() or source.startswith("/dev/") or source == "realsense"):
+    from hri_drivers.camera.images import REALSENSE, is_device
+
+    if not (is_device(source) or source == REALSENSE):
         without_effect({"--size": size}, f"on {source}: only on a camera")
     found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", size)
     if found is None:
@@ -233,5 +247,6 @@ def _print(summary: dict[str, Any]) -> None:
     if latency["p50"] is not None:
         print(
             f"latency from exposure to scene: {latency['p50']:.0f} ms in the middle (p50), "
-            f"{latency['p99']:.0f} ms (p99); times by {summary['stamps']}"
+            f"{latency['p99']:.0f} ms (p99), by {summary['stamps']}; processor time for a picture: "
+            f"{summary['processor_ms']:.0f} ms"
         )

@@ -1,5 +1,6 @@
 """The options of commands that run the node: a 3D view and an operator page."""
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -64,9 +65,16 @@ def published(operator: int | None, urls: list[str] | None) -> tuple[str, ...]:
 
 
 def screens(
-    viewer: int | None, operator: int | None, host: str, urls: list[str] | None = None
+    viewer: int | None,
+    operator: int | None,
+    host: str,
+    urls: list[str] | None = None,
+    *,
+    opened: Callable[[str], None] | None = None,
 ) -> AbstractContextManager[Feed | None]:
     """Return the feed of the requested screens; nothing if none was requested.
+
+    ``opened`` is called with the address of each screen when it listens.
 
     Raises:
         ConfigError: the 3D view's library is missing, or an address of a proxy is wrong.
@@ -78,4 +86,18 @@ def screens(
         asked.append(ScreenSettings("viewer", feed.VIEWER, viewer, host))
     if operator is not None:
         asked.append(ScreenSettings("operator", feed.OPERATOR, operator, host, behind))
-    return Feed(asked) if asked else nullcontext()
+    return Feed(asked, opened) if asked else nullcontext()
+
+
+def addresses(shown: Feed | None) -> str:
+    """The screens' addresses, for the last line of the terminal."""
+    places = [] if shown is None else [f"{k}: {v}" for k, v in shown.addresses.items()]
+    return "  ".join([*places, "Ctrl-C ends it"] if places else [])
+
+
+def how_to_see() -> str:
+    """Return one line that says how to go on after the demo."""
+    text = "in 3D for as long as you like, or with yourself before a camera: hri-predict try"
+    if feed.has_viser():
+        return text
+    return f"{text}; it needs: pip install 'hri-predict[viewer,camera]'"

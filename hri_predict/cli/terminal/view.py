@@ -137,12 +137,17 @@ class TerminalView(View):
     Args:
         console: default: standard error.
         utc_s: gives the time of the wall clock, seconds since 1970.
+        footer: gives the last line, below all else; "": none.
     """
 
     def __init__(
-        self, console: Console | None = None, utc_s: Callable[[], float] = time.time
+        self,
+        console: Console | None = None,
+        utc_s: Callable[[], float] = time.time,
+        footer: Callable[[], str] = str,
     ) -> None:
         self._wall = utc_s
+        self._footer = footer
         self._console = console or Console(stderr=True)
         self._live = Live(console=self._console, auto_refresh=False, transient=True)
         self._assembly: Assembly | None = None
@@ -194,14 +199,19 @@ class TerminalView(View):
         tick, assembly = self._tick, self._assembly
         if tick is None or assembly is None:
             return None
+        footer = self._footer()
         columns, rows = self._console.size.width, min(self._console.size.height - 1, MOST_ROWS)
+        rows -= bool(footer)
         side = min(SIDE, max(LEAST_SIDE, columns - 64))
         layout = Layout()
         layout.split_row(
             self._plan(tick, assembly, columns - side - 4, rows - 2),
             Layout(_Cropped(self._side(tick, assembly), rows), size=side),
         )
-        return _High(layout, rows)
+        page = _High(layout, rows)
+        if not footer:
+            return page
+        return Group(page, Text(footer, style="bold", no_wrap=True, overflow="ellipsis"))
 
     def _side(self, tick: Tick, assembly: Assembly) -> list[RenderableType]:
         """Return the parts next to the plan, most important first; what does not fit is cut."""

@@ -8,6 +8,11 @@ from numpy.typing import NDArray
 from hri_predict.viewing.picture import Shapes
 
 _AROUND, _RINGS = 18, 9
+NO_SIZE = 1e-30
+ENDS_M = np.array([[0, 0, -500], [0, 0, 500]], np.float32)
+"""Two points of no size in each see-through batch: they put the middle of all batches at the room's
+origin, whatever lies between. Browsers draw the batch whose middle is farther away first.
+"""
 _SRGB = np.arange(256) / 255.0
 _LINEAR = np.round(
     255.0 * np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4)
@@ -50,9 +55,13 @@ def linear(colours: Any) -> NDArray[np.uint8]:
 
 
 def spheres_of(capsules: Shapes) -> tuple[Shapes, Shapes]:
-    """(2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first."""
+    """(2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first.
+
+    A capsule without length has one end that can be seen: two would look less see-through.
+    """
     middles = np.concatenate((capsules[:, :3], capsules[:, 3:6]))
-    radii = np.concatenate((capsules[:, 6], capsules[:, 6]))
+    point = (capsules[:, :3] == capsules[:, 3:6]).all(axis=1)
+    radii = np.concatenate((capsules[:, 6], np.where(point, NO_SIZE, capsules[:, 6])))
     return middles, np.repeat(radii[:, None], 3, axis=1)
 
 

@@ -1,5 +1,7 @@
 """Draws pictures into viser's scene: a few batched nodes, whatever the number of people."""
 
+import math
+from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
@@ -7,7 +9,15 @@ from viser import BatchedMeshHandle, ViserServer
 
 from hri_predict.viewing.levels import FORECAST, GREY, GRID, LOST, PERSON, colour, worst
 from hri_predict.viewing.picture import Picture, Shapes
-from hri_predict.viewing.scene3d.solids import cylinder, cylinders_of, linear, sphere, spheres_of
+from hri_predict.viewing.scene3d.solids import (
+    ENDS_M,
+    NO_SIZE,
+    cylinder,
+    cylinders_of,
+    linear,
+    sphere,
+    spheres_of,
+)
 from hri_predict.viewing.scene3d.surroundings import Surroundings
 from hri_predict.viewing.scene3d.tags import Tags
 
@@ -15,60 +25,75 @@ SKY, SUN = 1.6, 1.8
 """Brightness of the lights."""
 GHOSTS = 3
 """Number of bodies of each forecast that are drawn; more of them hide each other."""
-LOOK_FROM_M = np.array([2.5, -3.3, 2.2])
+OPENING = math.radians(58)
+"""The camera's vertical field of view: at that distance, about 5 m of the room."""
+THINNER = 0.9
+"""A forecast's radii by the body's: of a person who stands still it lies inside."""
+LINKS = (1.0, 0.72)
+"""Brightness of a robot's capsules in turn, so that its links differ."""
+LOOK_FROM_M = np.array([2.3, -3.4, 1.9])
 """From the place that is looked at, at the start."""
 LOOK_AT_M, ASIDE_M = 0.6, 0.9
 """That place's height, and how far it may lie from the robots, towards the room's middle."""
-ZONE_OPACITY, LOST_OPACITY, FORECAST_OPACITY = 0.045, 0.07, 0.4
-_NOWHERE = np.array([[0, 0, -50, 0, 0, -50, 1e-3]], np.float32)
-"""Drawn where nothing is to be drawn: a batch is never empty."""
-_NONE = np.zeros(1, np.float32)
+ZONE_OPACITY, FORECAST_OPACITY, FADED = 0.2, 0.6, 0.4
+_ENDS = np.concatenate((ENDS_M, ENDS_M, np.full((2, 1), NO_SIZE, np.float32)), axis=1)
+"""As capsules, the first two of each batch."""
 _UNTURNED = np.array([1, 0, 0, 0], np.float32)
 
 
 class _Solids:
-    """All capsules of one kind: one batch of spheres, and one of cylinders."""
+    """All capsules of one kind: one batch of spheres, and one of cylinders.
 
-    def __init__(self, server: ViserServer, name: str, *, opacity: float | None) -> None:
-        self._parts: list[BatchedMeshHandle] = []
-        for part, shape in (("ends", sphere), ("middles", cylinder)):
-            vertices, faces = shape()
-            handle = server.scene.add_batched_meshes_simple(
-                f"/{name}/{part}",
-                vertices,
-                faces,
-                batched_wxyzs=np.array([[1.0, 0.0, 0.0, 0.0]]),
-                batched_positions=_NOWHERE[:, :3],
-                batched_scales=np.full((1, 3), 1e-3),
-                batched_colors=np.array([[0, 0, 0]], np.uint8),
-                batched_opacities=None if opacity is None else np.array([opacity], np.float32),
-                opacity=None if opacity is None else 1.0,
-                lod="off",
-                cast_shadow=False,
-                receive_shadow=False,
-                side="front",
-            )
-            self._parts.append(handle)
-        self._see_through = opacity is not None
+    Of those that are see-through, only the outermost surface shows: each batch is there twice, and
+    the first, which is invisible, hides from the second all that lies behind the surface. Browsers
+    draw batches of one middle in the order in which they were made (``ENDS_M``).
 
-    def draw(self, capsules: Shapes, colours: Any, opacities: Shapes) -> None:
-        """Show these (N, 7) capsules, with (N, 3) colours and (N,) opacities."""
+    Args:
+        server: where they are shown.
+        name: of the kind.
+        opacity: of all of them; ``None``: they are solid.
+    """
+
+    def __init__(self, server: ViserServer, name: str, opacity: float | None = None) -> None:
+        shapes = (("ends", sphere), ("middles", cylinder))
+        passes: list[tuple[str, float | None]] = [("shown", opacity)]
+        if opacity is not None:
+            passes = [("surface", 0.0), *passes]
+        self._parts: list[tuple[BatchedMeshHandle, ...]] = []
+        for which, opaque in passes:
+            handles = []
+            for part, shape in shapes:
+                vertices, faces = shape()
+                handle = server.scene.add_batched_meshes_simple(
+                    f"/{name}/{which}/{part}",
+                    vertices,
+                    faces,
+                    batched_wxyzs=np.tile(_UNTURNED, (2, 1)),
+                    batched_positions=_ENDS[:, :3],
+                    batched_scales=np.full((2, 3), NO_SIZE, np.float32),
+                    batched_colors=np.zeros((2, 3), np.uint8),
+                    opacity=opaque,
+                    lod="off",
+                    cast_shadow=False,
+                    receive_shadow=False,
+                    side="front",
+                )
+                handles.append(handle)
+            self._parts.append(tuple(handles))
+
+    def draw(self, capsules: Shapes, colours: Any) -> None:
+        """Show these (N, 7) capsules, with (N, 3) colours."""
         sound = np.isfinite(capsules).all(axis=1)
-        capsules, colours = capsules[sound], linear(colours)[sound]
-        opacities = np.asarray(opacities, np.float32)[sound]
-        if not len(capsules):
-            capsules, colours, opacities = _NOWHERE, np.zeros((1, 3), np.uint8), _NONE
-        ends, middles = self._parts
-        ends.batched_positions, ends.batched_scales = spheres_of(capsules)
-        ends.batched_wxyzs = np.tile(_UNTURNED, (2 * len(capsules), 1))
-        ends.batched_colors = np.concatenate((colours, colours))
-        middles.batched_positions, middles.batched_wxyzs, middles.batched_scales = cylinders_of(
-            capsules
-        )
-        middles.batched_colors = colours
-        if self._see_through:
-            ends.batched_opacities = np.concatenate((opacities, opacities)).astype(np.float32)
-            middles.batched_opacities = opacities.astype(np.float32)
+        capsules = np.concatenate((_ENDS, capsules[sound]))
+        colours = np.concatenate((np.zeros((2, 3), np.uint8), linear(colours)[sound]))
+        balls, unturned = spheres_of(capsules), np.tile(_UNTURNED, (2 * len(capsules), 1))
+        between = cylinders_of(capsules)
+        between[2][: len(_ENDS)] = NO_SIZE
+        for ends, middles in self._parts:
+            ends.batched_positions, ends.batched_scales = balls
+            ends.batched_wxyzs = unturned
+            middles.batched_positions, middles.batched_wxyzs, middles.batched_scales = between
+            ends.batched_colors, middles.batched_colors = np.tile(colours, (2, 1)), colours
 
 
 class Stage:
@@ -76,9 +101,10 @@ class Stage:
 
     def __init__(self, server: ViserServer) -> None:
         self._server = server
-        self._solid = _Solids(server, "bodies", opacity=None)
-        self._clear = _Solids(server, "zones", opacity=0.1)
         self._surroundings = Surroundings(server)
+        self._solid = _Solids(server, "bodies")
+        self._ghosts = _Solids(server, "forecast", FORECAST_OPACITY)
+        self._zones = _Solids(server, "zones", ZONE_OPACITY)
         self._tags = Tags(server)
         self._looked = False
         server.scene.set_up_direction("+z")
@@ -107,7 +133,8 @@ class Stage:
         with self._server.atomic():
             self._surroundings.draw(picture.facts, known)
             self._solid.draw(*_solids(picture, known))
-            self._clear.draw(*_see_through(picture, step, known))
+            self._ghosts.draw(*_forecast(picture, step, known))
+            self._zones.draw(*_zones(picture, step, known))
             self._tags.draw(picture, known)
         self._server.flush()
 
@@ -117,7 +144,7 @@ class Stage:
         seen_from = tuple(float(x) for x in place + LOOK_FROM_M)
         cameras: list[Any] = [client.camera for client in self._server.get_clients().values()]
         for camera in (self._server.initial_camera, *cameras):
-            camera.look_at, camera.position = at, seen_from
+            camera.look_at, camera.position, camera.fov = at, seen_from, OPENING
 
 
 def _middle(picture: Picture) -> Any:
@@ -129,38 +156,42 @@ def _middle(picture: Picture) -> Any:
     return robots + way * min(0.5, ASIDE_M / max(float(np.hypot(*way)), 1e-9))
 
 
-def _solids(picture: Picture, known: bool) -> tuple[Shapes, Any, Shapes]:
+def _solids(picture: Picture, known: bool) -> tuple[Shapes, Any]:
     """People as captured, and robots in the colour of their level."""
     bodies = picture.bodies
     segments = bodies.shape[1]
     tracked = picture.facts["tracked"]
     kinds = [PERSON if row < tracked else LOST for row in range(len(bodies))]
-    colours = [rgb if known else GREY for rgb in kinds for _ in range(segments)]
+    colours: list[Any] = [rgb if known else GREY for rgb in kinds for _ in range(segments)]
     for robot in picture.facts["robots"]:
         rgb = colour(robot["level"]) if known else GREY
-        colours += [rgb] * robot["capsules"]
+        shades = islice(cycle(LINKS), robot["capsules"])
+        colours += [tuple(round(shade * part) for part in rgb) for shade in shades]
     capsules = np.concatenate((bodies.reshape(-1, 7), picture.robots))
-    return capsules, np.array(colours, np.uint8).reshape(-1, 3), np.ones(len(capsules), np.float32)
+    return capsules, np.array(colours, np.uint8).reshape(-1, 3)
 
 
-def _see_through(picture: Picture, step: int, known: bool) -> tuple[Shapes, Any, Shapes]:
-    """The forecast up to a step, fading, and the zones at it."""
-    forecast, zones = picture.forecast, picture.zones
-    until = max(1, step)
+def _forecast(picture: Picture, step: int, known: bool) -> tuple[Shapes, Any]:
+    """The bodies of the forecast up to a step, fading."""
+    forecast, until = picture.forecast, max(1, step)
     shown = np.unique(np.linspace(1, until, min(GHOSTS, until)).round().astype(int))
-    steps = shown.tolist() if forecast.shape[1] > 1 else []
-    ghosts = forecast[:, steps]
+    ghosts = forecast[:, shown.tolist() if forecast.shape[1] > 1 else []]
     people, count, segments = ghosts.shape[:3]
-    fading = FORECAST_OPACITY * (1.0 - 0.8 * np.arange(count) / max(count, 1))
+    fading = 1.0 - FADED * np.arange(count) / max(count, 1)
+    each = np.tile(np.repeat(fading, segments), people)[:, None]
+    ghosts[..., 6] *= THINNER
+    return ghosts.reshape(-1, 7), (each * (FORECAST if known else GREY)).astype(np.uint8)
+
+
+def _zones(picture: Picture, step: int, known: bool) -> tuple[Shapes, Any]:
+    """The zones at a step, in the colour of the worst level."""
+    zones = picture.zones
     lost = set(picture.facts["people"][picture.facts["tracked"] :])
     rgb = colour(worst(robot["level"] for robot in picture.facts["robots"]))
     rows = zones[:, min(step, max(zones.shape[1] - 1, 0))] if len(zones) else zones[:, 0]
-    kinds = [LOST if id_ in lost else rgb for id_ in picture.facts["zones"]]
-    opaque = [LOST_OPACITY if id_ in lost else ZONE_OPACITY for id_ in picture.facts["zones"]]
     each = rows.shape[1]
-    capsules = np.concatenate((ghosts.reshape(-1, 7), rows.reshape(-1, 7)))
-    colours = [FORECAST] * (people * count * segments) + [k for k in kinds for _ in range(each)]
-    opacities = [*np.tile(np.repeat(fading, segments), people), *np.repeat(opaque, each)]
+    kinds = [LOST if id_ in lost else rgb for id_ in picture.facts["zones"] for _ in range(each)]
+    capsules = rows.reshape(-1, 7)
     if not known:
-        colours = [GREY] * len(colours)
-    return capsules, np.array(colours, np.uint8).reshape(-1, 3), np.array(opacities, np.float32)
+        kinds = [GREY] * len(kinds)
+    return capsules, np.array(kinds, np.uint8).reshape(-1, 3)

@@ -9,7 +9,7 @@ from viser import BatchedMeshHandle, LineSegmentsHandle, SceneNodeHandle, ViserS
 
 from hri_predict.viewing.levels import COLOURS, GREY, LOST, VIEW, Rgb
 from hri_predict.viewing.picture import Shapes
-from hri_predict.viewing.scene3d.solids import linear
+from hri_predict.viewing.scene3d.solids import ENDS_M, NO_SIZE, linear
 from hri_predict.viewing.unseen import UnseenFloor
 
 UNSEEN_OPACITY, SHADOW_OPACITY = 0.30, 0.22
@@ -18,8 +18,6 @@ ABOVE_M = 0.006
 _CAMERA_M = 0.07
 _SQUARE = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0], [-0.5, 0.5, 0]], np.float32)
 _SQUARE_FACES = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
-_NO_TILES = np.array([[0.0, 0.0, 1e-3, 1e-3]])
-"""Drawn far below the floor where there is none: a batch is never empty."""
 
 
 class Surroundings:
@@ -32,7 +30,7 @@ class Surroundings:
         self._outlines: dict[str, LineSegmentsHandle] = {}
         self._unseen = UnseenFloor(_NO_ROOM)
         self._tiles = np.zeros((0, 4))
-        self._floor: BatchedMeshHandle | None = None
+        self._floor = self._first_floor()
 
     def draw(self, facts: dict[str, Any], known: bool) -> None:
         """Show the room of a picture; grey if the picture is not ``known`` to be of now."""
@@ -102,33 +100,33 @@ class Surroundings:
             )
         )
 
+    def _first_floor(self) -> BatchedMeshHandle:
+        """Return the batch of tiles, with none yet: made before the zones, it is drawn before."""
+        return self._server.scene.add_batched_meshes_simple(
+            "/unseen",
+            _SQUARE,
+            _SQUARE_FACES,
+            batched_wxyzs=np.tile(np.array([1, 0, 0, 0], np.float32), (2, 1)),
+            batched_positions=ENDS_M,
+            batched_scales=np.full((2, 3), NO_SIZE, np.float32),
+            batched_colors=LOST,
+            opacity=UNSEEN_OPACITY,
+            lod="off",
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
     def _lay(self, tiles: NDArray[np.float64]) -> None:
         """Show the floor that is not seen free, as one batch of tiles."""
-        height = self._room["floor_m"] + ABOVE_M if len(tiles) else -50.0
-        tiles = tiles if len(tiles) else _NO_TILES
+        height = self._room["floor_m"] + ABOVE_M
         ones = np.ones((len(tiles), 1))
         positions = np.concatenate((tiles[:, :2], height * ones), axis=1).astype(np.float32)
         scales = np.concatenate((tiles[:, 2:], ones), axis=1).astype(np.float32)
-        turns = np.tile(np.array([1, 0, 0, 0], np.float32), (len(tiles), 1))
-        if self._floor is None:
-            self._floor = self._server.scene.add_batched_meshes_simple(
-                "/unseen",
-                _SQUARE,
-                _SQUARE_FACES,
-                batched_wxyzs=turns,
-                batched_positions=positions,
-                batched_scales=scales,
-                batched_colors=LOST,
-                opacity=UNSEEN_OPACITY,
-                lod="off",
-                side="double",
-                cast_shadow=False,
-                receive_shadow=False,
-            )
-            return
-        self._floor.batched_wxyzs = turns
-        self._floor.batched_positions = positions
-        self._floor.batched_scales = scales
+        count = len(ENDS_M) + len(tiles)
+        self._floor.batched_wxyzs = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
+        self._floor.batched_positions = np.concatenate((ENDS_M, positions))
+        self._floor.batched_scales = np.concatenate((np.full_like(ENDS_M, NO_SIZE), scales))
 
 
 def sides_of(regions: list[dict[str, Any]]) -> tuple[Shapes, NDArray[np.uint32]]:

@@ -97,7 +97,10 @@ def _of_robots(picture: Picture) -> Words:
 def _of_pairs(picture: Picture) -> Words:
     """Return the distances of the deciding pairs, in the middle of their lines."""
     return {
-        f"separation {robot['name']}": (robot["apart"], np.mean(robot["line"], axis=0))
+        f"separation {robot['name']}": (
+            robot["apart"].partition(",")[0],  # the panel has all of it
+            np.mean(robot["line"], axis=0),
+        )
         for robot in picture.facts["robots"]
         if robot["line"] is not None
     }

@@ -169,6 +169,8 @@ def test_a_damaged_picture_is_an_interruption_not_the_end(tmp_path):
     ("text", "options", "message"),
     [
         ("missing.mp4", {}, "no such file"),
+        ("", {}, "input: empty"),
+        ("9" * 30, {}, "no such file"),
         ("http://127.0.0.1/a.mp4", {}, "addresses are not opened"),
         ("rtsp://127.0.0.1/a", {}, "addresses are not opened"),
         ("text.mp4", {}, "not a video"),

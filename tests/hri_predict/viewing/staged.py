@@ -66,10 +66,12 @@ def cell(folder: Path, predictor: str = "constant_velocity", **more: Any) -> Con
     return configuration.load(path)
 
 
-def pictures(at_s: list[float], predictor: str = "constant_velocity") -> list[Picture]:
-    """The pictures of the demo's cell so many seconds after its start."""
+def pictures(
+    at_s: list[float], predictor: str = "constant_velocity", config: Config | None = None
+) -> list[Picture]:
+    """The pictures of the demo's cell, or another, so many seconds after its start."""
     kept = _Kept(at_s)
     with tempfile.TemporaryDirectory() as folder:
-        config = cell(Path(folder), predictor).quiet()
+        config = (config or cell(Path(folder), predictor)).quiet()
         run(config, Options(factor=None, duration_s=max(at_s) + 0.2, view=kept))
     return kept.pictures

@@ -36,6 +36,15 @@ def test_the_page_fits_the_terminal_and_names_level_reason_and_speed(shown, widt
     assert "o" in page.split("zone")[1]
 
 
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (160, 60)])
+def test_a_footer_stands_below_the_page_and_fits_too(shown, width, height, monkeypatch):
+    monkeypatch.setattr(shown, "_footer", lambda: "viewer: http://127.0.0.1:8090  Ctrl-C ends it")
+    lines = page_of(shown, width, height)
+    assert lines[-1].strip() == "viewer: http://127.0.0.1:8090  Ctrl-C ends it"
+    assert len(lines) < height
+    assert max(len(line) for line in lines) <= width
+
+
 def test_trouble_at_a_live_source_is_told_while_the_node_runs():
     counters = SourceCounters(unknown_joints=12, lost=3)
     counters.note("joint 'Hand_L' is not in the joint map coco17")

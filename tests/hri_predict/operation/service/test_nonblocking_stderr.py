@@ -137,7 +137,7 @@ def test_a_run_in_real_time_waits_for_no_reader(pipe, monkeypatch, no_log, facto
     monkeypatch.setattr(run, "run_session", session)
     config = configuration.load(configuration.shipped("demo.yaml"))
     with pytest.raises(ConfigError):
-        run._go(config, Options(factor=factor), True, nullcontext())
+        run.go(config, Options(factor=factor), True, nullcontext())
     assert seen == [waits]
 
 

@@ -35,7 +35,6 @@ def test_the_view_the_shadows_and_the_unseen_floor_are_drawn(server, facts):
     assert {"/shadows", "/unseen"} <= set(drawn(server))
     labels = {part.text for part in room._parts if hasattr(part, "text")}
     assert labels == {"field of view", "shadow", "bench", "camera"}
-    assert room._floor is not None
     before = room._floor.batched_positions.copy()
     room.draw(facts | {"places": [[1.5, 0.0]]}, True)
     assert not np.array_equal(room._floor.batched_positions, before)  # the person's shadow moved
@@ -69,8 +68,7 @@ def test_a_room_that_says_nothing_has_nothing(server, facts):
     room.draw(facts | {"room": empty}, True)
     assert room._parts == []
     assert "/shadows" not in drawn(server)
-    assert room._floor is not None
-    assert room._floor.batched_positions[:, 2].max() < -10  # out of sight
+    assert len(room._floor.batched_positions) == 2  # of no size
 
 
 def test_named_zones_have_the_colour_of_their_state(server, facts):

@@ -1,0 +1,1 @@
+"""``try``: a camera, the node and the 3D view in one command."""

@@ -1,0 +1,121 @@
+"""The camera's process: it sends scenes to a port of this machine, and says why it ended."""
+
+import contextlib
+import secrets
+import select
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+
+from hri_predict.base.errors import SourceError
+
+COMMAND = [sys.executable, "-m", "hri_predict.cli.tryout.beside", "camera"]
+LOOPBACK = "127.0.0.1"
+START_S = 60.0
+"""Time to the first scene: a network is loaded, and a camera may take seconds to open."""
+END_S = 3.0
+"""Time after which a process that was asked to end is killed."""
+_KEY_BYTES = 32
+
+
+class Camera:
+    """The process of ``hri-predict camera`` until it is closed; use it as a context manager.
+
+    A key of its own, which ends with it, protects what it sends.
+
+    Args:
+        arguments: of the command, besides host, port and key.
+        ended: called when the process ended before it was closed, in a thread of its own.
+
+    Attributes:
+        port: the UDP port that it sends to.
+        key_file: the file with its key.
+    """
+
+    def __init__(self, arguments: Sequence[str], ended: Callable[[], None]) -> None:
+        self._ended = ended
+        self._closing = False
+        self._lines: deque[str] = deque(maxlen=20)
+        self._folder = tempfile.TemporaryDirectory(prefix="hri-predict-")
+        self.key_file = Path(self._folder.name, "camera.key")
+        self.key_file.touch(mode=0o600)
+        self.key_file.write_text(secrets.token_hex(_KEY_BYTES), encoding="utf-8")
+        self._probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._probe.bind((LOOPBACK, 0))
+        self.port = int(self._probe.getsockname()[1])
+        where = ["--host", LOOPBACK, "--port", str(self.port), "--key-file", str(self.key_file)]
+        self.process = subprocess.Popen(
+            [*COMMAND, *arguments, *where],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,  # a summary
+            stderr=subprocess.PIPE,
+            process_group=0,  # Ctrl-C is for the node, which ends this process in its turn
+        )
+        self._reader = threading.Thread(target=self._read, name="camera", daemon=True)
+        self._reader.start()
+
+    def wait(self) -> None:
+        """Wait for the first scene; from then on the port is free for the node.
+
+        Raises:
+            SourceError: the process ended before, or sends nothing; the line is its own reason.
+        """
+        end_s = time.monotonic() + START_S
+        with self._probe:
+            while not select.select([self._probe], [], [], 0.1)[0]:
+                if self.process.poll() is not None:
+                    raise SourceError(self.reason())
+                if time.monotonic() > end_s:
+                    raise SourceError(f"the camera sent nothing in {START_S:.0f} s")
+
+    def reason(self) -> str:
+        """Why the process ended: its error if it named one, else the end of its traceback."""
+        self._reader.join(END_S)
+        lines = [line for line in self._lines if line]
+        errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
+        if errors:
+            return errors[-1]
+        faulty = any(line.startswith("Traceback ") for line in lines)
+        status = f"the camera's process ended (status {self.process.wait()})"
+        return f"{status}: {lines[-1]}" if faulty else f"{status} without a reason"
+
+    def _read(self) -> None:
+        """Keep what the process says; pass it on, except for the error that ends it."""
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            text = "".join(c for c in line.decode("utf-8", "replace") if c.isprintable()).strip()
+            self._lines.append(text)
+            if text and not text.startswith("error: "):
+                print(f"camera: {text.removeprefix('camera: ')}", file=sys.stderr, flush=True)
+        self.process.wait()
+        if not self._closing:
+            self._ended()
+
+    def __enter__(self) -> "Camera":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._closing = True
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+        try:
+            self.process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join(END_S)
+        self._probe.close()
+        self._folder.cleanup()
