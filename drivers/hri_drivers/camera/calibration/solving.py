@@ -109,7 +109,7 @@ def calibrate(paths: Sequence[Path], board: Board) -> Calibration:
         if len(views) < MIN_VIEWS:
             why = "; ".join(f"{name}: {text}" for name, text in left_out.items())
             raise ConfigError(
-                f"only {len(views)} usable pictures of {len(paths)}, at least {MIN_VIEWS} are "
+                f"{len(views)} of {len(paths)} pictures can be used, at least {MIN_VIEWS} are "
                 f"needed, better 15 with the board in other places and tilts{_listed(why)}"
             )
         found, tilts = _solved(views, board, left_out)

@@ -74,7 +74,7 @@ def test_each_useless_picture_is_named_with_the_reason(solved):
 
 
 def test_too_few_pictures_are_refused(pictures):
-    with pytest.raises(ConfigError, match=r"only 3 usable pictures of 4.*not a picture"):
+    with pytest.raises(ConfigError, match=r"3 of 4 pictures can be used.*not a picture"):
         calibrate([*pictures_of(pictures)[:3], pictures / "text.png"], BOARD)
 
 
