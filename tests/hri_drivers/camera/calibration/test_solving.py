@@ -163,3 +163,9 @@ def test_the_sheet_knows_its_size_and_is_found(tmp_path):
         write_sheet(tmp_path / "board.pdf", small)
     with pytest.raises(ConfigError, match="sides of more than 2 m"):
         write_sheet(path, Board(square_m=0.9))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (10, 3), (480, 640)])
+def test_pictures_without_a_board_have_no_corners(shape):
+    noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    assert find(noise, BOARD) is None
