@@ -18,10 +18,10 @@ from typer.core import TyperCommand, TyperGroup
 from hri_predict import __version__
 
 ORDER = (
-    "demo", "try", "camera", "run", "init", "check", "alerts", "register", "commission", "replay",
-    "explain", "report", "view", "listen", "fleet", "evidence", "service", "discover", "predictors",
-    "conformance", "train", "ablate", "evaluate", "card", "calibrate", "simulate", "convert",
-    "topics", "urdf", "bench", "config", "protocol",
+    "demo", "try", "camera", "cameras", "camera-calibration", "run", "init", "check", "alerts",
+    "register", "commission", "replay", "explain", "report", "view", "listen", "fleet",
+    "evidence", "service", "discover", "predictors", "conformance", "train", "ablate", "evaluate",
+    "card", "calibrate", "simulate", "convert", "topics", "urdf", "bench", "config", "protocol",
 )  # fmt: skip
 """In this order ``--help`` lists the commands; those of other packages follow by name."""
 

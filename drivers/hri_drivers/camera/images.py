@@ -245,6 +245,15 @@ class Video:
         if self._ahead is None:
             raise ConfigError(f"input {path}: not a video that can be read; give another file")
 
+    def begin(self, at_s: float, at_ns: int) -> None:
+        """Let the first picture be of this time, so that several videos begin together.
+
+        Args:
+            at_s: by ``time.monotonic``.
+            at_ns: the same time by ``time.time_ns``.
+        """
+        self._start, self._start_ns = at_s, at_ns
+
     def read(self) -> Image | None:
         """See ``Input``."""
         if self._ahead is None:

@@ -3,13 +3,17 @@
 import contextlib
 import json
 import signal
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.cli.common import JsonOption, need_extra
+
+if TYPE_CHECKING:
+    from hri_drivers.camera.rig import Rig
 
 MAX_CAMERAS = 4
 
@@ -61,7 +65,7 @@ def cameras(
     """
     need_extra("cv2", "camera")
     from hri_drivers.camera.command import finder_of, size_of
-    from hri_drivers.camera.images import open_input
+    from hri_drivers.camera.images import Video, open_input
     from hri_drivers.camera.newest import Newest
     from hri_drivers.camera.place.camera import read_camera
     from hri_drivers.camera.rig import Eye, Rig
@@ -88,31 +92,43 @@ def cameras(
     key = None if key_file is None else read_key(str(key_file))
     finders = [finder_of(model, variant, people, threads, flat=True) for _ in sources]
     sender = Sender(host, port, load_joint_map(finders[0].layout).source_joints, key)
-    with contextlib.ExitStack() as stack:
-        stack.callback(sender.close)
-        eyes = []
-        for source, finder, camera in zip(sources, finders, known, strict=True):
-            opened = open_input(
-                source, rate_hz=fps, loop=False, latency_s=None, size=size_of(size, source)
-            )
-            eyes.append(Eye(source, Newest(opened), finder, camera))
-            stack.callback(eyes[-1].newest.close)
-        rig = Rig(eyes, sender=sender)
-        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        stack.callback(signal.signal, signal.SIGTERM, before)
+    inputs = [
+        open_input(each, rate_hz=fps, loop=False, latency_s=None, size=size_of(size, each))
+        for each in sources
+    ]
+    at_s, at_ns = time.monotonic(), time.time_ns()
+    for each in inputs:
+        if isinstance(each, Video):
+            each.begin(at_s, at_ns)
+    eyes = [
+        Eye(source, Newest(each), finder, camera)
+        for source, each, finder, camera in zip(sources, inputs, finders, known, strict=True)
+    ]
+    rig = Rig(eyes, sender=sender)
+    _run(rig, seconds)
+    sender.close()
+    print(json.dumps(rig.summary())) if as_json else _print(rig.summary())
+
+
+def _run(rig: "Rig", seconds: float | None) -> None:
+    """Run until an input ends, the time is over, or SIGINT or SIGTERM comes."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
         with contextlib.suppress(KeyboardInterrupt):
             rig.run(seconds)
-        summary = rig.summary()
-    if as_json:
-        print(json.dumps(summary))
-        return
-    latency = summary["latency_ms"]["p50"]
+    finally:
+        rig.close()
+        signal.signal(signal.SIGTERM, before)
+
+
+def _print(summary: dict[str, Any]) -> None:
     print(f"scenes: {summary['scenes']}; pictures without their pair: {summary['unpaired']}")
     for what in ("unplaced", "without_view"):
         for why, count in summary[what].items():
             print(f"  {what.replace('_', ' ')}: {why}: {count}")
-    if latency is not None:
+    latency = summary["latency_ms"]
+    if latency["p50"] is not None:
         print(
-            f"latency from exposure to scene: {latency:.0f} ms in the middle (p50), "
-            f"{summary['latency_ms']['p99']:.0f} ms (p99)"
+            f"latency from exposure to scene: {latency['p50']:.0f} ms in the middle (p50), "
+            f"{latency['p99']:.0f} ms (p99)"
         )

@@ -21,6 +21,7 @@ MIN_CORNERS, MAX_CORNERS = 3, 40  # along a side
 MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 1.0
 DOTS_PER_M = 11811  # 300 per inch
 MAX_SIDE_M = 2.0
+MIN_SIDE_PX = 64  # smaller pictures are refused by the detector with an exception
 _UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
 _MARGIN = 0.7  # of a square, white around the board; the default sheet is 285 x 210 mm
 
@@ -118,6 +119,8 @@ def find(gray: UInt8, board: Board) -> Floats | None:
 
     They are in the order of ``Board.points``.
     """
+    if min(gray.shape) < MIN_SIDE_PX:
+        return None
     size = board.columns, board.rows
     found, corners = cv2.findChessboardCorners(gray, size)
     if not found:

@@ -87,7 +87,7 @@ def solve(
     print(
         f"{out}: {len(found.used)} pictures, corners {found.error_px:.2f} pixels off; horizontal "
         f"field of view {camera.field_of_view_deg:.1f} degrees, focal length known to "
-        f"{100 * camera.focal_error:.1f} %"
+        f"{100 * camera.focal_error:.1f} %; no pose yet: hri-predict camera-calibration pose"
     )
 
 

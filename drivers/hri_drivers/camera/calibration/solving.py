@@ -109,7 +109,7 @@ def calibrate(paths: Sequence[Path], board: Board) -> Calibration:
         if len(views) < MIN_VIEWS:
             why = "; ".join(f"{name}: {text}" for name, text in left_out.items())
             raise ConfigError(
-                f"only {len(views)} usable pictures of {len(paths)}, at least {MIN_VIEWS} are "
+                f"{len(views)} of {len(paths)} pictures can be used, at least {MIN_VIEWS} are "
                 f"needed, better 15 with the board in other places and tilts{_listed(why)}"
             )
         found, tilts = _solved(views, board, left_out)
@@ -171,9 +171,14 @@ def _solved(
     points = [board.points.astype(np.float32)] * len(views)
     corners = [view.corners.astype(np.float32)[:, None] for view in views]
     size = views[0].size
-    rms, matrix, distortion, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
-        points, corners, size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
-    )
+    try:
+        rms, matrix, distortion, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
+            points, corners, size, np.eye(3), np.zeros(5), flags=cv2.CALIB_FIX_K3
+        )
+    except cv2.error:
+        raise ConfigError(
+            "no camera fits these pictures: is it one camera with one zoom, and a flat board?"
+        ) from None
     tilts = [
         math.degrees(math.acos(min(1.0, abs(float(cv2.Rodrigues(turn)[0][2, 2])))))
         for turn in turns

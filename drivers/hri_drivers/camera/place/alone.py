@@ -40,6 +40,8 @@ WHOLE_FROM_M = 2.0, 2.5
 """Nearer, a whole body is not fully in the picture, whatever the network says."""
 BODY_ERROR_M = 0.4
 """99 % bound of what does not grow with the distance: the joints, and bodies near by."""
+MAX_REACH_M = 3.0
+"""From the hips along one axis; no landmark of a body is farther away."""
 MIN_JOINTS = 6
 MIN_COSINE = 0.1
 """Joints are seen within 84 degrees of the middle of the body."""
@@ -71,10 +73,11 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     used = (
         (seen.visibility >= MIN_VISIBILITY)
         & camera.inside(seen.pixels)
-        & np.isfinite(seen.world).all(axis=1)
+        & (np.abs(seen.world) <= MAX_REACH_M).all(axis=1)  # never where it is NaN
     )
     rays = camera.rays(seen.pixels)
     used &= np.isfinite(rays).all(axis=1)
+    world = np.where(used[:, None], seen.world, np.nan)
     if np.count_nonzero(used) < MIN_JOINTS:
         return Unplaced("too few visible joints")
     bones = bones_of(seen.layout)
@@ -82,7 +85,7 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     whole = used[list(bones.shoulders)].any() and used[list(bones.ankles)].any()
     other = math.hypot(ADULT_ERROR if height_m is None else 0.0, camera.focal_error)
     turned = _toward(_middle(rays, used, bones.hips))
-    place = _fitted(seen.world * scale, rays, used, turned)
+    place = _fitted(world * scale, rays, used, turned)
     if isinstance(place, Unplaced):
         return place
     error_m = _stated(place, is_whole=bool(whole), other=other)

@@ -62,8 +62,9 @@ class Camera:
     def rays(self, pixels: Floats) -> Floats:
         """Return (..., 2): x / z and y / z of the rays through ``pixels`` (..., 2).
 
-        NaN where a pixel is not finite, or so far outside that the distortion has no inverse.
+        NaN for a pixel that is not in the picture, or for which the distortion has no inverse.
         """
+        pixels = np.where(self.inside(pixels)[..., None], pixels, np.nan)
         distorted = (pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
         if not self.distortion.any():
             return distorted

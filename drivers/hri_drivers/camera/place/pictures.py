@@ -18,6 +18,7 @@ def read_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     """
     import cv2
 
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # our errors name a remedy
     if not path.is_file():
         raise ConfigError(f"{path}: no such file; check the path")
     try:

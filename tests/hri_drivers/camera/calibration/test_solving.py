@@ -74,7 +74,7 @@ def test_each_useless_picture_is_named_with_the_reason(solved):
 
 
 def test_too_few_pictures_are_refused(pictures):
-    with pytest.raises(ConfigError, match=r"only 3 usable pictures of 4.*not a picture"):
+    with pytest.raises(ConfigError, match=r"3 of 4 pictures can be used.*not a picture"):
         calibrate([*pictures_of(pictures)[:3], pictures / "text.png"], BOARD)
 
 
@@ -163,3 +163,9 @@ def test_the_sheet_knows_its_size_and_is_found(tmp_path):
         write_sheet(tmp_path / "board.pdf", small)
     with pytest.raises(ConfigError, match="sides of more than 2 m"):
         write_sheet(path, Board(square_m=0.9))
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (10, 3), (480, 640)])
+def test_pictures_without_a_board_have_no_corners(shape):
+    noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    assert find(noise, BOARD) is None

@@ -1,5 +1,7 @@
 """The camera's geometry and its file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,8 +32,10 @@ def test_the_distortion_is_opencvs():
     np.testing.assert_allclose(BENT.project(points), theirs[:, 0], atol=1e-9)
 
 
-def test_a_pixel_that_the_distortion_cannot_reach_has_no_ray():
-    assert np.isnan(BENT.rays(np.array([[1e5, 1e5], [np.nan, 3.0]]))).all()
+def test_a_pixel_outside_or_that_the_distortion_cannot_reach_has_no_ray():
+    assert np.isnan(BENT.rays(np.array([[700.0, 10.0], [np.nan, 3.0]]))).all()
+    folded = replace(BENT, distortion=np.array([-2.0, 0, 0, 0, 0]))
+    assert np.isnan(folded.rays(np.array([639.0, 479.0]))).all()
 
 
 def test_the_file_holds_the_camera(tmp_path):
