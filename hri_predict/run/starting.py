@@ -73,18 +73,23 @@ def ended_by_signals(stop: threading.Event) -> Iterator[None]:
         return
     before = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
 
+    asked: list[BaseException] = []
+
     def handler(number: int, frame: FrameType | None) -> None:
         inner = before[signal.Signals(number)]
         if callable(inner):
             inner(number, frame)
         if stop.is_set():
-            raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(0)
+            asked.append(KeyboardInterrupt() if number == signal.SIGINT else SystemExit(0))
+            raise asked[-1]
 
     for number, inner in before.items():
         if callable(inner):
             signal.signal(number, handler)
     try:
         yield
+        if asked:  # the compiler's callbacks swallow what is raised within them
+            raise asked[-1]
     finally:
         for number, inner in before.items():
             if callable(inner):

@@ -1,5 +1,6 @@
 """A start that takes long ends with the first signal, and the handlers are left as they were."""
 
+import contextlib
 import signal
 import threading
 
@@ -22,6 +23,17 @@ def test_a_signal_ends_a_long_start(number, ends):
             signal.raise_signal(number)
         assert signal.getsignal(number) is before
     assert stop.is_set()
+
+
+def test_a_signal_that_a_compiler_swallows_ends_the_start_when_it_has_compiled():
+    stop = threading.Event()
+    with (
+        stop_on_signals(stop),
+        pytest.raises(KeyboardInterrupt),
+        ended_by_signals(stop),
+        contextlib.suppress(KeyboardInterrupt),  # as ctypes does with a callback's exceptions
+    ):
+        signal.raise_signal(signal.SIGINT)
 
 
 def test_a_hangup_that_asks_for_something_else_ends_no_start():
