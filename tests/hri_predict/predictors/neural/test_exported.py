@@ -36,10 +36,18 @@ def stored(by_torch):
 def made(monkeypatch, tmp_path, stored):
     """The cache's folder is new; the list has one entry for each time that a copy was made."""
     monkeypatch.setenv("HRI_PREDICT_CACHE", str(tmp_path))
+    return counted(monkeypatch, stored.packed())
+
+
+def counted(monkeypatch, content):
+    """Let ``content`` be what is made; the list has an entry for each time."""
     calls = []
-    monkeypatch.setattr(
-        exported, "_made", lambda settings: (calls.append(settings), stored.packed())[1]
-    )
+
+    def make(settings):
+        calls.append(settings)
+        return content
+
+    monkeypatch.setattr(exported, "_made", make)
     return calls
 
 
@@ -84,9 +92,7 @@ def test_other_settings_or_weights_have_their_own_copy(made, tmp_path):
 @pytest.mark.long
 def test_a_copy_that_disagrees_with_torch_does_not_compute(monkeypatch, made, stored):
     moved = [(p, o, w + np.float32(0.01)) for p, o, w in stored.probes]
-    calls = []
-    wrong = replace(stored, probes=moved).packed()
-    monkeypatch.setattr(exported, "_made", lambda _: (calls.append(1), wrong)[1])
+    calls = counted(monkeypatch, replace(stored, probes=moved).packed())
     with pytest.raises(NoCopyError, match=r"differs from torch by 0\.01"):
         exported.exported(settings_of())
     assert len(calls) == 2
