@@ -51,7 +51,8 @@ def names(kind: Kind) -> list[str]:
 
 def is_ours(kind: Kind, name: str) -> bool:
     """Whether this package brings what is registered as ``name``, not a third party."""
-    dist = _entry_points(kind)[name].dist
+    point = _entry_points(kind).get(name)
+    dist = None if point is None else point.dist
     return dist is not None and dist.name == "hri-predict"
 
 

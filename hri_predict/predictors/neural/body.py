@@ -83,3 +83,9 @@ def from_canonical(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
     body[..., SHARED_BODY, :] = positions[..., SHARED_CANONICAL, :]
     seen[..., SHARED_BODY] = observed[..., SHARED_CANONICAL]
     return body, seen
+
+
+EXTRAPOLATED_STEPS = 3
+"""Steps for which a joint moves on after its last observation."""
+LEVEL_M = 1e-3
+"""A shorter line, seen from above, gives no heading: the person lies on one side."""

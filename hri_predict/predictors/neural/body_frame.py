@@ -14,11 +14,7 @@ import torch
 from torch import Tensor
 
 from hri_predict.base.skeleton import Skeleton, neighbours
-
-EXTRAPOLATED_STEPS = 3
-"""Steps for which a joint moves on after its last observation."""
-LEVEL_M = 1e-3
-"""A shorter line, seen from above, gives no heading: the person lies on one side."""
+from hri_predict.predictors.neural.body import EXTRAPOLATED_STEPS, LEVEL_M
 
 
 @dataclass(frozen=True, slots=True)

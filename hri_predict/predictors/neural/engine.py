@@ -2,7 +2,7 @@
 
 A copy is a second program, so it is not trusted. It computes only if it agrees with torch on
 windows like those of a cell, each time that a predictor is built. Otherwise torch computes, and
-the log says why.
+the log says why. A node builds none of this: ``exported`` has kept the copy and the windows.
 """
 
 import contextlib
@@ -10,7 +10,6 @@ import hashlib
 import io
 import json
 import logging
-import os
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,21 +19,25 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from hri_predict.base.arrays import Floats
-from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.machine.cache import cached, forget
 from hri_predict.predictors.neural.network import BodyFrames, Network
+from hri_predict.predictors.neural.session import (
+    AGREES_M,
+    EngineError,
+    Session,
+    line_of,
+    runtime,
+)
 from hri_predict.predictors.neural.settings import EngineName
+from hri_predict.predictors.neural.windows import Singles
 
 log = logging.getLogger(__name__)
-
-AGREES_M = 1e-4
-"""Maximum difference between a copy's forecasts and torch's: rounding gives a hundredth of it."""
 
 _OPSET = 17
 _EXPORT = 4  # raise it when the way of exporting changes
 _PROBES = 6  # people of the test: see ``_probe``
-_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,16 +49,14 @@ class Engine:
         forward: a window of B people to (B, H, J, 3), as ``Network.lean``.
         differs_m: the largest difference from torch on the probes, in metres.
         why: why it is not ONNX Runtime; one line.
+        model: the exported copy that computes; empty for torch.
     """
 
     name: EngineName
     forward: Callable[[BodyFrames], Tensor]
     differs_m: float = 0.0
     why: str = ""
-
-
-class EngineError(Exception):
-    """A network cannot be exported, or its copy cannot be used; one line."""
+    model: bytes = b""
 
 
 def engine_for(network: Network, wanted: EngineName, threads: int) -> Engine:
@@ -90,77 +91,38 @@ def _onnxruntime(network: Network, threads: int) -> Engine:
     """
     if not network.exportable:
         raise EngineError("this network cannot be exported")
-    runtime = _imported()
+    runtime()
     name = f"{type(network).__name__.lower()}-{_digest(network)}.onnx"
-    problem = ""
+    problem, shape, asked = "", network.shape, probes(network)
     for _ in range(2):
         model = cached(name, lambda: _exported(network))
         try:
-            engine = _Session(runtime, model, network, threads)
-            differs = _difference(network, engine)
+            session = Session(model, (shape.horizon_steps, shape.joints, 3), threads)
+            differs = max(
+                session.difference(each.positions, each.observed, each.wanted) for each in asked
+            )
         except EngineError as error:
             problem = str(error)
         else:
             if differs <= AGREES_M:
-                return Engine("onnxruntime", engine, differs)
+                return Engine("onnxruntime", _Forward(session), differs, model=model)
             problem = f"its copy of the network differs from torch by {differs:.2g} m"
         forget(name)
     raise EngineError(problem)
 
 
-def _imported() -> Any:
-    """The module ``onnxruntime``.
+class _Forward:
+    """A session as a network's forward pass."""
 
-    Raises:
-        EngineError: it is not installed, or broken.
-    """
-    os.environ.setdefault(_TELEMETRY, "1")  # else the import writes a device's id and calls out
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise EngineError("ONNX Runtime is not installed") from error
-    except Exception as error:  # a broken installation may raise anything
-        raise EngineError(f"ONNX Runtime cannot be imported: {_line(error)}") from error
-    return onnxruntime
-
-
-class _Session:
-    """An ONNX Runtime session that takes a window.
-
-    Raises:
-        EngineError: ONNX Runtime refuses the model.
-    """
-
-    def __init__(self, runtime: Any, model: bytes, network: Network, threads: int) -> None:
-        try:
-            options = runtime.SessionOptions()
-            options.intra_op_num_threads = min(threads, os.cpu_count() or 1)
-            options.inter_op_num_threads = 1
-            options.log_severity_level = 4  # what fails is raised
-            options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-            self._session = runtime.InferenceSession(
-                model, options, providers=["CPUExecutionProvider"]
-            )
-        except Exception as error:  # its errors share no base but this
-            raise EngineError(f"ONNX Runtime refuses the network: {_line(error)}") from error
-        self._shape = (network.shape.horizon_steps, network.shape.joints, 3)
-        # a network that does not read the mask has no such input
-        self._inputs = frozenset(entry.name for entry in self._session.get_inputs())
+    def __init__(self, session: Session) -> None:
+        self._session = session
 
     def __call__(self, window: BodyFrames) -> Tensor:
-        inputs = {
-            "positions": window.positions.contiguous().numpy(),
-            "observed": window.observed.contiguous().numpy(),
-        }
-        read = {name: array for name, array in inputs.items() if name in self._inputs}
-        forecast = self._session.run(None, read)[0]
-        expected = (len(window.observed), *self._shape)
-        if forecast.shape != expected or forecast.dtype != np.float32:
-            raise PredictorError(
-                f"ONNX Runtime gave {forecast.dtype} {forecast.shape}, not float32 {expected}; set "
-                f"predictor.engine to torch"
+        return torch.from_numpy(
+            self._session(
+                window.positions.contiguous().numpy(), window.observed.contiguous().numpy()
             )
-        return torch.from_numpy(forecast)
+        )
 
 
 class _Traced(nn.Module):
@@ -198,7 +160,7 @@ def _exported(network: Network) -> bytes:
                 opset_version=_OPSET,
             )
     except Exception as error:  # the exporter's errors share no base but this
-        raise EngineError(f"the network cannot be exported: {_line(error)}") from error
+        raise EngineError(f"the network cannot be exported: {line_of(error)}") from error
     return file.getvalue()
 
 
@@ -220,28 +182,40 @@ def _quiet() -> Iterator[None]:
             cast(Any, torch._C)._jit_onnx_log = said
 
 
-def _difference(network: Network, engine: Callable[[BodyFrames], Tensor]) -> float:
-    """Largest difference from torch on the probes, in metres: together, two, and one by one.
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """A window, and what torch forecasts for it.
+
+    Attributes:
+        positions: (B, T, J, 3) m.
+        observed: (B, T, J).
+        wanted: (B, H, J, 3) m.
+    """
+
+    positions: Singles
+    observed: Bools
+    wanted: Singles
+
+
+def probes(network: Network) -> list[Probe]:
+    """Torch's own forecasts: of some people together, of two of them, and one by one.
 
     A branch may ask about all people of a window, or how many they are.
-
-    Raises:
-        EngineError: the engine fails.
     """
     everybody = _probe(network)
-    some = [slice(None), slice(0, 2), *(slice(i, i + 1) for i in range(_PROBES))]
-    largest = 0.0
-    for people in some:
+    found = []
+    for people in (slice(None), slice(0, 2), *(slice(i, i + 1) for i in range(_PROBES))):
         window = BodyFrames(everybody.positions[people], everybody.observed[people])
         with torch.inference_mode():
             wanted = network(window)  # the plain forward pass, which has no shortcut
-        try:
-            found = engine(window)
-        except Exception as error:  # the runtime's errors share no base but this
-            raise EngineError(f"ONNX Runtime cannot compute it: {_line(error)}") from error
-        apart = float((found - wanted).abs().max())
-        largest = max(largest, apart if np.isfinite(apart) else np.inf)
-    return largest
+        found.append(
+            Probe(
+                window.positions.contiguous().numpy(),
+                window.observed.contiguous().numpy(),
+                wanted.contiguous().numpy(),
+            )
+        )
+    return found
 
 
 def _probe(network: Network) -> BodyFrames:
@@ -284,7 +258,3 @@ def _digest(network: Network) -> str:
             digest.update(name.encode())
             digest.update(tensor.contiguous().numpy().tobytes())
     return digest.hexdigest()[:32]
-
-
-def _line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200] or type(error).__name__

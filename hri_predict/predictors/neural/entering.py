@@ -2,31 +2,24 @@
 
 ``body_frame`` does the same for batches of training, in sixty small operations that take more than
 a millisecond when caches are cold. Here loops over a few people do it at once. Where numba is
-missing, those operations compute.
+missing, those operations compute (``entering_arrays``).
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
 
 from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.machine.compiled import kernel, part
 from hri_predict.base.skeleton import CANONICAL, Skeleton
-from hri_predict.predictors.masked import at_step, last_observed
-from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONICAL
-from hri_predict.predictors.neural.body_frame import (
+from hri_predict.predictors.neural.body import (
+    BODY,
     EXTRAPOLATED_STEPS,
     LEVEL_M,
-    BodyFrame,
-    body_frame,
-    fill,
+    SHARED_BODY,
+    SHARED_CANONICAL,
 )
-
-Singles = NDArray[np.float32]
-Indices = NDArray[np.int64]
+from hri_predict.predictors.neural.windows import Entered, Histories, Indices, Singles, Tables
 
 # Canonical joints that the body lacks, and the body's joints that they move with.
 _CARRIED = {
@@ -37,46 +30,6 @@ _CARRIED = {
 _PELVIS, _L_HIP, _R_HIP, _L_SHOULDER, _R_SHOULDER = (
     BODY.joints.index(name) for name in ("pelvis", "l_hip", "r_hip", "l_shoulder", "r_shoulder")
 )
-
-
-class Tables(NamedTuple):
-    """Constants: how the K joints of a skeleton are the 28 of ``BODY``, and its pose.
-
-    Attributes:
-        given: (28,) which joint of the skeleton each of the body's is, or -1.
-        taken: (K, 2) the body's joints in whose middle each joint moves; its own twice.
-        carried: (K,) the body lacks it: it keeps its place relative to ``taken``.
-        rest: (28, 3) the rest pose in the body frame, m.
-        nearest: (28, 28) as ``neighbour_table`` gives it.
-    """
-
-    given: Indices
-    taken: Indices
-    carried: Bools
-    rest: Floats
-    nearest: Indices
-
-
-class Histories(NamedTuple):
-    """Positions (P, T, K, 3) in the room, m, and which were observed (P, T, K)."""
-
-    positions: Floats
-    observed: Bools
-
-
-class Entered(NamedTuple):
-    """People in their own frames.
-
-    Attributes:
-        window: (P, T, 28, 3) m, filled everywhere.
-        observed: (P, T, 28).
-        frames: (P, 5) each frame's origin in the room, and the x and y of its y axis, which is
-            level.
-    """
-
-    window: Singles
-    observed: Bools
-    frames: Floats
 
 
 def tables(skeleton: Skeleton, rest: Floats, nearest: Indices) -> Tables:
@@ -214,23 +167,6 @@ def _enter_loops(histories: Histories, tables: Tables) -> Entered:
     return Entered(window, observed, frames)
 
 
-def _enter_arrays(histories: Histories, tables: Tables) -> Entered:
-    """Bring histories into the people's own frames, and fill what was not observed."""
-    there = tables.given >= 0
-    body = np.zeros((*histories.observed.shape[:2], len(there), 3))
-    observed = np.zeros(body.shape[:3], dtype=bool)
-    body[:, :, there] = histories.positions[:, :, tables.given[there]]
-    observed[:, :, there] = histories.observed[:, :, tables.given[there]]
-    positions, seen = torch.from_numpy(body), torch.from_numpy(observed)
-    with torch.inference_mode():
-        frame = body_frame(positions, seen, BODY)
-        clean = torch.where(seen[..., None], frame.enter(positions), 0.0)
-        rest, nearest = torch.from_numpy(tables.rest), torch.from_numpy(tables.nearest)
-        window = fill(clean, seen, rest, nearest).float().numpy()
-    frames = torch.cat([frame.origin, frame.rotation[:, 1, :2]], 1).numpy()
-    return Entered(window, observed, frames)
-
-
 @part
 def _middle(body: Singles, pair: Indices, frame: Floats, place: Floats) -> None:
     """Set ``place`` (3,), along the room's axes, to the middle of two joints of a body (28, 3)."""
@@ -268,26 +204,20 @@ def _leave_loops(
     return result
 
 
+def _enter_arrays(histories: Histories, tables: Tables) -> Entered:
+    """Bring histories into the people's own frames, and fill what was not observed."""
+    from hri_predict.predictors.neural.entering_arrays import enter_arrays  # with torch
+
+    return enter_arrays(histories, tables)
+
+
 def _leave_arrays(
     forecast: Singles, entered: Entered, histories: Histories, tables: Tables
 ) -> Floats:
     """Bring forecasts (P, H, 28, 3) in the people's frames into the room: (P, H, K, 3), m."""
-    left, carried = entered.frames[:, 3:], tables.carried
-    rotation = np.zeros((len(left), 3, 3))
-    rotation[:, 0, 0], rotation[:, 0, 1] = left[:, 1], -left[:, 0]
-    rotation[:, 1, :2], rotation[:, 2, 2] = left, 1.0
-    frame = BodyFrame(torch.from_numpy(entered.frames[:, :3]), torch.from_numpy(rotation))
-    with torch.inference_mode():
-        future, past = (
-            frame.leave(torch.from_numpy(each).double()).numpy()
-            for each in (forecast, entered.window)
-        )
-    result: Floats = future[:, :, tables.taken].mean(axis=3)
-    step, seen = last_observed(histories.observed[:, :, carried])
-    newest = at_step(histories.positions[:, :, carried], step)
-    then = at_step(past[:, :, tables.taken[carried]].mean(axis=3), step)
-    result[:, :, carried] += np.where(seen[..., np.newaxis], newest - then, 0.0)[:, np.newaxis]
-    return result
+    from hri_predict.predictors.neural.entering_arrays import leave_arrays  # with torch
+
+    return leave_arrays(forecast, entered, histories, tables)
 
 
 enter = kernel(_enter_loops, _enter_arrays)

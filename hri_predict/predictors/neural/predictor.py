@@ -1,38 +1,33 @@
 """The node's side of every trained predictor: from the room to the network and back.
 
 Each method's module derives its predictor from ``NeuralPredictor`` and names its network; nothing
-else is needed. Networks compute in single precision about the person's own origin, which is
-subtracted in double precision, so a forecast is equally precise anywhere in the room.
+else is needed. ``ExportedPredictor`` gives the same forecasts without torch.
 """
 
 import logging
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import torch
 
-from hri_predict.base.arrays import Bools, Floats
-from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.skeleton import CANONICAL, Skeleton
-from hri_predict.contracts.predictor import Forecast, checked
 from hri_predict.predictors.masked import steps_to_cover
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
-from hri_predict.predictors.neural.entering import Histories, enter, leave, tables
+from hri_predict.predictors.neural.entering import tables
+from hri_predict.predictors.neural.forecasting import Forecasting
 from hri_predict.predictors.neural.network import BodyFrames, NetworkClass
 from hri_predict.predictors.neural.settings import NeuralSettings, shipped_weights
 from hri_predict.predictors.neural.weights import Header, LoadedWeights, load_weights, read_header
+from hri_predict.predictors.neural.windows import Entered, Singles
 
 log = logging.getLogger(__name__)
 
-# The first calls of a network allocate and choose kernels. Then another number of people costs
-# nothing once; the most take their memory here, not in the loop.
-_WARM_UP_PEOPLE = (1, 2, 16)
 _STRETCH = 2  # times the trained horizon; beyond it a chained network drifts far
 
 
-class NeuralPredictor:
+class NeuralPredictor(Forecasting):
     """Base of the trained predictors; see ``contracts.predictor.Predictor`` for the attributes.
 
     Works on ``CANONICAL``, as the node does, or on ``BODY``. The network does not predict three
@@ -92,24 +87,15 @@ class NeuralPredictor:
         )
         torch.set_num_threads(settings.threads)
         self.engine = engine_for(self.network, settings.engine, settings.threads)
-        self._warm_up(path)
+        self._warm_up(self.method, path)
 
-    def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Predict with the network; see ``Predictor.predict``."""
-        if len(history) == 0:
-            shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
-            return Forecast(np.zeros(shape), None)
-        histories = Histories(
-            np.ascontiguousarray(history, dtype=np.float64),
-            np.ascontiguousarray(observed, dtype=np.bool_),
-        )
-        entered = enter(histories, self._tables)
+    def _ahead(self, entered: Entered) -> Singles:
         with torch.inference_mode():
             window = BodyFrames(
                 torch.from_numpy(entered.window), torch.from_numpy(entered.observed)
             )
-            predicted = self.engine.forward(window)[:, : self.horizon_steps].contiguous().numpy()
-        return Forecast(leave(predicted, entered, histories, self._tables), None)
+            ahead: Singles = self.engine.forward(window).contiguous().numpy()
+        return ahead
 
     def _weights_method(self, settings: NeuralSettings) -> str:
         """Method of the weights it loads; their shipped file is the default."""
@@ -160,21 +146,3 @@ class NeuralPredictor:
                 f"predictor {self.method}: rate_hz is {settings.rate_hz:g}, but its weights {path} "
                 f"are for {header.shape.rate_hz:g}; set predictor.rate_hz to that"
             )
-
-    def _warm_up(self, path: Path) -> None:
-        """Predict for one person, two and many, so that no tick is late.
-
-        Raises:
-            PredictorError: a forecast is not finite.
-        """
-        for people in _WARM_UP_PEOPLE:
-            shape = (people, self.history_steps, len(self.skeleton.joints))
-            observed = np.ones(shape, dtype=bool)
-            observed[:, 0] = False  # so that the filling runs, too
-            try:
-                checked(self.predict(np.zeros((*shape, 3)), observed), people, self)
-            except PredictorError as error:
-                raise PredictorError(
-                    f"predictor {self.method}: weights {path}: {error}; train them again, or give "
-                    f"another file"
-                ) from error

@@ -48,22 +48,34 @@ class Work:
 
 
 def work_of(pid: int) -> Work | None:
-    """Return the work of the process ``pid``; ``None``: this system does not report it.
+    """Return the work of the process ``pid``, and of those that it started, while it waits for
+    them or has; ``None``: this system does not report it.
 
-    Source: proc_pid_stat(5) and proc_pid_io(5).
+    Source: proc_pid_stat(5), proc_pid_io(5) and proc_tid_children(5).
     """
     try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-        fields = stat.rpartition(")")[2].split()
-        state, pages = fields[0], int(fields[9])
-        ticks = int(fields[11]) + int(fields[12])
-        read = 0
-        with contextlib.suppress(OSError):  # hidden in some containers
-            io = Path(f"/proc/{pid}/io").read_text(encoding="ascii")
-            read = int(io.split("rchar:")[1].split()[0])
-        return Work(ticks / os.sysconf("SC_CLK_TCK"), read + pages, state in "Tt")
+        own = _own_work(pid)
     except (OSError, ValueError, IndexError):
         return None
+    cpu_s, read = own.cpu_s, own.read
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        for tasks in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in tasks.read_text(encoding="ascii").split():
+                work = _own_work(int(child))
+                cpu_s, read = cpu_s + work.cpu_s, read + work.read
+    return Work(cpu_s, read, own.stopped)
+
+
+def _own_work(pid: int) -> Work:
+    stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+    fields = stat.rpartition(")")[2].split()
+    state, pages = fields[0], int(fields[9])
+    ticks = sum(map(int, fields[11:15]))  # its own, and of children that have ended
+    read = 0
+    with contextlib.suppress(OSError):  # hidden in some containers
+        io = Path(f"/proc/{pid}/io").read_text(encoding="ascii")
+        read = int(io.split("rchar:")[1].split()[0])
+    return Work(ticks / os.sysconf("SC_CLK_TCK"), read + pages, state in "Tt")
 
 
 class Progress:

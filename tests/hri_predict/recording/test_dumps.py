@@ -3,7 +3,9 @@
 import csv
 import json
 import pickle
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +41,7 @@ def of_tracker(name: str, walk: np.ndarray = WALK) -> tuple[list[str], np.ndarra
     return list(joint_map.source_joints), joints
 
 
-def table(path: Path, head: list[str], rows: list[list[object]]) -> Path:
+def table(path: Path, head: list[str], rows: Sequence[Sequence[object]]) -> Path:
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([head, *rows])
     return path
@@ -60,7 +62,7 @@ def stands(recording: Recording) -> None:
     np.testing.assert_allclose(heights, true, atol=0.02)  # midpoints of hips are not the waist
 
 
-def refused(path: Path, **options: object) -> str:
+def refused(path: Path, **options: Any) -> str:
     with pytest.raises(RecordingError) as caught:
         open_recording(path, any_joints=True, **options)
     assert "\n" not in str(caught.value)

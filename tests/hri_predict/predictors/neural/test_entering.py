@@ -10,8 +10,9 @@ from hri_predict.base.skeleton import CANONICAL, Skeleton
 from hri_predict.predictors.neural import entering
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.body_frame import neighbour_table
-from hri_predict.predictors.neural.entering import Entered, Histories, tables
+from hri_predict.predictors.neural.entering import tables
 from hri_predict.predictors.neural.network import Network, Shape
+from hri_predict.predictors.neural.windows import Entered, Histories
 
 ROUNDING_M = 2e-6  # single precision: 2.4e-7 m at 3 m, up to the last place of each of some sums
 EXACT_M = 1e-12  # double precision: 2e-15 m at 10 m, times some hundred

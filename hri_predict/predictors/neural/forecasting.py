@@ -1,0 +1,65 @@
+"""From the room to a network and back, with any engine of the network.
+
+Networks compute in single precision about the person's own origin, which is subtracted in double
+precision, so a forecast is equally precise anywhere in the room.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.errors import PredictorError
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts.predictor import Forecast, checked
+from hri_predict.predictors.neural.entering import enter, leave
+from hri_predict.predictors.neural.windows import Entered, Histories, Singles, Tables
+
+# The first calls of a network allocate and choose kernels. Then another number of people costs
+# nothing once; the most take their memory here, not in the loop.
+_WARM_UP_PEOPLE = (1, 2, 16)
+
+
+class Forecasting:
+    """Base of predictors with a network; see ``contracts.predictor.Predictor``."""
+
+    skeleton: Skeleton
+    history_steps: int
+    horizon_steps: int
+    rate_hz: float
+    _tables: Tables
+
+    def predict(self, history: Floats, observed: Bools) -> Forecast:
+        """Predict with the network; see ``Predictor.predict``."""
+        if len(history) == 0:
+            shape = (0, self.horizon_steps, len(self.skeleton.joints), 3)
+            return Forecast(np.zeros(shape), None)
+        histories = Histories(
+            np.ascontiguousarray(history, dtype=np.float64),
+            np.ascontiguousarray(observed, dtype=np.bool_),
+        )
+        entered = enter(histories, self._tables)
+        predicted = np.ascontiguousarray(self._ahead(entered)[:, : self.horizon_steps])
+        return Forecast(leave(predicted, entered, histories, self._tables), None)
+
+    def _ahead(self, entered: Entered) -> Singles:
+        """(P, at least ``horizon_steps``, 28, 3) m in the people's own frames."""
+        raise NotImplementedError
+
+    def _warm_up(self, method: str, path: Path) -> None:
+        """Predict for one person, two and many, so that no tick is late.
+
+        Raises:
+            PredictorError: a forecast is not finite.
+        """
+        for people in _WARM_UP_PEOPLE:
+            shape = (people, self.history_steps, len(self.skeleton.joints))
+            observed = np.ones(shape, dtype=bool)
+            observed[:, 0] = False  # so that the filling runs, too
+            try:
+                checked(self.predict(np.zeros((*shape, 3)), observed), people, self)
+            except PredictorError as error:
+                raise PredictorError(
+                    f"predictor {method}: weights {path}: {error}; train them again, or give "
+                    f"another file"
+                ) from error
