@@ -3,13 +3,13 @@
 import gc
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.together import in_real_time
+from tests.together import LONG, REAL_TIME, naming
 
 # each process computes on one core; before torch and numpy are imported, and inherited
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -38,10 +38,20 @@ settings.load_profile("patient")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Find the tests in real time that ``tests.together`` would not run."""
-    marked = {str(item.path) for item in items if item.get_closest_marker("realtime")}
-    if missed := marked - set(in_real_time()):
-        raise pytest.UsageError(f"write pytest.mark.realtime in {', '.join(sorted(missed))}")
+    """Find the tests in real time and the long ones that ``tests.together`` would not run."""
+    missed = _missed((i for i in items if i.get_closest_marker("realtime")), REAL_TIME)
+    missed += _missed((i for i in items if _long(i)), LONG)
+    if missed:
+        raise pytest.UsageError(f"tests.together would not find {', '.join(missed)}")
+
+
+def _long(item: pytest.Item) -> bool:
+    checks_property = getattr(getattr(item, "obj", None), "is_hypothesis_test", False)
+    return checks_property or item.get_closest_marker("long") is not None
+
+
+def _missed(items: Iterable[pytest.Item], words: tuple[str, ...]) -> list[str]:
+    return sorted({str(item.path) for item in items} - set(naming(words)))
 
 
 @pytest.fixture(scope="module")

@@ -46,6 +46,7 @@ MAY_IMPORT = {  # from the ground up
     "hri_drivers.sources",
     "hri_sim": "",
     "hri_sim.rtde": "",
+    "hri_sim.robot_server": "hri_sim.rtde",
     "hri_sim.people": "base contracts",
     "hri_sim.replay": "base contracts recording",
     "hri_sim.referee": "base robots contracts",
@@ -61,7 +62,8 @@ MAY_IMPORT = {  # from the ground up
     "hri_sim.simulation": f"{RUN} lab library cli hri_sim.people hri_sim.replay hri_sim.referee "
     "hri_sim.controllers hri_sim.baseline_demo",
     "hri_sim.bench": f"{RUN} lab library cli hri_drivers.wires hri_drivers.links hri_sim.people "
-    "hri_sim.referee hri_sim.wires hri_sim.senders hri_sim.fault_table hri_sim.simulation",
+    "hri_sim.referee hri_sim.wires hri_sim.senders hri_sim.robot_server hri_sim.fault_table "
+    "hri_sim.simulation",
 }
 
 

@@ -1,11 +1,12 @@
-"""Run the tests of a day or the long ones; JOBS tests run at a time, but those in real time.
+"""Run the tests of a day or the long ones, JOBS tests at a time.
 
 ``python -m tests.together daily JOBS`` (or ``long``). The daily tests in real time run before the
-others: beside them they failed now and then, even where the others gave way. The long ones in real
-time wait more than they compute, and run beside the others; ``beside`` runs the daily ones that
-way. A test in real time that fails for want of a processor fails if it fails again, alone. A file's
-tests stay with one worker, which makes their fixtures once. The long run also checks every property
-with more examples (``EXAMPLES``, 100 if it is not set). Exit status 1 if a test fails.
+others, two at a time, since they wait more than they compute: beside the others they failed now and
+then, even where the others gave way. The long ones in real time run one at a time, beside the
+others; ``beside`` runs the daily ones that way. A test in real time that fails for want of a
+processor fails if it fails again, alone. A file's tests stay with one worker, which makes their
+fixtures once. The long run also checks every property with more examples (``EXAMPLES``, 100 if it
+is not set). Exit status 1 if a test fails.
 """
 
 import os
@@ -23,29 +24,40 @@ _PATIENT = ["--timeout", "600"]
 """Seconds for a long test that is not in real time, at the lowest priority."""
 
 
-def in_real_time() -> list[str]:
-    """The files with tests in real time, whose text names the mark: no others need be imported."""
-    files = Path(__file__).parent.rglob("test_*.py")
-    return sorted(str(f) for f in files if "mark.realtime" in f.read_text(encoding="utf-8"))
+REAL_TIME = ("mark.realtime",)
+LONG = ("mark.long", "hypothesis")
+
+
+def naming(words: tuple[str, ...]) -> list[str]:
+    """Return the files of tests that name one of ``words``: no others need be imported.
+
+    A fixture of the folder's ``conftest.py`` can set a mark, too.
+    """
+    here = Path(__file__).parent
+    found = {f for f in here.rglob("*.py") if any(w in f.read_text("utf-8") for w in words)}
+    tests = here.rglob("test_*.py")
+    return sorted(str(f) for f in tests if found & {f, f.with_name("conftest.py")})
 
 
 def main(which: str, jobs: str) -> int:
     """Run all tests of ``which``."""
     spread = ["-n", jobs, "--dist", "loadfile"]
     if which == "long":
-        others = [*_TESTS, "not realtime and (long or hypothesis)", *spread, *_PATIENT]
+        marks = "not realtime and (long or hypothesis)"
+        others = [*_TESTS, marks, *spread, *_PATIENT, *naming(LONG)]
         return _beside(others, "realtime and long", {"EXAMPLES": "100", **os.environ})
     others = [*_TESTS, "not realtime and not long", *spread]
     if which == "beside":
         return _beside(others, "realtime and not long", dict(os.environ))
-    chosen = [*_TESTS, "realtime and not long", *_FAILED, *in_real_time()]
-    alone = _again(chosen, subprocess.run(chosen, check=False).returncode)
+    chosen = [*_TESTS, "realtime and not long", *_FAILED, *naming(REAL_TIME)]
+    two = ["-n", "2", "--dist", "loadfile"]
+    alone = _again(chosen, subprocess.run([*chosen, *two], check=False).returncode)
     return int(subprocess.run(others, check=False).returncode != 0 or alone != 0)
 
 
 def _beside(others: list[str], real_time: str, environment: dict[str, str]) -> int:
     """Run both kinds at a time; what those in real time print comes last."""
-    chosen = [*_TESTS, real_time, *_FAILED, *in_real_time()]
+    chosen = [*_TESTS, real_time, *_FAILED, *naming(REAL_TIME)]
     with tempfile.TemporaryFile("w+") as printed:
         beside = subprocess.Popen(chosen, stdout=printed, stderr=printed)
         failed = subprocess.run(["nice", "-n", "19", *others], env=environment, check=False)

@@ -23,7 +23,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 
 /* generated: begin constants (renew: hri-predict protocol files) */
 #define HRI_SCHEMA_VERSION 3u
-#define HRI_SCHEMA_HASH 0xD5519FDEu
+#define HRI_SCHEMA_HASH 0x85D20FC9u
 #define HRI_DEFAULT_BASE_ID 0x680u
 #define HRI_LAST_NUMBER 0x5Fu
 #define HRI_MAX_ROBOTS 8u
@@ -124,6 +124,7 @@ extern "C" { /* the sources are C; an Arduino sketch or a C++ program links them
 #define HRI_REASON_TEACH 60u
 #define HRI_REASON_RECOVERY 61u
 #define HRI_REASON_MUTED 62u
+#define HRI_REASON_SENSOR_MOVED 63u
 #define HRI_NODE_STATE_UNKNOWN 0u
 #define HRI_NODE_STATE_STARTING 1u
 #define HRI_NODE_STATE_RUNNING 2u

@@ -115,8 +115,10 @@ class Ros4hri:
 
         self._kinds = IdsList, TFMessage
         self._wanted = wanted
-        self._ids = node.create_publisher(IdsList, wanted.topic, 1)
-        self._tf = node.create_publisher(TFMessage, "/tf", 100)
+        if wanted.part != "frames":
+            self._ids = node.create_publisher(IdsList, wanted.topic, 1)
+        if wanted.part != "list":
+            self._tf = node.create_publisher(TFMessage, "/tf", 100)
 
     def send(self, people: list[list[tuple[float, float, float]]], stamp_ns: int) -> None:
         """Publish one capture."""

@@ -31,8 +31,8 @@ from hri_predict.base.settings import validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap, load_joint_map
 from hri_predict.lab.datasets.splits import in_pack, is_pack, split
-from hri_predict.recording.format_table import ENDINGS
-from hri_predict.recording.formats.csv_table import is_recording
+from hri_predict.recording.format_table import ENDINGS, counts_in_folder
+from hri_predict.recording.formats.openpose import frames_in
 
 if TYPE_CHECKING:
     from hri_predict.contracts.predictor import PredictorSettings
@@ -178,7 +178,7 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
     """
     if not entry.exists():
         raise ConfigError(f"--data {entry}: no such file or folder; check the path")
-    if entry.is_file():
+    if entry.is_file() or frames_in(entry):
         return [entry]
     if is_pack(entry):
         return [in_pack(entry, name) for name in split(use or default)]
@@ -186,7 +186,7 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
     if use is not None and pack is not None:
         return _below(entry, pack, use)
     named = sorted(p for p in entry.rglob("*") if p.suffix.lower() in ENDINGS)
-    found = [path for path in named if path.suffix.lower() != ".csv" or _is_recording(path)]
+    found = [path for path in named if _is_recording(path)]
     if not found:
         raise ConfigError(
             f"--data {entry}: holds no recording ({', '.join(ENDINGS)}); give another folder"
@@ -195,9 +195,9 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a .csv of a folder is a recording: most are other tables, and say so in row one."""
+    """Whether a file of a folder is a recording: most .csv and .pkl are others, and say so."""
     try:
-        return path.is_file() and is_recording(path)
+        return counts_in_folder(path)
     except RecordingError as error:
         warn(f"{error}; left out")
     except OSError as error:

@@ -69,6 +69,10 @@ def convert(
         bool,
         typer.Option("--left-handed", help="INPUT's own axes are left-handed; give --axes too."),
     ] = False,
+    fps: Annotated[
+        float | None,
+        typer.Option(help="Frames per second of an INPUT without times (csv, OpenPose, npy)."),
+    ] = None,
     joint_map: JointMapOption = None,
     topic: TopicOption = None,
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
@@ -93,6 +97,7 @@ def convert(
             person=1 if person is None else person,
             unit_m=None if units is None else _unit(units),
             axes=None if axes is None or left_handed else axes.split(","),
+            rate_hz=fps,
             any_joints=True,
             joint_map=own_map(joint_map),
             topic=topic,
@@ -104,7 +109,12 @@ def convert(
         doubt = _doubt(
             recording,
             lambda unit_m: open_recording(
-                source, unit_m=unit_m, any_joints=True, joint_map=own_map(joint_map), topic=topic
+                source,
+                unit_m=unit_m,
+                rate_hz=fps,
+                any_joints=True,
+                joint_map=own_map(joint_map),
+                topic=topic,
             ),
         )
         recording, others = _chosen(

@@ -60,7 +60,8 @@ def evaluate(
     ] = None,
     calibration: CalibrationsOption = None,
     benchmark: Annotated[
-        str | None, typer.Option(help="cmu or human36m: evaluate as the papers do.")
+        str | None,
+        typer.Option(help="cmu, or human36m (baselines alone): evaluate as the papers do."),
     ] = None,
     windows: Annotated[
         str | None,
@@ -70,6 +71,13 @@ def evaluate(
     ] = None,
     n_out: Annotated[
         int | None, typer.Option(help="Benchmark: frames predicted, 10 or 25.", show_default="25")
+    ] = None,
+    n_in: Annotated[
+        int | None,
+        typer.Option(
+            help="Benchmark: frames observed, 1 to 50; SINN's paper observes 25.",
+            show_default="10, with euler 50",
+        ),
     ] = None,
     error: Annotated[
         str | None,
@@ -110,7 +118,8 @@ def evaluate(
         check_writable(out)
     if benchmark is None:
         without_effect(
-            {"--windows": windows, "--n-out": n_out, "--error": error}, "without --benchmark"
+            {"--windows": windows, "--n-out": n_out, "--n-in": n_in, "--error": error},
+            "without --benchmark",
         )
         if split is not None:
             one_of("--split", split, USES)
@@ -145,6 +154,7 @@ def evaluate(
                 benchmark,
                 "all" if windows is None else windows,
                 25 if n_out is None else n_out,
+                n_in,
                 error,
             ),
             out=out,
@@ -176,7 +186,7 @@ def _benchmark(
     *,
     data: list[Path],
     asked: "Mapping[str, ComparedPredictor]",
-    options: tuple[str, str, int, str | None],
+    options: tuple[str, str, int, int | None, str | None],
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -184,18 +194,22 @@ def _benchmark(
     from hri_predict.lab.evaluation.benchmark import Protocol, judge
     from hri_predict.lab.evaluation.benchmark_result import BenchmarkResult
 
-    benchmark, windows, n_out, error = options
+    benchmark, windows, n_out, n_in, error = options
     if len(data) != 1:
         raise ConfigError("--data: a benchmark reads one folder; give it once")
     if n_out not in (10, 25):
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
+    if n_in is not None and not 1 <= n_in <= 50:
+        raise ConfigError(f"--n-in {n_in}: the benchmark's windows have 1 to 50 frames before")
     loaded = {label: _load(each.name, each.weights) for label, each in asked.items()}
     protocol = Protocol(
         benchmark=one_of("--benchmark", benchmark, ("cmu", "human36m")),
         windows=one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
         n_out=n_out,
         error=one_of("--error", error or _own_error(loaded), ("mpjpe", "euler")),
+        observed_frames=n_in,
     )
+    _warn_of_longer_histories(protocol, loaded)
     forecasters = _forecasters(protocol, loaded)
     with progress() as bar:
         task = bar.add_task("judging", total=None)
@@ -206,6 +220,18 @@ def _benchmark(
         tell(benchmark_report.write_report(found, out, command()))
     tables, notes = benchmark_report.tables(found), benchmark_report.notes(found)
     result(as_json, benchmark_report.as_json(found), tables, notes)
+
+
+def _warn_of_longer_histories(
+    protocol: "Protocol", loaded: "Mapping[str, LoadedWeights | None]"
+) -> None:
+    for label, found in loaded.items():
+        steps = 0 if found is None else found.network.shape.history_steps
+        if steps > protocol.n_in:
+            warn(
+                f"{label} observes {steps} frames, of which {steps - protocol.n_in} are missing in "
+                f"windows of {protocol.n_in}; give --n-in {steps}"
+            )
 
 
 def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hri_predict.base.files import data_path
-from hri_predict.cli.common import JointMapOption, own_map
+from hri_predict.cli.common import JointMapOption, own_map, warn
 from hri_predict.lab.training.config import load_training_config
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ def train(
     Example: hri-predict train configs/training/trajectorycnn_real.yaml --set train.epochs=20
     """
     settings = load_training_config(_found(config), _changes(changes, data, joint_map, out))
+    if settings.train.patience and settings.data.get("refit"):
+        warn("train.patience has no effect with data.refit, which leaves nothing to validate on")
     # torch takes seconds to import; the other commands need not wait for it
     from hri_predict.lab.training.building import build_network, open_samples
     from hri_predict.lab.training.loop import Run

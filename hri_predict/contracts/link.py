@@ -24,8 +24,7 @@ from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import StateShape
 
 MIN_SILENCE_S = 0.01
-"""No controller stops after less silence: it hears from the node once a cycle, at most every 10 ms,
-and a shorter one would make the delays seem shorter than they are."""
+"""No controller stops after less silence: it hears from the node at most every 10 ms."""
 MIN_DELAY_S = 0.0001
 """No wire is faster: an 8-byte frame takes 0.11 ms at 1 Mbit/s, and drivers take longer."""
 MIN_REACTION_S = 0.001
@@ -91,6 +90,9 @@ class LinkSettings(Settings):
         ),
     }
 
+    advises: ClassVar[bool] = True
+    """Whether robots hear their advice on it; ``False`` of links that only read."""
+
     def resolved(self, base_dir: Path) -> Self:
         """The same with its files found from ``base_dir``, where the configuration lies."""
         return self
@@ -109,7 +111,7 @@ class LinkSettings(Settings):
 
     @property
     def notes(self) -> list[str]:
-        """Notes on this link for the user who checks the configuration, one line each."""
+        """Notes for the user who checks the configuration, one line each."""
         return []
 
 
@@ -182,7 +184,7 @@ R = TypeVar("R", contravariant=True)
 class Receiver(Protocol[R]):
     """Decodes the units of one wire; no input makes it raise.
 
-    Units that are ``bytes`` are a stream: the receiver finds the messages wherever it was cut.
+    Units that are ``bytes`` are a stream, which may be cut anywhere.
     """
 
     @property
@@ -215,8 +217,7 @@ class Link(Protocol):
         last_error: one line about the newest trouble, ``None`` if there was none.
         foreign_ns: when a second sender was last proved: two whole frames, within half a second,
             with ids which only this node sends, and that this node did not send
-            (``counters.foreign``); ``None`` if there was none. An echo of the node's own frame is
-            not one. A link that sends nothing hears no such frame.
+            (``counters.foreign``); ``None`` if there was none. An echo is not one.
     """
 
     name: str
@@ -298,8 +299,7 @@ class LinkClass(Protocol[S, U]):
             transport: the wire, if not the configured device (a pipe, a fault injector).
             rate_hz: the node's cycle, from which the room for Zone and Pose follows.
             robots: indices of the robots that are advised on this link.
-            shapes: shape of each of them, in the same order; if left out, six joints on a base
-                that stands.
+            shapes: shape of each of them; if left out, six joints on a base that stands.
 
         Raises:
             LinkError: the settings name no device, and no transport is given.
@@ -386,8 +386,8 @@ def check_load(load: LinkLoad, slower: Callable[[float], str] | None = None) -> 
 
 def _remedies(load: LinkLoad, room: float, slower: Callable[[float], str] | None) -> Sequence[str]:
     remedies = []
-    per_cycle = sum(load.details[message.__name__] for message in (Status, Advice))
-    rate_hz = load.rate_hz * (room - (load.load - per_cycle)) / per_cycle
+    per_cycle = sum(load.details.get(message.__name__, 0.0) for message in (Status, Advice))
+    rate_hz = load.rate_hz * (room - (load.load - per_cycle)) / per_cycle if per_cycle else 0.0
     if rate_hz >= MIN_STATUS_HZ:
         default = f"lower rate_hz from {load.rate_hz:g} to {int(rate_hz)}"
         remedies.append(default if slower is None else slower(rate_hz))

@@ -71,5 +71,8 @@ class Scene:
 
 def sound_error_m(stated: object) -> float:
     """Return a stated error as metres; NaN if it is not a number from 0 to ``MAX_ERROR_M``."""
-    error_m = float(stated) if isinstance(stated, Real) else math.nan
+    try:
+        error_m = float(stated) if isinstance(stated, Real) else math.nan
+    except OverflowError:
+        return math.nan
     return error_m if 0.0 <= error_m <= MAX_ERROR_M else math.nan

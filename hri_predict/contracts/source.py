@@ -119,6 +119,14 @@ class SourceSettings(Settings):
         return False
 
     @property
+    def judges_bodies(self) -> bool:
+        """Whether the source itself judges if bodies move as people do, on one floor.
+
+        Its scenes then carry the doubts.
+        """
+        return False
+
+    @property
     def known_places(self) -> list[list[float]]:
         """Places [x, y, z] in the room that the source is at, or sees for certain, metres."""
         return [self.room_from_source.xyz, *self.viewpoints]
@@ -175,12 +183,14 @@ class Live(Protocol):
         counters: see ``SourceCounters``.
         connected: whether it can hear now (a datagram socket always can).
         stamps_utc: whether senders stamp in UTC, so that their clocks can be compared with ours.
+        label: its name in the log and in errors. A source that merges several sets their sensors'.
     """
 
     arrived: threading.Event
     counters: SourceCounters
     connected: bool
     stamps_utc: bool
+    label: str
 
 
 @runtime_checkable

@@ -121,6 +121,7 @@ def separation(about: Situation) -> dict[str, Any] | None:
         "reaction_s": number(grounds.get("reaction_s")),
         "stopping_s": number(grounds.get("stopping_s")),
         "human_m_s": number(grounds.get("human_m_s")),
+        "place_error_m": number(grounds.get("place_error_m")),
         "terms_m": {name: number(terms.get(name)) for name in TERMS},
         "protective_m": number(grounds.get("protective_m")),
     }

@@ -91,6 +91,8 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     yield f"From person {found['person']}'s {part} to the robot's {link}, the pair that decided,"
     yield f"judged {_WAYS.get(found['way'], found['way'])}:"
     yield _row("distance then, from surface to surface", found["separation_m"])
+    if found["place_error_m"]:
+        yield _row("  less already: the stated error of the person's place", found["place_error_m"])
     yield _row(f"distance that the robot needed {motion}", found["needed_m"])
     if found["way"] == "zones" and found["needed_m"] is not None:
         kept = sum(found["terms_m"][term] or 0.0 for term in ("c", "z_d", "z_r"))

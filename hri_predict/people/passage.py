@@ -27,7 +27,7 @@ class Side:
     def crossing(self, begin: Floats, end: Floats, error_m: float = 0.0) -> Floats | None:
         """(2,) where the way from ``begin`` to ``end`` crosses this side outwards, if it does.
 
-        A way that may be off by ``error_m`` crosses it so far from both ends at least.
+        A way that may be off by ``error_m`` must cross it at least that far from both ends.
         """
         before, after = float((begin - self.a) @ self.out), float((end - self.a) @ self.out)
         if not before <= 0.0 < after:

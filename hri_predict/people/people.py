@@ -12,6 +12,7 @@ from hri_predict.contracts.scene import Doubt, Person, Scene
 from hri_predict.contracts.source import SourceSettings
 from hri_predict.people.body.body_model import body_model
 from hri_predict.people.body.canonical import canonical_body
+from hri_predict.people.body.floor_watch import FloorWatch
 from hri_predict.people.body.inferred import Inference
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.body.posture_watch import PostureWatch
@@ -103,6 +104,8 @@ class People(RemembersLost):
         self._counters: Counter[str] = self._roster.counters
         self._posture = PostureWatch(settings, source_settings.field_of_view)
         self._made_up = MadeUpWatch(settings, self._origin, round(period_s * 1e9))
+        self._floor = FloorWatch(settings)
+        self._judged_before = source_settings.judges_bodies
         self._signs: set[Sign] = set()
         self._hip_centred: set[int] = set()
         self._now_ns = NEVER
@@ -112,10 +115,7 @@ class People(RemembersLost):
         self._unplaced = Unplaced(
             self._gap_ns, settings.reaccept_captures, source_settings.keeps_ids
         )
-        self._blind = False
-        self._impossible = False
-        self._misplaced = False
-        self._coasts = False
+        self._blind = self._impossible = self._misplaced = self._coasts = False
         self._doubts: tuple[Doubt, ...] = ()
         self._recalled, self._has_recalled = [], False
 
@@ -139,8 +139,6 @@ class People(RemembersLost):
         self._counters["blind_scenes"] += self._blind
         self._impossible = self._misplaced = self._coasts = False
         self._signs.clear()
-        self._doubts = scene.doubts
-        self._counters.update(doubt.reason.name.lower() for doubt in scene.doubts)
         frozen = False
         starts: list[Appearing] = []
         seen: dict[int, Body | None] = {}
@@ -160,7 +158,9 @@ class People(RemembersLost):
             if (wrong := self._posture.judge(body, capture_ns)) is not None:
                 self._counters[wrong.value] += 1
                 self._misplaced = True  # still tracked, because somebody is there
-            self._note_made_up(body, capture_ns)
+            if not self._judged_before:
+                self._floor.note(body, capture_ns)
+                self._note_made_up(body, capture_ns)
             if track is None:
                 starts.append((body, None))
             elif self._is_repeat(track, body, capture_ns):
@@ -180,8 +180,10 @@ class People(RemembersLost):
         # a rival track: the id is in one of two places, and it is not known in which
         self._impossible |= any(track.rival is not None for track in self._tracks.values())
         self._counters["unjudged_bodies"] = self._posture.unjudged
+        self._doubts = (*scene.doubts, *self._floor.doubts())
+        self._counters.update(doubt.reason.name.lower() for doubt in self._doubts)
         bad = self._impossible or self._misplaced or frozen or self._coasts or bool(self._unplaced)
-        bad |= bool(self._signs) or bool(scene.doubts)
+        bad |= bool(self._signs) or bool(self._doubts)
         if scene.sees_room and not bad:
             self._newest_good_ns = capture_ns
             self._captures += 1
@@ -383,10 +385,7 @@ class People(RemembersLost):
             (self._gate.alignment.jumped, Reason.CLOCK_JUMP),
             (self._impossible or Reason.INPUT_IMPOSSIBLE in unplaced, Reason.INPUT_IMPOSSIBLE),
             (self._misplaced, Reason.BODY_NOT_UPRIGHT),
-            (
-                self._coasts or Reason.PERSON_NOT_LOCATED in unplaced,
-                Reason.PERSON_NOT_LOCATED,
-            ),
+            (self._coasts or Reason.PERSON_NOT_LOCATED in unplaced, Reason.PERSON_NOT_LOCATED),
             (Reason.TOO_MANY_PEOPLE in unplaced, Reason.TOO_MANY_PEOPLE),
             (stale and not silent and self._gate.alignment.late, Reason.CLOCK_DRIFT),
             (stale and not silent, Reason.INPUT_STALE),

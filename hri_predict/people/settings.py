@@ -134,6 +134,13 @@ class PeopleSettings(Settings):
     platform_m: float = Field(
         1.0, ge=0, le=20, description="highest place above the floor where people stand"
     )
+    floor_drift_m: float = Field(
+        0.15,
+        ge=0.05,
+        le=1,
+        description="where people stand again, the floor may appear this much higher or lower than "
+        "in the first minutes, before its sensor counts as moved",
+    )
     posture_unchecked: str | None = Field(
         None,
         min_length=10,
@@ -184,6 +191,9 @@ class PeopleSettings(Settings):
             above="a body {value:g} m above or below the floor still counts as right"
         ),
         "platform_m": LessSafe(above="a body up to {value:g} m above the floor counts as right"),
+        "floor_drift_m": LessSafe(
+            above="a sensor that sank, tilted or was moved by {value:g} m up or down is not noticed"
+        ),
         "posture_unchecked": LessSafe(
             other="axes and height of the source are not checked: people may be somewhere else"
         ),

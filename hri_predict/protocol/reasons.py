@@ -364,6 +364,12 @@ class Reason(IntEnum):
         "the request is released, or the configured time is over",
         Kind.MODE,
     )
+    SENSOR_MOVED = Row(
+        63,
+        "the floor is not where it was in the first minutes: a sensor sank, tilted or was moved",
+        "people stand where the floor was; or register the sensor, and start the node again",
+        Kind.INPUT,
+    )
 
     @property
     def text(self) -> str:

@@ -8,6 +8,9 @@ from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.frames import Written
 from hri_predict.recording.recording import Recording
 
+ERRORS = "errors that the source stated of a person's place: zones of a replay are smaller"
+"""Only the node's own format holds them."""
+
 
 def write_recording(recording: Recording, output: Path, to: str, *, force: bool = False) -> Written:
     """Write ``output`` whole or not at all.
@@ -28,7 +31,11 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
         write = BY_NAME[to].write
         assert write is not None
         with atomic_file(output) as partial:
-            return write(partial, recording)
+            written = write(partial, recording)
+    if to != "mcap":
+        people = [person for scene in recording.scenes for person in scene.people]
+        written.dropped[ERRORS] += sum(person.error_m != 0 for person in people)
+    return written
 
 
 def _check_replaceable(recording: Recording, output: Path, force: bool) -> None:

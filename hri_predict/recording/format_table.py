@@ -12,9 +12,12 @@ from hri_predict.recording.formats.amass import is_amass, read_amass, write_amas
 from hri_predict.recording.formats.bvh import read_bvh
 from hri_predict.recording.formats.bvh_writer import write_bvh
 from hri_predict.recording.formats.c3d import read_c3d, write_c3d
-from hri_predict.recording.formats.csv_table import read_csv, write_csv
+from hri_predict.recording.formats.csv_table import is_recording, read_csv, write_csv
 from hri_predict.recording.formats.mcap_writer import write_mcap
+from hri_predict.recording.formats.npy import read_npy
 from hri_predict.recording.formats.npz import read_npz, write_pack
+from hri_predict.recording.formats.openpose import read_openpose
+from hri_predict.recording.formats.pw3d import KEY, names_3dpw, read_3dpw
 from hri_predict.recording.formats.trc import read_trc, write_trc
 from hri_predict.recording.frames import Written
 from hri_predict.recording.mcap.reader import read_mcap
@@ -72,6 +75,9 @@ class Format:
         content: what such content is called.
         only: which files of this ending are read; "" for all.
         is_mine: whether a file of this ending is this format's.
+        may_lack_times: whether such files may need ``rate_hz``.
+        in_folders: whether a file of this ending counts as a recording of the folder it is in;
+            ``None``: each does.
     """
 
     name: str
@@ -82,6 +88,8 @@ class Format:
     write: Callable[[Path, Recording], Written] | None = None
     only: str = ""
     is_mine: Callable[[Path], bool] = _anything
+    may_lack_times: bool = False
+    in_folders: Callable[[Path], bool] | None = None
 
 
 FORMATS = (
@@ -135,6 +143,37 @@ FORMATS = (
         write=write_csv,
         looks=_is_table,
         content="a table as text",
+        may_lack_times=True,
+        in_folders=is_recording,
+    ),
+    Format(
+        name="openpose",
+        ending=".json",
+        read=read_openpose,
+        looks=lambda path, head: b'"people"' in head,
+        content="OpenPose's keypoints",
+        only="OpenPose's, or their folder",
+        may_lack_times=True,
+        in_folders=lambda path: False,  # needs a rate, which only convert takes
+    ),
+    Format(
+        name="freemocap",
+        ending=".npy",
+        read=read_npy,
+        looks=_begins(b"\x93NUMPY"),
+        content="a single NumPy array",
+        only="FreeMoCap's",
+        may_lack_times=True,
+        in_folders=lambda path: False,
+    ),
+    Format(
+        name="3dpw",
+        ending=".pkl",
+        read=read_3dpw,
+        looks=lambda path, head: KEY.encode() in head,
+        content="3DPW's pickle",
+        only="3DPW's",
+        in_folders=names_3dpw,
     ),
     Format(
         name="rosbag1",
@@ -186,3 +225,14 @@ ANY_ENDING = f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}"
 def of_ending(ending: str) -> list[Format]:
     """Return the formats of files with this ending, such as ".npz"; empty if it is unknown."""
     return [each for each in FORMATS if each.ending == ending]
+
+
+def counts_in_folder(path: Path) -> bool:
+    """Whether a file with a known ending counts as a recording of the folder it is in.
+
+    Raises:
+        RecordingError: it seems to be meant as one, but is not.
+        OSError: it cannot be read.
+    """
+    asked = [each.in_folders for each in of_ending(path.suffix.lower())]
+    return any(ask is None or (path.is_file() and ask(path)) for ask in asked)

@@ -3,14 +3,18 @@
 import logging
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, RecordingError, UnusableRecordingError
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.recording.format_table import ENDINGS, of_ending
+from hri_predict.recording.format_table import ENDINGS, Format, of_ending
+from hri_predict.recording.formats.openpose import frames_in
 from hri_predict.recording.naming import check_known, with_map
+from hri_predict.recording.own_frame import in_own_frame
 from hri_predict.recording.plausibility import PUBLISHED, check_possible
-from hri_predict.recording.recording import Recording
+from hri_predict.recording.recording import Recording, check_rate
+from hri_predict.recording.refusing.picture import check_not_picture
 from hri_predict.recording.refusing.relative import check_relative
 from hri_predict.recording.refusing.unseen import without_unseen
 from hri_predict.recording.ros.bag import file_of
@@ -30,6 +34,7 @@ def open_recording(
     person: int = 1,
     unit_m: float | None = None,
     axes: Sequence[str] | None = None,
+    rate_hz: float | None = None,
     any_joints: bool = False,
     joint_map: JointMap | None = None,
     topic: str | None = None,
@@ -38,10 +43,11 @@ def open_recording(
     """Read a recording; its kind follows from the file's ending.
 
     Args:
-        path: the file, or the folder of a ROS 2 bag.
+        path: the file, or the folder of a ROS 2 bag or of OpenPose's frames.
         person: id of the body, for formats with a single one.
         unit_m: metres per unit of a motion file; default: as the file or its format states.
         axes: a motion file's axes that are forward, left and up; default: its format's.
+        rate_hz: frames per second of a file without times.
         any_joints: read it even if the joints' names give no canonical joint.
         joint_map: the user's own map, instead of the one that the names give.
         topic: topic of the people in a ROS bag; default: the only one that there is.
@@ -55,7 +61,7 @@ def open_recording(
     path = Path(path)
     if not os.path.exists(path):  # takes names that are too long
         raise RecordingError(f"recording {path}: no such file; check the path")
-    path = file_of(path)
+    path = next(iter(frames_in(path)), file_of(path))
     if not path.is_file():
         what = "a folder; name a file in it" if path.is_dir() else "a device, not a file"
         raise RecordingError(f"recording {path}: is {what}; {_accepted()}")
@@ -69,11 +75,15 @@ def open_recording(
             chosen = next(each for each in of_ending(ending) if each.is_mine(path))
             if topic is not None and chosen.read is not read_bag:
                 raise RecordingError(f"recording {path}: has no topics; leave --topic out")
+            if rate_hz is not None and not chosen.may_lack_times:
+                raise RecordingError(f"recording {path}: has times of its own; leave --fps out")
+            if rate_hz is not None:
+                check_rate(path, "--fps", rate_hz)
             wanted = Wanted(
-                person=person, unit_m=unit_m, axes=axes, topic=topic, frame=frame,
+                person=person, unit_m=unit_m, axes=axes, rate_hz=rate_hz, topic=topic, frame=frame,
                 joint_map=joint_map,
             )  # fmt: skip
-            recording = chosen.read(path, wanted)
+            recording = _read(chosen, path, wanted)
         except RecordingError as error:
             raise RecordingError(f"{error}{_but(path, ending)}") from error
         if joint_map is not None:
@@ -83,6 +93,7 @@ def open_recording(
         if not any_joints:
             tell_unused(path, recording.joint_map)
         check_relative(recording)
+        check_not_picture(recording)
         recording = without_unseen(recording)
     except OSError as error:
         reason = error.strerror or type(error).__name__
@@ -90,6 +101,13 @@ def open_recording(
     except ConfigError as error:
         raise RecordingError(f"recording {path}: {error}") from error
     return recording
+
+
+def _read(chosen: Format, path: Path, wanted: Wanted) -> Recording:
+    recording = chosen.read(path, wanted)
+    if wanted.unit_m is not None or wanted.axes is not None:
+        return recording
+    return in_own_frame(recording, lambda unit_m: chosen.read(path, replace(wanted, unit_m=unit_m)))
 
 
 def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Recording:

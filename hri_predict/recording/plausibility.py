@@ -108,7 +108,7 @@ def _size(recording: Recording, bodies: _Bodies) -> tuple[str, str, float | None
     small = 2 * sum(not is_human_sized(*body) for body in bodies) > len(bodies)
     if not small and (stature is None or is_adult(stature)):
         return "", "", None
-    if stature is None:
+    if not stature:  # or all joints in one place
         return "bodies are not of human size", "", None
     wrong = f"bodies are not of human size: by their limbs they are {stature:.3g} m tall"
     scale_to_m = recording.joint_map.scale_to_m

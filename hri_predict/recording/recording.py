@@ -51,6 +51,7 @@ class Recording:
         utc_ns: (N,) the arrivals in UTC, nanoseconds since 1970; empty if that is not known.
         in_room: whether the scenes are in the room's frame already: of this node's recordings, and
             bags made of them, that were not converted from a motion file.
+        parts: all files of a recording that is several, each a frame; empty for a single file.
         outputs_ns: first and last moment, node's clock, of the node's output in the file that
             belongs to these scenes; "mcap" only, ``None``: none of it.
     """
@@ -69,6 +70,7 @@ class Recording:
     last_latch_id: int | None = None
     utc_ns: Sequence[int] = ()
     in_room: bool = False
+    parts: Sequence[Path] = ()
     outputs_ns: tuple[int, int] | None = None
 
     @property
@@ -87,8 +89,13 @@ class Recording:
 
     @property
     def digest(self) -> str | None:
-        """SHA-256 of the file in hexadecimal digits; ``None`` without a file."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest() if self.path.is_file() else None
+        """SHA-256 of its files in hexadecimal digits; ``None`` without a file."""
+        if not self.path.is_file():
+            return None
+        found = hashlib.sha256()
+        for path in self.parts or [self.path]:
+            found.update(path.read_bytes())
+        return found.hexdigest()
 
 
 def action_of(path: Path) -> str:
@@ -220,10 +227,14 @@ def from_left_handed(recording: Recording, axes: Sequence[str]) -> Recording:
     Raises:
         ConfigError: they are not three different ones, or right-handed.
     """
-    true = recording.joint_map.with_axes(axes, left_handed=True)
+    return turned(recording, recording.joint_map.with_axes(axes, left_handed=True))
+
+
+def turned(recording: Recording, joint_map: JointMap) -> Recording:
+    """The recording as if it had been read with this map of other axes, and the same units."""
     matrix = np.eye(4)
-    matrix[:3, :3] = true.rotation @ recording.joint_map.rotation.T  # first back to the file's own
-    return replace(_moved(recording, matrix), joint_map=true)
+    matrix[:3, :3] = joint_map.rotation @ recording.joint_map.rotation.T  # via the file's own
+    return replace(_moved(recording, matrix), joint_map=joint_map)
 
 
 def placed(

@@ -8,7 +8,6 @@ from hri_predict.recording.format_table import FORMATS
 HEAD_BYTES = 4096
 # First bytes, and what they begin, of kinds that are not read.
 _OTHERS: tuple[tuple[bytes, str], ...] = (
-    (b"\x93NUMPY", "a single NumPy array (.npy)"),
     (b"\x89HDF\r\n\x1a\n", "HDF5, or MATLAB 7.3"),
     (b"MATLAB 5.0 MAT-file", "MATLAB"),
     (b"Kaydara FBX Binary", "FBX"),
@@ -30,9 +29,6 @@ _OTHERS: tuple[tuple[bytes, str], ...] = (
     (b"BZh", "bzip2: unpack it"),
     (b"\xfd7zXZ", "xz: unpack it"),
     (b"\x28\xb5\x2f\xfd", "Zstandard: unpack it"),
-    (b"\x80\x04", "a Python pickle, which could run anything: never opened here"),
-    (b"\x80\x05", "a Python pickle, which could run anything: never opened here"),
-    (b"\x80\x02", "a Python pickle, which could run anything: never opened here"),
     (b"\x89PNG", "an image (PNG)"),
     (b"\xff\xd8\xff", "an image (JPEG)"),
     (b"%PDF", "PDF"),
@@ -61,6 +57,8 @@ def seems(path: Path) -> tuple[str, str]:
     for each in FORMATS:
         if each.looks(path, head):
             return each.ending, each.content
+    if head[:1] == b"\x80" and head[1:2] in (b"\2", b"\3", b"\4", b"\5"):
+        return ".pkl", "a Python pickle, of which only 3DPW's are read, as data"
     if head.startswith(b"PK\x03\x04"):
         return "", _zip(path)
     return "", "" if b"\0" in head else _text(text)

@@ -2,8 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.joint_map import JointMap
+from hri_predict.recording.recording import converted_by
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,6 +17,7 @@ class Wanted:
         person: id of the body, for formats with a single one.
         unit_m: metres per unit; ``None``: as the file or its format states.
         axes: axes that are forward, left and up; ``None``: as the file or its format states.
+        rate_hz: frames per second of a file without times.
         topic: topic of the people in a bag; ``None``: the only one that there is.
         frame: frame in which the people of a bag are wanted; ``None``: the topmost above theirs.
         joint_map: the user's own map; only bags need it to be read.
@@ -22,9 +26,23 @@ class Wanted:
     person: int = 1
     unit_m: float | None = None
     axes: Sequence[str] | None = None
+    rate_hz: float | None = None
     topic: str | None = None
     frame: str | None = None
     joint_map: JointMap | None = None
+
+    def rate_of(self, path: Path) -> float:
+        """The frames per second of a file without times.
+
+        Raises:
+            RecordingError: they were not given; the line has the command that gives them.
+        """
+        if self.rate_hz is None:
+            raise RecordingError(
+                f"recording {path}: does not say when its frames were taken; "
+                f"{converted_by(path, '--fps 30')} (if it has 30 frames per second)"
+            )
+        return self.rate_hz
 
     def of_file(
         self, joint_map: JointMap, unit_m: float | None, axes: Sequence[str] | None = None

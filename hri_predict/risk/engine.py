@@ -115,7 +115,9 @@ class RiskEngine:
         for robot in constants:
             _check_modes(robot, settings)
         check_zones(named_zones, [robot.name for robot in constants])
-        check_sets(settings.sets, named_zones)
+        speeds = [robot.max_speed_m_s for robot in constants]
+        least = settings.min_speed_m_s
+        check_sets(settings.sets, named_zones, min_speed_m_s=least, max_speeds_m_s=speeds)
         for key, door in (doors or {}).items():
             _check_door(key, door, constants)
         named = [NamedZone(zone, settings.person_uncertainty_m) for zone in named_zones]

@@ -42,8 +42,19 @@ def set_hash(chosen: SetSettings, zones: Sequence[NamedZoneSettings]) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "big") or 1
 
 
-def check_sets(sets: Sequence[SetSettings], zones: Sequence[NamedZoneSettings]) -> None:
-    """Refuse two sets of one number or name, and zones that there are not.
+def check_sets(
+    sets: Sequence[SetSettings],
+    zones: Sequence[NamedZoneSettings],
+    *,
+    min_speed_m_s: float,
+    max_speeds_m_s: Sequence[float],
+) -> None:
+    """Refuse two sets of one number or name, unknown zones, and speeds that cannot be meant.
+
+    Args:
+        sets, zones: as configured.
+        min_speed_m_s: a limit below this is advised as a stop.
+        max_speeds_m_s: of each robot.
 
     Raises:
         ConfigError: one line with the remedy.
@@ -61,3 +72,27 @@ def check_sets(sets: Sequence[SetSettings], zones: Sequence[NamedZoneSettings]) 
                     f"risk.sets: set {each.number} names the unknown zone '{name}'"
                     f"{nearest(name, known)} (known: {', '.join(known) or 'none'})"
                 )
+            if each.zones and each.zones.count(name) > 1:
+                raise ConfigError(
+                    f"risk.sets: set {each.number} names zone '{name}' twice; remove one"
+                )
+        _check_speed(each, min_speed_m_s, max_speeds_m_s)
+
+
+def _check_speed(
+    chosen: SetSettings, min_speed_m_s: float, max_speeds_m_s: Sequence[float]
+) -> None:
+    """Refuse a speed at which no robot could ever move, or that limits none."""
+    speed_m_s, which = chosen.max_speed_m_s, f"risk.sets: set {chosen.number} ({chosen.name})"
+    if speed_m_s is None:
+        return
+    if speed_m_s < min_speed_m_s:
+        raise ConfigError(
+            f"{which}: max_speed_m_s {speed_m_s:g} is below risk.min_speed_m_s {min_speed_m_s:g}, "
+            "which means stop; raise it, or lower risk.min_speed_m_s"
+        )
+    if max_speeds_m_s and speed_m_s > max(max_speeds_m_s):
+        raise ConfigError(
+            f"{which}: max_speed_m_s {speed_m_s:g} limits no robot, as none is faster than "
+            f"{max(max_speeds_m_s):g} m/s; lower it, or leave it out"
+        )

@@ -58,6 +58,7 @@ class Grounds:
         reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
         intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
         human_m_s: speed of the person, if faster than the standard assumes; else 0.
+        place_error_m: stated error of the person's place, by which these distances are smaller.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -78,6 +79,7 @@ class Grounds:
     person_uncertainty_m: float = 0.0
     robot_uncertainty_m: float = 0.0
     human_m_s: float = 0.0
+    place_error_m: float = 0.0
 
     @property
     def needed_m(self) -> float | None:

@@ -43,7 +43,7 @@ def clears_beside(advice: Advice, band_m: float | None) -> str:
 
 
 def off_text(error_m: float) -> str:
-    """What the source states of a person's place, as a clause; "" where it is exact."""
+    """Return the stated error of a person's place as a clause; "" where the place is exact."""
     return f", whose place may be off by {error_m:.2f} m" if error_m > 0 else ""
 
 

@@ -23,6 +23,7 @@ from hri_predict.contracts.source import Source
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.repeats import Repeats
+from hri_predict.people.merging.source import MergedSource
 from hri_predict.people.people import People
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.process.remote import Job
@@ -64,6 +65,8 @@ def build_source(config: Config, with_faults: bool = True) -> Source:
     cls = registry.load("sources", config.source.kind)
     with registry.building(f"source '{config.source.kind}'"):
         source = cls(config.source, config.base_dir)
+    if isinstance(source, MergedSource):
+        source.judge_by(config.node.people)
     if config.source.faults and with_faults:
         return registry.load("faults", "source")(source, config.source.faults, seed=0)
     return source

@@ -1,6 +1,7 @@
 """``camera``: find people with a camera, and send them to a node."""
 
 import contextlib
+import importlib
 import json
 import math
 import re
@@ -29,7 +30,8 @@ def camera(
         str | None,
         typer.Argument(
             metavar="INPUT",
-            help="A camera's number (0) or device, a video, a picture, or a folder of pictures.",
+            help="A camera's number (0) or device, 'realsense', a video, a picture, or a folder of "
+            "pictures.",
         ),
     ] = None,
     fetch_model: Annotated[
@@ -94,6 +96,13 @@ def camera(
     Example: hri-predict camera 0 --preview me.png
     """
     need_extra("cv2", "camera")
+    try:
+        importlib.import_module("cv2")
+    except ImportError as error:
+        raise ConfigError(
+            f"OpenCV cannot be loaded: {error}; pip install --force-reinstall "
+            f"opencv-python-headless"
+        ) from error
     from hri_drivers.camera import preview as drawing
     from hri_drivers.camera.images import open_input
     from hri_drivers.camera.network import package
@@ -101,6 +110,7 @@ def camera(
     from hri_drivers.camera.pipeline import Pipeline
     from hri_drivers.camera.place.camera import read_camera
     from hri_drivers.camera.placing import Placer
+    from hri_drivers.camera.realsense import RealSense
     from hri_drivers.camera.sending import Sender
     from hri_drivers.sources.scene_stream.key_file import read_key
     from hri_predict.contracts.joint_map import load_joint_map
@@ -124,12 +134,15 @@ def camera(
     if preview is not None:
         drawing.check(preview)
     known = None if calibration is None else read_camera(calibration)
-    placer = Placer(known, field_of_view, height)
+    Placer(known, field_of_view, height)  # a mistake shows before a camera is opened
     key = None if key_file is None else read_key(str(key_file))
     pictures = open_input(
-        source, rate_hz=fps, loop=loop, latency_s=latency, size=_size(size, source)
+        source, rate_hz=fps, loop=loop, latency_s=latency, size=size_of(size, source)
     )
-    finder = _finder(model, variant, people, threads)
+    if known is None and field_of_view is None and isinstance(pictures, RealSense):
+        known = pictures.camera
+    placer = Placer(known, field_of_view, height)
+    finder = finder_of(model, variant, people, threads, flat=isinstance(pictures, RealSense))
     sender = Sender(host, port, load_joint_map(finder.layout).source_joints, key)
     pipeline = Pipeline(Newest(pictures), finder, placer, sender=sender, max_hz=max_fps)
     _run(pipeline, seconds, once)
@@ -154,11 +167,16 @@ def _run(pipeline: "Pipeline", seconds: float | None, once: bool) -> None:
         signal.signal(signal.SIGTERM, before)
 
 
-def _finder(model: Path | None, variant: str | None, people: int, threads: int) -> "Finder":
+def finder_of(
+    model: Path | None, variant: str | None, people: int, threads: int, *, flat: bool
+) -> "Finder":
     """Return the network of ``--model``.
 
+    Args:
+        flat: whether one that finds joints in the picture only is enough.
+
     Raises:
-        ConfigError: it is missing or wrong, or finds joints in the picture only.
+        ConfigError: it is missing or wrong, or is not enough.
     """
     from hri_drivers.camera.network import package
     from hri_drivers.camera.network.blazepose import BlazePose
@@ -169,7 +187,7 @@ def _finder(model: Path | None, variant: str | None, people: int, threads: int) 
     if path.suffix.lower() in (".yaml", ".yml"):
         without_effect({"--variant": variant}, f"with --model {path}")
         described = DescribedNetwork(path, people, threads)
-        if not described.has_world:
+        if not (described.has_world or flat):
             raise ConfigError(
                 f"model {path}: it finds joints in the picture only, and one camera then cannot "
                 f"say how far away a person is; name an output with metres as people.world"
@@ -183,6 +201,10 @@ def _finder(model: Path | None, variant: str | None, people: int, threads: int) 
     chosen = one_of("--variant", variant or "full", VARIANTS)
     detector, landmarks, digest = package.read(path, chosen)
     print(f"model: {path}, {chosen}, SHA-256 {digest}", file=sys.stderr)
+    if digest != package.SHA256 and model is None:
+        raise ConfigError(
+            f"model {path}: damaged, or exchanged since it was fetched; run '{package.COMMAND}'"
+        )
     if digest != package.SHA256:
         warn(f"model {path}: not the package that was tested ({package.NAME})")
     return BlazePose(
@@ -197,11 +219,13 @@ def _within(flag: str, value: float | None, most: float) -> None:
         raise ConfigError(f"{flag} {value:g}: give a number above 0, at most {most:g}")
 
 
-def _size(size: str | None, source: str) -> tuple[int, int]:
+def size_of(size: str | None, source: str) -> tuple[int, int]:
     """Return width and height of ``--size``."""
     if size is None:
         return 640, 480
-    if not (source.isdecimal() or source.startswith("/dev/")):
+    from hri_drivers.camera.images import REALSENSE, is_device
+
+    if not (is_device(source) or source == REALSENSE):
         without_effect({"--size": size}, f"on {source}: only on a camera")
     found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", size)
     if found is None:
@@ -223,5 +247,6 @@ def _print(summary: dict[str, Any]) -> None:
     if latency["p50"] is not None:
         print(
             f"latency from exposure to scene: {latency['p50']:.0f} ms in the middle (p50), "
-            f"{latency['p99']:.0f} ms (p99); times by {summary['stamps']}"
+            f"{latency['p99']:.0f} ms (p99), by {summary['stamps']}; processor time for a picture: "
+            f"{summary['processor_ms']:.0f} ms"
         )

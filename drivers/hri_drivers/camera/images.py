@@ -5,6 +5,7 @@ No input opens a connection: addresses are refused, and FFmpeg may read files on
 
 import math
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,11 +13,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from hri_drivers.camera.place.by_depth import read_depth
 from hri_drivers.camera.seen import Image, UInt8
 from hri_predict.base.errors import ConfigError, SourceError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 MIN_SIDE, MAX_SIDE = 64, 8192
+REALSENSE = "realsense"
+DEPTH = ".depth.png"
+"""NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
 LATENCY_S = 0.05
 """From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
@@ -70,12 +75,20 @@ def open_input(
         cv2.utils.logging.LOG_LEVEL_SILENT
     )  # its warnings name no remedy; ours do
     path = Path(text)
-    is_device = text.isdecimal() or text.startswith("/dev/")
-    if is_device and loop:
+    if text == REALSENSE and not path.exists():
+        from hri_drivers.camera.realsense import RealSense
+
+        for flag, given in (("--loop", loop), ("--latency", latency_s is not None)):
+            if given:
+                raise ConfigError(f"{flag}: has no effect on a RealSense; leave it out")
+        return RealSense(rate_hz=rate_hz, size=size)
+    if not text:
+        raise ConfigError("input: empty; give a camera's number such as 0, or a file")
+    if is_device(text) and loop:
         raise ConfigError(f"--loop: has no effect on camera {text}; leave it out")
-    if not is_device and latency_s is not None:
+    if not is_device(text) and latency_s is not None:
         raise ConfigError(f"--latency: has no effect on {text}: only on a camera; leave it out")
-    if is_device:
+    if is_device(text):
         return Webcam(text, rate_hz=rate_hz, latency_s=latency_s, size=size)
     if "://" in text:
         raise ConfigError(
@@ -89,6 +102,11 @@ def open_input(
             f"a folder of pictures"
         )
     return Video(path, rate_hz=rate_hz, loop=loop)
+
+
+def is_device(text: str) -> bool:
+    """Return whether an input is a camera of this machine, by its number or path."""
+    return bool(re.fullmatch("[0-9]{1,4}", text)) or text.startswith("/dev/")
 
 
 def exposed(now_ns: int, monotonic_ms: float, device_ms: float) -> int | None:
@@ -153,8 +171,8 @@ class Webcam:
         """See ``Input``."""
         if self._device is None:
             self._device = self._open()
-        came, pixels = self._device.read()
-        if not came or pixels is None:
+        pixels = _read(self._device)
+        if pixels is None:
             self.close()
             raise SourceError(f"camera {self._name}: it delivers no picture; is it unplugged?")
         now_ns, now_ms = time.time_ns(), time.monotonic_ns() / 1e6
@@ -233,7 +251,7 @@ class Video:
             return None
         if self._start is None:
             self._start, self._start_ns = time.monotonic(), time.time_ns()
-        pixels, at_s = self._ahead
+        (pixels, at_s), self._ahead = self._ahead, None
         time.sleep(max(0.0, self._start + at_s - time.monotonic()))
         self._number += 1
         image = Image(pixels, self._start_ns + round(1e9 * at_s), self._number)
@@ -248,13 +266,13 @@ class Video:
         """Return the next picture, and its time in seconds from the first one."""
         import cv2
 
-        came, pixels = self._file.read()
-        if not came and self._loop and self._number:
+        pixels = _read(self._file)
+        if pixels is None and self._loop and self._number:
             self._file.release()
             self._file = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
-            came, pixels = self._file.read()
+            pixels = _read(self._file)
             self._own_s = -math.inf  # its times begin again
-        if not came:
+        if pixels is None:
             return None
         own_s = float(self._file.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
         if self._own_s is not None:
@@ -282,7 +300,11 @@ class Pictures:
 
     def __init__(self, path: Path, *, rate_hz: float | None, loop: bool) -> None:
         found = sorted(path.iterdir()) if path.is_dir() else [path]
-        self._paths = [p for p in found if p.suffix.lower() in PICTURES and p.is_file()]
+        self._paths = [
+            p
+            for p in found
+            if p.suffix.lower() in PICTURES and p.is_file() and not p.name.endswith(DEPTH)
+        ]
         if not self._paths:
             what = f"no pictures ({', '.join(PICTURES)}) in it" if path.is_dir() else "no such file"
             raise ConfigError(f"input {path}: {what}; check the path")
@@ -297,11 +319,12 @@ class Pictures:
         path = next(self._order, None)
         if path is None:
             return None
-        pixels = read_picture(path)
+        pixels, beside = read_picture(path), path.with_suffix(DEPTH)
+        depth = read_depth(beside) if beside.exists() else None
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = max(time.monotonic(), self._next) + self._period_s
         self._number += 1
-        return Image(pixels, time.time_ns(), self._number)
+        return Image(pixels, time.time_ns(), self._number, depth)
 
     def close(self) -> None:
         """See ``Input``."""
@@ -312,6 +335,17 @@ class Pictures:
             yield from self._paths
 
 
+def _read(device: Any) -> Any:
+    """Return the next picture of a ``cv2.VideoCapture``; None if there is none."""
+    import cv2
+
+    try:
+        came, pixels = device.read()
+    except cv2.error:  # of a picture that it cannot convert
+        return None
+    return pixels if came else None
+
+
 def read_picture(path: Path) -> UInt8:
     """Return the picture of a file, BGR.
 
@@ -320,7 +354,10 @@ def read_picture(path: Path) -> UInt8:
     """
     import cv2
 
-    pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    try:
+        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    except cv2.error:  # larger than OpenCV takes
+        pixels = None
     if pixels is None:
         raise SourceError(f"picture {path}: cannot be read")
     return checked(pixels, f"picture {path}")

@@ -17,8 +17,9 @@ from hri_drivers.camera.sending import Sender
 from hri_drivers.camera.tracking import Tracker
 from hri_drivers.sources.sent import SentPerson
 
-SILENT_S = 0.2
-"""Without a picture for this long the node is sent scenes that say so."""
+SILENT_S, MAX_SILENT_S, INTERVALS = 0.2, 2.0, 2.5
+"""Without a picture for this long the node is sent scenes that say so; for longer, up to the
+maximum, if pictures come so seldom: after this many of their intervals."""
 BLIND_PERIOD_S = 0.05
 """Between two of them."""
 _KEPT = 100_000  # latencies; an hour at 30 Hz
@@ -26,13 +27,14 @@ _KEPT = 100_000  # latencies; an hour at 30 Hz
 
 @dataclass(slots=True)
 class Counts:
-    """What happened since the start.
+    """Events since the start.
 
     Attributes:
         pictures: taken from the input.
         skipped: taken, and left out for the maximum rate.
         blind: scenes without a view of the room, by the reason.
         most_people: in one picture.
+        processor_s: processor time of the whole process while it ran.
         latencies_ns: from exposure to the scene that was sent, of the last 100 000 pictures.
     """
 
@@ -40,6 +42,7 @@ class Counts:
     skipped: int = 0
     blind: Counter[str] = field(default_factory=Counter)
     most_people: int = 0
+    processor_s: float = 0.0
     latencies_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
 
@@ -78,19 +81,26 @@ class Pipeline:
 
     def run(self, seconds: float | None = None, once: bool = False) -> None:
         """Go on until the input ends, for some seconds, or for one picture."""
-        end = None if seconds is None else time.monotonic() + seconds
-        heard = time.monotonic()
+        began_s = time.process_time()
+        try:
+            self._run(None if seconds is None else time.monotonic() + seconds, once)
+        finally:
+            self.counts.processor_s += time.process_time() - began_s
+
+    def _run(self, end: float | None, once: bool) -> None:
+        heard, silent_s = time.monotonic(), SILENT_S
         while end is None or time.monotonic() < end:
             image = self._newest.take(BLIND_PERIOD_S)
             now = time.monotonic()
             if image is not None:
+                silent_s = min(max(SILENT_S, INTERVALS * (now - heard)), MAX_SILENT_S)
                 heard = now
                 self.take(image)
                 if once:
                     return
             elif self._newest.ended:
                 return
-            elif now - heard > SILENT_S or self._newest.trouble is not None:
+            elif now - heard > silent_s or self._newest.trouble is not None:
                 self._blind(self._newest.trouble or "no picture comes", time.time_ns())
 
     def close(self) -> None:
@@ -132,6 +142,7 @@ class Pipeline:
         """Return the counts for the user."""
         counts, sender = self.counts, self._sender
         latency = np.array(counts.latencies_ns, np.float64) / 1e6
+        looked = counts.pictures - counts.skipped
         p50, p99 = np.percentile(latency, (50, 99)) if len(latency) else (None, None)
         return {
             "pictures": counts.pictures,
@@ -145,6 +156,7 @@ class Pipeline:
             "most_people": counts.most_people,
             "unplaced": dict(self._placer.unplaced),
             "latency_ms": {"p50": p50, "p99": p99},
+            "processor_ms": 1e3 * counts.processor_s / looked if looked else None,
             "stamps": self._newest.stamps,
         }
 

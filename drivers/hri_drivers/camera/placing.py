@@ -1,10 +1,14 @@
-"""People of a picture as the node's scene stream has them: in metres, in the camera's axes."""
+"""People of a picture as the node's scene stream has them: in metres, in the camera's axes.
+
+By the depth of a picture that has it, otherwise by the network's landmarks in metres.
+"""
 
 from collections import Counter
 
 import numpy as np
 
 from hri_drivers.camera.place.alone import check_height, place_alone
+from hri_drivers.camera.place.by_depth import place_by_depth
 from hri_drivers.camera.place.camera import Camera, guessed_camera
 from hri_drivers.camera.place.placed import Unplaced
 from hri_drivers.camera.seen import Image, Seen
@@ -42,10 +46,14 @@ class Placer:
         """Return a person in metres; one whose place is not known has no observed joint.
 
         Raises:
-            ConfigError: the camera was calibrated with pictures of another shape, or the network
-                finds no landmarks in metres.
+            ConfigError: the camera was calibrated with pictures of another shape, the depth has
+                another size than the picture, or there is neither depth nor landmarks in metres.
         """
-        placed = place_alone(seen, self._of(image), self._height_m)
+        camera = self._of(image)
+        if image.depth is None:
+            placed = place_alone(seen, camera, self._height_m)
+        else:
+            placed = place_by_depth(seen, image.depth, camera)
         if isinstance(placed, Unplaced):
             self.unplaced[placed.why] += 1
             nowhere = np.full((len(seen.pixels), 3), np.nan)

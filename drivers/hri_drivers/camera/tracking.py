@@ -15,7 +15,7 @@ from hri_drivers.camera.network.found import apart
 from hri_predict.base.arrays import Floats
 
 KEPT_S = 0.5
-"""A person who was not found for longer has left: whoever comes gets a new id."""
+"""A person who was not found for longer has left; the next body there gets a new id."""
 GATE = 0.3
 """Largest distance between a body and where its motion led, in extents of the body."""
 BLEND_S = 0.1

@@ -127,7 +127,7 @@ class LiveSource:
         clock: the node's.
 
     Attributes:
-        counters, connected, arrived, stamps_utc: see ``Live``.
+        counters, connected, arrived, stamps_utc, label: see ``Live``.
         live: itself.
     """
 
@@ -150,6 +150,7 @@ class LiveSource:
         self.counters = counters
         self.connected = False
         self.arrived = threading.Event()
+        self.label = f"source '{settings.kind}'"
         self.live = self
         self._settings = settings
         self._receiver = receiver
@@ -190,7 +191,7 @@ class LiveSource:
                 return
             self.close()
             why = error if isinstance(error, HriPredictError) else f"not open within {limit_s:g} s"
-            raise SourceError(f"source '{self._settings.kind}': {why}") from error
+            raise SourceError(f"{self.label}: {why}") from error
         except BaseException:  # a signal, or what no device should raise
             self.close()
             raise
@@ -212,7 +213,7 @@ class LiveSource:
         if thread is not None:
             thread.join(CLOSE_S)
             if thread.is_alive():
-                log.warning("source '%s': its device does not close", self._settings.kind)
+                log.warning("%s: its device does not close", self.label)
 
     # -- the thread -------------------------------------------------------------------------------
 
@@ -249,13 +250,13 @@ class LiveSource:
         self.connected = True
         if self._opened_before:
             self.counters.reconnects += 1
-            log.info("source '%s': connected again", self._settings.kind)
+            log.info("%s: connected again", self.label)
         self._opened_before = True
 
     def _lost(self, error: Exception) -> None:
         """Close, and keep the cause."""
         if self.connected:
-            log.warning("source '%s': %s; trying again", self._settings.kind, error)
+            log.warning("%s: %s; trying again", self.label, error)
             self.counters.disconnects += 1
         self.connected = False
         self.counters.note(error)
@@ -280,7 +281,7 @@ class LiveSource:
         """Log the errors since the last line: the first at once, then at most every ten seconds."""
         now_ns = self._clock.now_ns()
         if slow := self._pace.note(self.counters.scenes, self.connected, now_ns):
-            log.warning("source '%s': %s", self._settings.kind, slow)
+            log.warning("%s: %s", self.label, slow)
         if now_ns < self._log_ns:
             return
         counts = asdict(self.counters)
@@ -292,8 +293,8 @@ class LiveSource:
         if news:
             self._logged, self._log_ns = counts, now_ns + LOG_PERIOD_NS
             log.warning(
-                "source '%s': %s (%s)",
-                self._settings.kind,
+                "%s: %s (%s)",
+                self.label,
                 ", ".join(news),
                 counts["last_error"] or "-",
             )

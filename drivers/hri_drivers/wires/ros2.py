@@ -10,6 +10,7 @@ the user's own (``FASTDDS_DEFAULT_PROFILES_FILE``) takes precedence.
 
 import atexit
 import contextlib
+import importlib.metadata
 import logging
 import os
 import threading
@@ -25,7 +26,8 @@ from hri_predict.base.errors import LinkError
 from hri_predict.base.quantities.whole import whole
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-PROFILES = "FASTDDS_DEFAULT_PROFILES_FILE"
+JAZZY = importlib.metadata.version("rclpy").startswith("7.")
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE" if JAZZY else "FASTDDS_DEFAULT_PROFILES_FILE"
 LOOPBACK = Path(__file__).with_name("ros2_loopback.xml")
 JOIN_S = 5.0
 TURN_S = 0.2  # maximum time in the executor, should a wake-up be lost

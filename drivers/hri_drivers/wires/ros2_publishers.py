@@ -1,6 +1,6 @@
 """The publishers on a topic, and the number of their messages that were lost."""
 
-from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, Heard
+from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, SEVERAL_GIDS, Heard
 
 CONTRADICTED_NS = 1_000_000_000
 """Two publishers on a topic within this time contradict each other: neither is believed."""
@@ -22,7 +22,7 @@ class Publishers:
 
     def lost(self, heard: Heard) -> int:
         """Number of messages of the same publisher that were lost before this one."""
-        if heard.sequence == NO_SEQUENCE:
+        if heard.sequence == NO_SEQUENCE or heard.gid == SEVERAL_GIDS:
             return 0
         before = self._sequences.pop(heard.gid, None)
         self._sequences[heard.gid] = heard.sequence
@@ -33,8 +33,8 @@ class Publishers:
 
     def contradicted(self, heard: Heard, received_ns: int) -> bool:
         """Whether another publisher was heard on the topic within ``CONTRADICTED_NS``."""
-        if heard.gid == NO_GID:
-            return False
+        if heard.gid in (NO_GID, SEVERAL_GIDS):
+            return heard.gid == SEVERAL_GIDS
         self._heard_ns.pop(heard.gid, None)
         recent = received_ns - CONTRADICTED_NS
         self._heard_ns = {g: ns for g, ns in self._heard_ns.items() if ns > recent}

@@ -13,6 +13,7 @@ from hri_predict.people.lost.free_space import BODY_M, CELL_M
 from hri_predict.risk.areas import floor_distance
 from hri_predict.robots.model import RobotModel, RobotSettings, StateMotion, TrajectoryMotion
 from hri_predict.run import assemble
+from hri_predict.run.advised import advised
 from hri_predict.run.config import Config
 from hri_predict.zones.lost_places import ARM_M
 
@@ -26,8 +27,8 @@ def delay_notes(config: Config) -> list[str]:
     """Return a note for each link whose delays are not stated, or cannot be kept."""
     notes = []
     for link in config.links:
-        notes += _assumed(link)
-        notes += _too_short(link, 1.0 / config.node.rate_hz)
+        notes += _assumed(link) if link.advises else []
+        notes += _too_short(link, 1.0 / config.node.rate_hz) if link.advises else []
     return notes
 
 
@@ -198,6 +199,13 @@ def _listed(ends: list[str]) -> str:
     return f"{', '.join(first)} or {last}" if first else last
 
 
+def _unheard(config: Config) -> list[str]:
+    """Names of robots whose links all only read."""
+    advising = [link for link in config.links if link.advises]
+    heard = {i for link in advising for i in advised(config, link)}
+    return [robot.name for i, robot in enumerate(config.node.robots) if i not in heard]
+
+
 # -- other settings --------------------------------------------------------------------------------
 
 
@@ -210,6 +218,10 @@ def general_notes(config: Config) -> list[str]:
     notes = []
     if not config.links:
         notes.append("no links: no controller receives the advice; add 'links:'")
+    elif unheard := _unheard(config):
+        notes.append(
+            f"no link carries the advice to robot {', '.join(unheard)}: theirs only read; add one"
+        )
     if any(link.simulate for link in config.links):
         notes.append("simulated links: mock controllers, no hardware")
     notes += [f"link {link.name}: {note}" for link in config.links for note in link.notes]

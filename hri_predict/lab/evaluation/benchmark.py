@@ -42,17 +42,19 @@ class Protocol:
         windows: all windows of each test recording, or the ones that papers draw.
         n_out: frames predicted; with ``windows`` all, 10 and 25 are different sets of windows.
         error: mean per joint position error, or KD-Former's error of Euler angles.
+        observed_frames: frames observed, if not as most papers do; SINN's observes 25.
     """
 
     benchmark: Name
     windows: Windows
     n_out: int
     error: ErrorKind = "mpjpe"
+    observed_frames: int | None = None
 
     @property
     def n_in(self) -> int:
         """Frames observed: 10, and 50 where exponential maps are predicted."""
-        return 50 if self.error == "euler" else 10
+        return self.observed_frames or (50 if self.error == "euler" else 10)
 
     @property
     def readings(self) -> tuple[tuple[int, ...], ...]:
@@ -255,6 +257,11 @@ def network_forecaster(protocol: Protocol, network: Network, where: str) -> Fore
         PredictorError: it works on other joints, in the room's frame, or predicts too few frames.
     """
     shape, wanted = network.shape, protocol.skeleton
+    if protocol.benchmark == "human36m":
+        raise PredictorError(
+            f"{where}: no network is trained for Human3.6M yet; evaluate zero_velocity and "
+            f"constant_velocity there, or use --benchmark cmu"
+        )
     if shape.skeleton.joints != wanted.joints or not shape.framed:
         raise PredictorError(
             f"{where}: predicts skeleton {shape.skeleton.name}; this benchmark needs "

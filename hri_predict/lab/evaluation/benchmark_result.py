@@ -43,7 +43,8 @@ class BenchmarkResult:
         """Values printed in papers for this very protocol."""
         if self.protocol.benchmark != "cmu":
             return []
-        return comparable(self.protocol.windows, self.protocol.n_out, self.protocol.error)
+        protocol = self.protocol
+        return comparable(protocol.windows, protocol.n_in, protocol.n_out, protocol.error)
 
 
 def printed_at(entry: Published, action: str, frame: int, averaged: Sequence[str]) -> float | None:

@@ -59,7 +59,7 @@ def published() -> tuple[Published, ...]:
     return tuple(validated(_File, {"published": load_yaml(text)}, str(_FILE)).published)
 
 
-def comparable(windows: str, n_out: int, error: str) -> list[Published]:
+def comparable(windows: str, n_in: int, n_out: int, error: str) -> list[Published]:
     """The printed numbers of one protocol alone.
 
     Seeded windows are the same for 10 and 25 frames, so their length does not matter. The set of
@@ -69,6 +69,7 @@ def comparable(windows: str, n_out: int, error: str) -> list[Published]:
         entry
         for entry in published()
         if entry.windows == windows
+        and entry.n_in == n_in
         and entry.error == error
         and (entry.n_out == n_out or windows != "all")
     ]

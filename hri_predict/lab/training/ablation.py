@@ -15,7 +15,7 @@ from typing import Any
 
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
-from hri_predict.base.settings import validated
+from hri_predict.base.settings import Settings, validated
 from hri_predict.contracts import registry
 from hri_predict.lab.datasets.corruption import Corruption
 from hri_predict.lab.evaluation.recordings import judge_one
@@ -26,27 +26,36 @@ from hri_predict.lab.training.loop import Run
 from hri_predict.lab.training.stopping import told_to_stop
 from hri_predict.lab.training.view import training_view
 from hri_predict.lab.training.windows.augment import AugmentSettings
+from hri_predict.lab.training.windows.bodies import BodySettings
 from hri_predict.lab.training.windows.motion import DataSettings
+from hri_predict.lab.training.windows.trackers import TrackerSettings
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.settings import NeuralSettings
 
 PREDICTOR = "trajectorycnn"
 SMALL = ["options.channels=32", "train.epochs=12"]
-LEFT_OUT: Mapping[str, dict[str, Any]] = {
+_DROPPED = ("missing", "limb", "frames", "sparse", "arms")
+_OF_TRACKERS = ("rate", "dropped", "noise", "convention")
+_SECTIONS: Mapping[str, type[Settings]] = {
+    "augment": AugmentSettings,
+    "bodies": BodySettings,
+    "trackers": TrackerSettings,
+}
+LEFT_OUT: Mapping[str, dict[str, dict[str, Any]]] = {
     "all": {},
-    "without mirroring": {"mirror": 0.0},
-    "without yaw rotation": {"yaw": False},
-    "without body scale": {"scale": 0.0},
-    "without time warp": {"warp": 0.0},
-    "without slow motion": {"slow": 0.0},
-    "without reversal": {"reverse": 0.0},
-    "without late starts": {"truncate": 0.0},
-    "without sensor noise": {"noise": 0.0, "outliers": 0.0},
-    "without dropped joints": {
-        "missing": 0.0, "limb": 0.0, "frames": 0.0, "sparse": 0.0, "arms": 0.0
-    },
-}  # fmt: skip
-"""Run -> what differs from the configuration's own augmentations."""
+    "without mirroring": {"augment": {"mirror": 0.0}},
+    "without yaw rotation": {"augment": {"yaw": False}},
+    "without body scale": {"augment": {"scale": 0.0}},
+    "without time warp": {"augment": {"warp": 0.0}},
+    "without slow motion": {"augment": {"slow": 0.0}},
+    "without reversal": {"augment": {"reverse": 0.0}},
+    "without late starts": {"augment": {"truncate": 0.0}},
+    "without sensor noise": {"augment": {"noise": 0.0, "outliers": 0.0}},
+    "without dropped joints": {"augment": dict.fromkeys(_DROPPED, 0.0)},
+    "without other bodies": {"bodies": {"share": 0.0}},
+    "without other trackers": {"trackers": dict.fromkeys(_OF_TRACKERS, 0.0)},
+}
+"""Run -> section of ``data`` -> what differs there from the configuration's own."""
 CONDITIONS: tuple[Corruption | None, ...] = (
     None,
     Corruption("missing", 0.3),
@@ -57,16 +66,21 @@ CONDITIONS: tuple[Corruption | None, ...] = (
 
 def runs(config: TrainingConfig) -> dict[str, TrainingConfig]:
     """The runs to make by name, each in its own folder below ``config.out``."""
-    augment = config.data.get("augment", {})
-    given = validated(AugmentSettings, augment, "training configuration: data.augment")
-    changes = dict(LEFT_OUT)
-    changes["none"] = {k: v for change in LEFT_OUT.values() for k, v in change.items()}
+    given = {
+        section: validated(
+            settings, config.data.get(section, {}), f"training configuration: data.{section}"
+        ).model_dump()
+        for section, settings in _SECTIONS.items()
+    }
+    none = {
+        section: {k: v for change in LEFT_OUT.values() for k, v in change.get(section, {}).items()}
+        for section in _SECTIONS
+    }
     made = {}
-    for name, change in changes.items():
-        augment = given.model_copy(update=change).model_dump()
-        data = config.data | {"augment": augment}
+    for name, change in {**LEFT_OUT, "none": none}.items():
+        changed = {s: values | change.get(s, {}) for s, values in given.items()}
         out = config.out / name.replace(" ", "_")
-        made[name] = config.model_copy(update={"data": data, "out": out})
+        made[name] = config.model_copy(update={"data": config.data | changed, "out": out})
     return made
 
 

@@ -4,6 +4,7 @@ A source that foresees its scenes (a recording, a simulator) is asked for them o
 one that hears a sender is listened to for a while, and a sender must send meanwhile.
 """
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,7 +21,7 @@ from hri_predict.base.geometry import transform
 from hri_predict.base.settings import MAX_COORDINATE_M, MAX_RATE_HZ, MIN_RATE_HZ, Pose
 from hri_predict.contracts import registry
 from hri_predict.contracts.joint_map import JointMap
-from hri_predict.contracts.scene import Scene
+from hri_predict.contracts.scene import MAX_ERROR_M, Scene, sound_error_m
 from hri_predict.contracts.source import (
     NOT_KNOWN_NS,
     AnySourceClass,
@@ -212,6 +213,8 @@ def gives_sound_scenes(part: SourcePart) -> str:
             demand(shapes == ((joints, 3), (joints,)), f"shapes {shapes}; joints: {joints}")
             demand(person.positions.dtype == np.float64, "positions: must be float64")
             demand(person.observed.dtype == np.bool_, "observed: must be bool")
+            sound = math.isfinite(sound_error_m(person.error_m))
+            demand(sound, f"error_m is {person.error_m!r}: must be 0 to {MAX_ERROR_M:g} m")
     people = sum(len(scene.people) for scene in part.heard.scenes)
     return f"{len(part.heard.scenes)} scenes, {people} bodies"
 

@@ -28,7 +28,8 @@ Backward steps of a clock that are smaller than the limit count as delay, and so
 stands still while its source sleeps. All errors make the age larger, never smaller, but for these:
 
 - A delay that exists since the first scene, or since the scene of a jump, counts as offset. No
-  one-way alignment can detect it.
+  one-way alignment can detect it. A delay of the scene before a jump is carried across it, for
+  good: whether it goes on looks the same on the new clock.
 - A delay that grows no faster than the clock may drift: from the first half hour on by
   ``MAX_WANDER``, and by ``wander_ns`` in all; before, by ``MAX_DRIFT`` at most.
 """

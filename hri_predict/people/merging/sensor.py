@@ -7,7 +7,7 @@ sensor's origin. So it is asked here, of each sensor, with the same parts.
 
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Doubt, Person, Scene
 from hri_predict.contracts.source import Source, SourceSettings
 from hri_predict.people.body.canonical import canonical_body
+from hri_predict.people.body.floor_watch import FloorWatch
 from hri_predict.people.body.made_up import MadeUpWatch, Sign
 from hri_predict.people.clock.scene_gate import SceneGate
 from hri_predict.people.ring_buffer import NEVER
@@ -35,7 +36,6 @@ ELSEWHERE_M = 2.5
 STEP_M_S = 4.0
 """A body that moved faster between two captures may be another one with its id: ids swap. A runner
 is then shown where the later capture has him."""
-FROZEN = PeopleSettings().frozen_scenes
 _NOWHERE = np.zeros(len(JOINTS), np.bool_)
 
 
@@ -91,10 +91,17 @@ class Sensor:
             clock_wander_ns=round(settings.clock_wander_s * 1e9),
             even_captures=settings.even_captures,
         )
-        self._made_up = MadeUpWatch(PeopleSettings(), self._origin, period_ns)
+        self._period_ns = period_ns
         self._captures: deque[Capture] = deque(maxlen=KEPT)
         self._shown: dict[Key, tuple[int, int]] = {}  # fingerprint, and how often it came again
         self._refused_ns = NEVER
+        self.judge_by(PeopleSettings())
+
+    def judge_by(self, people: PeopleSettings) -> None:
+        """Judge its bodies by these settings; before its first scene."""
+        self._frozen_scenes = people.frozen_scenes
+        self._made_up = MadeUpWatch(people, self._origin, self._period_ns)
+        self._floor = FloorWatch(people)
 
     @property
     def newest_ns(self) -> int:
@@ -180,6 +187,7 @@ class Sensor:
             bodies[key] = body
             if body.observed.any():
                 wrong.update(self._made_up_reasons(body, capture_ns))
+                self._floor.note(body, capture_ns)
         if self._is_frozen(bodies):
             self._note("frozen_captures", Reason.INPUT_FROZEN, wrong)
         if self._gate.alignment.jumped:
@@ -189,6 +197,7 @@ class Sensor:
         if not scene.sees_room:
             wrong.add(Reason.SOURCE_BLIND)
         doubts = [Doubt(reason, f"sensor {self.name}: {reason.text}") for reason in sorted(wrong)]
+        doubts += [replace(d, text=f"sensor {self.name}: {d.text}") for d in self._floor.doubts()]
         return Capture(capture_ns, scene.sees_room, bodies, (*doubts, *scene.doubts))
 
     def _body(self, person: Person, wrong: set[Reason]) -> Body:
@@ -222,7 +231,7 @@ class Sensor:
                 shown[key] = print_, again
         self._shown = shown
         most = max((again for _, again in shown.values()), default=0)
-        return self.source.declares_noise and most >= FROZEN
+        return self.source.declares_noise and most >= self._frozen_scenes
 
     def _look_at_refused(self, scene: Scene, now_ns: int) -> None:
         """A body of an unknown id in a scene that does not advance: perhaps of a second sender.

@@ -92,6 +92,11 @@ class MergedSettings(SourceSettings):
         return True
 
     @property
+    def judges_bodies(self) -> bool:
+        """Each sensor's own captures are judged: merged bodies lie on lines between captures."""
+        return True
+
+    @property
     def known_places(self) -> list[list[float]]:
         """Places of all sensors."""
         return [place for sensor in self.parts.values() for place in sensor.known_places]

@@ -31,6 +31,7 @@ from hri_predict.people.merging.likeness import Seen
 from hri_predict.people.merging.sensor import Sensor, View
 from hri_predict.people.merging.settings import MergedSettings
 from hri_predict.people.ring_buffer import NEVER
+from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 from hri_predict.protocol.reasons import Reason
 
@@ -69,6 +70,11 @@ class MergedSource:
         self._time_ns = self._now_ns = NEVER
         self._sequence = -1
         self._said: set[str] = set()
+
+    def judge_by(self, people: PeopleSettings) -> None:
+        """Judge the bodies of every sensor by these settings; before ``open``."""
+        for sensor in self.sensors:
+            sensor.judge_by(people)
 
     def open(self, start_ns: int) -> None:
         """Open all sensors; none stays open if one fails."""
@@ -198,18 +204,21 @@ class AllLive:
     Attributes:
         arrived: set when any of them has a scene.
         stamps_utc: false: merged scenes are stamped with the node's clock.
+        label: see ``Live``.
     """
 
     stamps_utc = False
+    label = "source 'merged'"
 
     def __init__(self, lives: dict[str, Live]) -> None:
         self.arrived = threading.Event()
         self._lives = lives
 
     def share(self) -> None:
-        """Let all of them set one event."""
-        for live in self._lives.values():
+        """Let all of them set one event, and name their sensor in the log."""
+        for name, live in self._lives.items():
             live.arrived = self.arrived
+            live.label = f"sensor {name}"
 
     @property
     def connected(self) -> bool:

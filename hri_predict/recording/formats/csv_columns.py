@@ -8,8 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hri_predict.base.errors import RecordingError
+from hri_predict.recording.recording import converted_by
 
-TIMES = ("time_s", "time", "t", "timestamp", "timestamp_s", "seconds", "ts", "stamp", "unix_time")
+TIMES = (
+    "time_s", "time", "t", "timestamp", "timestamp_s", "seconds", "ts", "stamp", "unix_time",
+    "capturetime", "capture_time",
+)  # fmt: skip
 """Names of a time, the preferred first; without a unit, seconds or Unix time in any unit."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _TIME = re.compile(
@@ -18,6 +22,8 @@ _TIME = re.compile(
 )
 _LONG = {"sec": "s", "secs": "s", "\u00b5s": "us", "milliseconds": "ms", "microseconds": "us"}
 _LONG |= {"seconds": "s", "nanoseconds": "ns"}
+FRAMES = ("frame", "framenumber", "frameid", "frameindex", "frameidx", "frameno", "framenum")
+"""Names of a frame's number, without case and separators."""
 PEOPLE = (
     "person", "personid", "bodyid", "body", "trackid", "trackingid", "subject", "subjectid",
     "skeletonid", "skeleton", "playerid", "player", "userid", "actor", "id",
@@ -29,6 +35,8 @@ _SURE = (
 )
 _COORDINATE = re.compile(r"(.+?)[ _.:\-]([xyz])", re.IGNORECASE)
 _OF_JOINT = re.compile(rf"(.+?)[ _.:\-]({_SURE})", re.IGNORECASE)
+_PIXELS = re.compile(r".+[ _.:\-](2d|color|colour|depth|image|img|pixel|screen|uv)", re.IGNORECASE)
+"""A joint's place in a picture, as recorders of Kinect write it besides its place in space."""
 _MAX_HEAD = 100_000
 _SHOWN = 8
 
@@ -40,7 +48,7 @@ class Columns:
     Attributes:
         count: number of named columns.
         names: of all columns.
-        time: column of the time.
+        time: column of the time, or of the frame's number; ``None``: a row is a frame.
         second_s: seconds per unit of the time; ``None``: seconds, or Unix time in any unit.
         sees_room: column of a flag.
         person: column that says whose joints these are.
@@ -51,7 +59,7 @@ class Columns:
 
     count: int
     names: list[str]
-    time: int
+    time: int | None
     second_s: float | None
     sees_room: int | None
     person: int | None
@@ -107,8 +115,13 @@ def names_joints(header: Sequence[str]) -> bool:
     return any({(joint, axis) for axis in "xyz"} <= axes for joint, _ in axes)
 
 
-def columns_of(path: Path, header: Sequence[str]) -> Columns:
+def columns_of(path: Path, header: Sequence[str], rate_hz: float | None = None) -> Columns:
     """Find the columns by their names.
+
+    Args:
+        path: the file.
+        header: its first row.
+        rate_hz: frames per second, if the table has no times.
 
     Raises:
         RecordingError: there is no time, or no whole joint.
@@ -116,7 +129,7 @@ def columns_of(path: Path, header: Sequence[str]) -> Columns:
     names = [name.strip() for name in header]
     while names and not names[-1]:
         names.pop()
-    time, second_s = _time(path, names)
+    time, second_s = _time(path, names) if rate_hz is None else _frame(names, rate_hz)
     joints = _joints(path, names)
     lower = [name.lower() for name in names]
     plain = [re.sub("[^a-z0-9]", "", name) for name in lower]
@@ -146,10 +159,17 @@ def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
     if not found:
         raise RecordingError(
             f"recording {path}: has no column 'time_s' (its first row begins with "
-            f"{', '.join(names[:4])[:60]!r}); call the seconds that"
+            f"{', '.join(names[:4])[:60]!r}); call the seconds that, or give the frames per "
+            f"second: {converted_by(path, '--fps 30')} (if it has 30)"
         )
     unit = units[found[0]]
     return found[0], None if unit is None else SECONDS[_LONG.get(unit[1], unit[1])]
+
+
+def _frame(names: Sequence[str], rate_hz: float) -> tuple[int | None, float]:
+    """The column of the frame's number, and the seconds of a frame."""
+    bare = [re.sub("[^a-z]", "", name.lower()) for name in names]
+    return next((bare.index(name) for name in FRAMES if name in bare), None), 1.0 / rate_hz
 
 
 def _joints(path: Path, names: Sequence[str]) -> dict[str, list[int]]:
@@ -162,8 +182,21 @@ def _joints(path: Path, names: Sequence[str]) -> dict[str, list[int]]:
             if places[axis] >= 0:
                 raise RecordingError(f"recording {path}: column '{name}' occurs twice; rename one")
             places[axis] = k
+    flat = [joint for joint, (*_, z) in joints.items() if z < 0]
+    if flat and len(flat) == len(joints):
+        raise RecordingError(
+            f"recording {path}: its joints have no z ('{flat[0]}'): places in a picture hold no "
+            f"place in the room; record 3-D positions in metres"
+        )
+    for joint in filter(_PIXELS.fullmatch, flat):
+        del joints[joint]
     half = [joint for joint, places in joints.items() if -1 in places]
     if not joints or half:
+        if {"x", "y", "z"} <= {name.lower() for name in names}:
+            raise RecordingError(
+                f"recording {path}: has a row for each joint; give a table with a row for each "
+                f"frame (of FreeMoCap *_by_trajectory.csv, or output_data/*_body_3d_xyz.csv)"
+            )
         what = f"'{half[0]}' lacks one of _x, _y, _z" if half else "no joint's _x, _y and _z"
         raise RecordingError(f"recording {path}: {what} in its first row; name three per joint")
     return joints

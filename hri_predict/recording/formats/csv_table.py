@@ -8,7 +8,8 @@
     0.066666667,0,,,,,,...             the source is blind
 
 Metres, z up. The reader accepts other delimiters and decimal commas; other names for the time, also
-in ms, us or ns, and Unix time; tables without ``sees_room`` or ``person``, or with ``body_id`` and
+in ms, us or ns, and Unix time; frames in place of times if ``wanted.rate_hz`` says how many there
+are in a second; tables without ``sees_room`` or ``person``, or with ``body_id`` and
 the like for it; coordinates named ``Waist.X``, ``waist:x`` or ``waist x``; and a joint's
 ``waist_confidence``. An empty cell or ``nan`` means not observed. See ``csv_columns``.
 """
@@ -76,7 +77,7 @@ def read_csv(path: Path, wanted: Wanted) -> Recording:
     _, rows = rows_of(text)
     try:
         header_line, header = next(rows, (1, []))
-        columns = columns_of(path, header)
+        columns = columns_of(path, header, wanted.rate_hz)
         body = text.split("\n", header_line)[-1]
         table = _Table(path, columns, wanted.person, Numbers(body))
         for number, row in watched(rows, READING, body.count("\n")):
@@ -130,7 +131,8 @@ class _Table:
             return
         if wrong := self._lengths.wrong(row):
             raise self._wrong(number, f"{wrong}; correct it, or export the table again")
-        time_ns = self._time_ns(number, row[self._columns.time])
+        time = self._columns.time
+        time_ns = self._time_ns(number, str(self._rows) if time is None else row[time])
         if not self._times_ns or time_ns != self._times_ns[-1]:
             if self._times_ns and time_ns < self._times_ns[-1]:
                 raise self._wrong(number, "its time is before that of the row above; sort them")
@@ -185,6 +187,11 @@ class _Table:
 
     def _ids(self) -> dict[str, int]:
         names = list(dict.fromkeys(name for people in self._people for name in people))
+        if self._columns.time is None and len(names) > 1:
+            raise RecordingError(
+                f"recording {self._path}: has several people, but neither times nor a column "
+                f"'frame'; add one"
+            )
         if len(names) > max(MOST_PEOPLE, self._rows // 2):
             assert self._columns.person is not None  # or else there is one
             raise RecordingError(
@@ -200,7 +207,7 @@ class _Table:
         """Scenes per second, by the usual step of the times."""
         steps = np.array([b - a for a, b in pairwise(self._times_ns)])
         rate_hz = float(f"{1e9 / max(float(np.median(steps)), 1.0):.6g}")  # its times are rounded
-        name = self._columns.names[self._columns.time]
+        name = "--fps" if self._columns.time is None else self._columns.names[self._columns.time]
         try:
             check_rate(self._path, f"'{name}'", rate_hz)
         except RecordingError as error:

@@ -97,6 +97,7 @@ _GROUNDS: dict[str, dict[str, Any]] = {
     "reaction_s?": _NUMBER,
     "stopping_s?": _NUMBER,
     "human_m_s?": _NUMBER,
+    "place_error_m?": _NUMBER,
     "terms_m?": _object({f"{term}?": _NUMBER for term in ("s_h", "s_r", "s_s", "c", "z_d", "z_r")}),
     "protective_m?": _NUMBER,
 }

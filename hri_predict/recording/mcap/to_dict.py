@@ -59,6 +59,7 @@ def _grounds(grounds: Grounds, capsules: Sequence[str]) -> dict[str, Any]:
         "reaction_s": _rounded(grounds.reaction_s),
         "stopping_s": _rounded(grounds.stopping_s),
         "human_m_s": _rounded(grounds.human_m_s),
+        **({"place_error_m": _rounded(grounds.place_error_m)} if grounds.place_error_m else {}),
         "terms_m": {} if terms is None else {k: _rounded(v) for k, v in asdict(terms).items()},
         "protective_m": None if terms is None else _rounded(terms.total),
     }

@@ -66,6 +66,7 @@ def _of_one(
         person_uncertainty_m=settings.person_uncertainty_m,
         robot_uncertainty_m=settings.robot_uncertainty_m + moved_m,
         human_m_s=_human_m_s(people, bodies),
+        place_error_m=0.0 if people is None else bodies.error_m(people.person),
     )
 
 

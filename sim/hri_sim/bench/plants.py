@@ -18,10 +18,15 @@ from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from typing import Any
 
+import yaml
+
 from hri_drivers.links.rtde.link import RtdeLink, RtdeLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import validated
 from hri_predict.cli.common import JsonOption, need_extra
+from hri_predict.contracts import registry
 from hri_predict.contracts.link import Link
 from hri_predict.protocol.messages import Advice, Level, Status
 from hri_predict.protocol.reasons import Reason
@@ -29,6 +34,7 @@ from hri_predict.protocol.registers import ROBOT, offset_of, robot_address, word
 from hri_predict.protocol.variables import INDEX, robot_variables
 from hri_sim.bench.rows import spread
 from hri_sim.bench.table import SecondsOption, measure, report
+from hri_sim.robot_server.robot import COUNTS
 from hri_sim.wires.child import child
 from hri_sim.wires.ports import free_tcp_port
 from hri_sim.wires.samples import STATUS
@@ -49,13 +55,14 @@ def plants(
 ) -> None:
     """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
 
-    The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
+    Then the time from a controller's write of its state until the node has read it, by Modbus and
+    OPC UA. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
     that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """
     need_extra("pymodbus", "modbus")
-    rows = measure(costs(seconds), 2, "registers")
+    rows = measure(costs(seconds), 5, "registers")
     title = "From posting an advice to the registers of another process"
     report(rows, as_json, title, _COLUMNS)
 
@@ -70,12 +77,51 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
     """Yield a row of each link.
 
     ``latency_ms``: from ``post`` until the other end has the Advice, p50, p99 and max; ``sent``,
-    ``heard``: numbers of Advice; ``superseded``: those that a newer one replaced in the link.
+    ``heard``: numbers of Advice; ``superseded``: those that a newer one replaced in the link. Of
+    the clients: from the controller's write of a state until the link has it; ``sent``: readings,
+    ``heard``: those with a new state.
     """
     yield {"link": "rtde, 125 Hz", **_rtde(seconds)}
     yield {"link": "modbus, polled every 10 ms", **_modbus(seconds)}
     if find_spec("asyncua") is not None:
         yield {"link": "opcua, published every 10 ms", **_opcua(seconds)}
+    yield {"link": "modbus_client, 50 Hz", **_states("modbus", seconds)}
+    if find_spec("asyncua") is not None:
+        yield {"link": "opcua_client, 50 Hz", **_states("opcua", seconds)}
+
+
+def _states(protocol: str, seconds: float) -> dict[str, Any]:
+    """Read the made-up robot's server, whose heartbeat is the time of its write in ms."""
+    config = yaml.safe_load(data_path(f"robot_{protocol}.yaml").read_text())["links"][0]
+    command = [sys.executable, "-m", "hri_sim.robot_server", protocol, "--port", "0"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    spans_ms: list[float] = []
+    readings, before = 0, None
+    try:
+        assert server.stdout is not None
+        config["port"] = json.loads(server.stdout.readline())["port"]
+        kind = registry.load("links", config["kind"])
+        wire = kind.make_transport(validated(kind.settings_model, config, "the link"))
+        wire.open()
+        end_s = time.monotonic() + SETTLE_S + seconds
+        while (now_s := time.monotonic()) < end_s:
+            for sample in wire.read(0.1):
+                if now_s < end_s - seconds:
+                    continue
+                readings += 1
+                if sample.values[0] != before:
+                    before = sample.values[0]
+                    spans_ms.append((time.monotonic_ns() * 1e-6 - before) % COUNTS)
+        wire.close()
+    finally:
+        server.kill()
+        server.wait()
+    return {
+        "sent": readings,
+        "heard": len(spans_ms),
+        "superseded": 0,
+        "latency_ms": spread(spans_ms, 2),
+    }
 
 
 def _rtde(seconds: float) -> dict[str, Any]:

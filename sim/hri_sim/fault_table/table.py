@@ -27,6 +27,8 @@ from hri_sim.fault_table.link_cell import run_cases
 from hri_sim.fault_table.live import run_live_faults
 from hri_sim.fault_table.node_death import How, die, restart_controller
 from hri_sim.fault_table.outcome import RECOVERY_S, Expected, FaultOutcome
+from hri_sim.fault_table.polled_state import run_states
+from hri_sim.fault_table.two_sensors import with_two_sensors
 
 START_S, LENGTH_S, AFTER_S = 5.0, 2.0, 7.0
 
@@ -51,6 +53,7 @@ class Case:
         predictor: replaces the predictor's answer while the fault is active.
         length_s: duration of the fault.
         drain_s: time from the fault's end until the last delayed message arrives.
+        sensor: the sensor of two that has the faults; "": there is one source.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Case:
     predictor: Callable[[Forecast], Forecast] | None = None
     length_s: float = LENGTH_S
     drain_s: float = 0.0
+    sensor: str = ""
 
     @property
     def end_s(self) -> float:
@@ -185,6 +189,32 @@ CASES = (
          "controller", None),
 )  # fmt: skip
 
+# One of two sensors. The merge waits for it for as long as its input is not stale, and a scene of
+# the other, which carries the doubt, comes within a period. A restart takes a second, and begins
+# with lower numbers and stamps. A turn by 4 degrees puts the person 15 cm aside, and sensors
+# disagree when they were apart in half of the last 10 s of common sight.
+_SILENT = (Reason.SENSOR_SILENT,)
+SENSORS = tuple(
+    Case(f"{sensor} of two sensors: {name}", faults, expected, "node", limit_ms, reasons,
+         sensor=sensor, length_s=length_s)
+    for sensor in ("back", "front")
+    for name, faults, expected, limit_ms, reasons, length_s in (
+        ("unplugged", ("drop@{t}",), "unknown", STALE + 34, _SILENT, LENGTH_S),
+        ("delayed 0.5 s", ("delay@{t}:delay_s=0.5",), "unknown", STALE + 34, _SILENT, LENGTH_S),
+        ("flooded, everything 8 times", 3 * ("duplicate@{t}",), "count only", None, (), LENGTH_S),
+        ("restarted, its clock 1 h back",
+         ("drop@{t}", f"clock_jump@{START_S}:offset_s=-3600,renumber=-100"),
+         "unknown", STALE + 34, _SILENT, 1.0),
+        ("clock jumps back 1 h", ("clock_jump@{t}:offset_s=-3600",), "unknown", SEEN + 34,
+         (Reason.CLOCK_JUMP,), LENGTH_S),
+        ("clock jumps on 1 h", ("clock_jump@{t}:offset_s=3600",), "unknown", SEEN + 34,
+         (Reason.CLOCK_JUMP,), LENGTH_S),
+        ("moved", ("rotate@{t}:quaternion_xyzw=[0,0,0.0349,0.9994]",), "unknown", 5_000 + SEEN,
+         (Reason.SENSORS_DISAGREE,), 8.0),
+        ("sees an empty room", ("vanish@{t}",), "not clear", SEEN, (), LENGTH_S),
+    )
+)  # fmt: skip
+
 
 DEATHS: tuple[tuple[str, How, float | None], ...] = (
     ("node: kill -9", "kill", None),  # the limit is the controllers' own
@@ -198,7 +228,7 @@ RESTARTS = {f"{link}: controller restarted": link for link in ("drive", "monitor
 def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
     """Run every case whose name contains ``only``; yield each row when it is done."""
     base = baseline_demo()
-    for case in CASES:
+    for case in (*CASES, *SENSORS):
         if only is None or only in case.name:
             yield run_case(base, case)
     for incident in INCIDENTS:
@@ -215,6 +245,7 @@ def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
         from hri_sim.fault_table import zenoh_link
 
         yield from run_cases("zenoh", zenoh_link.ZenohCell, zenoh_link.CASES, only)
+    yield from run_states(only)
     if find_spec("rclpy") is not None:
         from hri_sim.fault_table import ros2_link
 
@@ -225,7 +256,11 @@ def run_case(base: Config, case: Case) -> FaultOutcome:
     """Run one case on the virtual clock in the cell of ``base``."""
     watch = _Watch(case)
     time = f"{START_S}+{case.length_s}"
-    config = _scene(base, case.people).with_faults([f.replace("{t}", time) for f in case.faults])
+    config, faults = _scene(base, case.people), [f.replace("{t}", time) for f in case.faults]
+    if case.sensor:
+        config = with_two_sensors(config, case.sensor, faults)
+    else:
+        config = config.with_faults(faults)
     summary = run(config, Options(factor=None, duration_s=case.end_s + AFTER_S, view=watch))
     if case.acts == "controller" and case.expected != "count only":
         measured, recovered, reason = _stop_of_all(case, summary.controllers)

@@ -209,6 +209,9 @@ class ClockJump(FaultSettings):
     """The source's clock is off by ``offset_s``, then right again."""
 
     offset_s: float = Field(-1.0, ge=-1e6, le=1e6, description="size of the jump of its stamps")
+    renumber: int = Field(
+        0, ge=-1_000_000, le=0, description="change of its scenes' numbers, as after a restart"
+    )
 
 
 SOURCE_FAULTS: dict[str, type[FaultSettings]] = {
@@ -341,7 +344,8 @@ class FaultySource:
         if isinstance(fault, MadeUp):
             return [self._made_up[id(fault)].made_up(scene)]
         if isinstance(fault, ClockJump):
-            return [_shifted(scene, int(fault.offset_s * 1e9))]
+            jumped = _shifted(scene, int(fault.offset_s * 1e9))
+            return [replace(jumped, sequence=scene.sequence + fault.renumber)]
         if isinstance(fault, Blind):
             return [replace(scene, sees_room=False, people=())]
         if isinstance(fault, Occlude):

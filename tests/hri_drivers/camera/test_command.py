@@ -16,6 +16,7 @@ import typer
 import yaml
 
 from hri_drivers.camera.command import camera
+from hri_drivers.camera.network import package
 from hri_drivers.sources.scene_stream.codec import decode_body, open_datagram
 from hri_predict.base.errors import HriPredictError
 from tests.hri_drivers.camera.pictures import cv2, textured, write_video
@@ -138,6 +139,13 @@ def test_a_variant_that_is_unknown_is_refused(picture, tmp_path, monkeypatch):
         call(picture)
     with pytest.raises(HriPredictError, match=r"--variant fulll: unknown; did you mean"):
         call(picture, "--variant", "fulll")
+
+
+def test_a_kept_package_that_changed_is_refused(picture, tmp_path, monkeypatch):
+    monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
+    monkeypatch.setattr(package, "read", lambda *_: (b"detector", b"landmarks", "0" * 64))
+    with pytest.raises(HriPredictError, match="damaged, or exchanged since it was fetched; run"):
+        call(picture)
 
 
 def test_a_network_without_metres_cannot_place_a_person(model, picture):

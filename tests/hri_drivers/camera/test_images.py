@@ -169,6 +169,8 @@ def test_a_damaged_picture_is_an_interruption_not_the_end(tmp_path):
     ("text", "options", "message"),
     [
         ("missing.mp4", {}, "no such file"),
+        ("", {}, "input: empty"),
+        ("9" * 30, {}, "no such file"),
         ("http://127.0.0.1/a.mp4", {}, "addresses are not opened"),
         ("rtsp://127.0.0.1/a", {}, "addresses are not opened"),
         ("text.mp4", {}, "not a video"),
@@ -206,3 +208,18 @@ def test_pictures_of_another_kind_are_refused(pixels):
 
 def test_a_grey_picture_gets_three_channels():
     assert checked(textured()[:, :, 0], "camera 0").shape == (480, 640, 3)
+
+
+def test_depth_beside_a_picture_is_its_own(tmp_path):
+    cv2.imwrite(str(tmp_path / "1.png"), textured())
+    cv2.imwrite(str(tmp_path / "1.depth.png"), np.full((480, 640), 2500, np.uint16))
+    cv2.imwrite(str(tmp_path / "2.png"), textured(seed=1))
+    pictures = opened(tmp_path, rate_hz=1000)
+    first, second = pictures.read(), pictures.read()
+    assert first is not None
+    assert second is not None
+    assert first.depth is not None
+    assert first.depth.shape == (480, 640)
+    assert float(first.depth[0, 0]) == 2.5
+    assert second.depth is None
+    assert pictures.read() is None

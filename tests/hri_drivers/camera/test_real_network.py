@@ -1,12 +1,18 @@
 """BlazePose itself on photographs of people: fetched by npm once, into build/."""
 
+import json
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
+from hri_drivers.camera.command import camera
+from hri_drivers.sources.scene_stream.udp_source import UdpSource
 from hri_predict.base.errors import ConfigError
+from hri_predict.run import config as configuration
 from tests.house import ROOT
 from tests.hri_drivers.camera.pictures import cv2
 
@@ -123,3 +129,29 @@ def test_she_is_placed_in_front_of_the_camera(network):
     # her head, 0.23 m high, is 168 pixels high: 0.56 m; a stranger's size is known to a third
     assert 0.37 < nose[2] < 0.8
     np.testing.assert_allclose(nose[:2] / nose[2] * 410 + 256, (219, 128), atol=2 * BY_HAND_PX)
+
+
+def test_the_shipped_configuration_hears_her(model, tmp_path, monkeypatch, capsys):
+    """The whole way: photograph, network, place, UDP, the node's source."""
+    monkeypatch.setenv("HRI_PREDICT_DATA", str(model.parent))
+    path = tmp_path / "astronaut.png"
+    cv2.imwrite(str(path), photograph("astronaut"))
+    config = configuration.load(configuration.shipped("camera.yaml"))
+    source = UdpSource(config.source.model_copy(update={"port": 0}), config.base_dir)
+    source.open(time.monotonic_ns())
+    try:
+        app = typer.Typer(add_completion=False)
+        app.command()(camera)
+        app([str(path), "--port", str(source.port), "--json"], standalone_mode=False)
+        assert source.arrived.wait(60)
+        scene = source.poll(time.monotonic_ns())
+    finally:
+        source.close()
+    assert json.loads(capsys.readouterr().out)["scenes"] == 1
+    assert scene is not None
+    assert scene.sees_room
+    (person,) = scene.people
+    x, y, z = person.positions[NOSE]
+    assert 0.37 < x < 0.8  # as above, along the room's x
+    assert abs(y) < 0.15  # her nose is 37 pixels left of the middle, 5 cm at half a metre
+    assert 1.2 < z < 1.5  # above the axis of a camera that is 1.2 m high

@@ -12,7 +12,7 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.scene import Person, Scene
 from hri_predict.recording import Recording, open_recording
-from hri_predict.recording.converting import write_recording
+from hri_predict.recording.converting import ERRORS, write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
 from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.naming import map_of_names
@@ -149,6 +149,27 @@ def empty_and_blind() -> Recording:
 @pytest.mark.parametrize("to", ["csv", "mcap"])
 def test_nobody_is_not_the_same_as_blind(tmp_path, to):
     check_same(empty_and_blind(), through(empty_and_blind(), to, tmp_path), TOLERANCE_M[to])
+
+
+def with_errors() -> Recording:
+    recording = made(["head", "neck"], ids=(1, 2))
+    scenes = [
+        replace(s, people=tuple(replace(p, error_m=0.1 * p.id * s.sequence) for p in s.people))
+        for s in recording.scenes
+    ]
+    return replace(recording, scenes=scenes)
+
+
+def test_the_nodes_own_format_holds_errors_of_places(tmp_path):
+    back = through(with_errors(), "mcap", tmp_path)
+    errors_m = [[p.error_m for p in scene.people] for scene in back.scenes]
+    assert errors_m == [[0.1 * n * k for n in (1, 2)] for k in range(4)]
+
+
+@pytest.mark.parametrize("to", ["csv", "trc", "rosbag2"])
+def test_other_formats_count_the_errors_that_they_cannot_hold(tmp_path, to):
+    written = write_recording(with_errors(), tmp_path / f"a.{BY_NAME[to].ending}", to)
+    assert written.dropped[ERRORS] == 6  # not those of 0
 
 
 @pytest.mark.parametrize("to", ["trc", "c3d"])

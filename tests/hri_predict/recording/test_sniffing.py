@@ -21,9 +21,10 @@ HEADS = {
     b"glTF\x02\0\0\0": "glTF, or VRM",
     b"#ROSBAG V2.0\n": ".bag, a bag of ROS 1",
     b'<?xml version="1.0"?><mvnx version="4">': "Xsens MVNX",
-    b'{"people": []}': "JSON",
+    b'{"people": []}': ".json, OpenPose's keypoints",
+    b'{"frames": []}': "JSON",
     b"\x89HDF\r\n\x1a\n": "HDF5, or MATLAB 7.3",
-    b"\x80\x04\x95": "a Python pickle, which could run anything: never opened here",
+    b"\x80\x04\x95": ".pkl, a Python pickle, of which only 3DPW's",
     b"LOGG\x90\0\0\0": "Vector's BLF: bus traffic, not motion",
     b"version https://git-lfs.github.com/spec/v1": "a Git LFS pointer: fetch the file itself by",
     bytes(700): "",
@@ -53,7 +54,7 @@ def test_real_files_of_other_libraries(tmp_path):
         base.execute("create table topics (id int)")
     found = [seems(path) for path in sorted(tmp_path.iterdir())]
     assert found == [
-        ("", "a single NumPy array (.npy)"),
+        (".npy", "a single NumPy array"),
         (".npz", "NumPy"),
         ("", "a zip archive: unpack it"),
         (".db3", "SQLite, such as a bag of ROS 2"),

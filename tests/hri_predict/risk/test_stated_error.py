@@ -83,3 +83,10 @@ def test_a_zone_of_the_user_is_occupied_by_who_may_be_in_it():
     for error_m, occupied in ((0.0, False), (1.5, False), (2.0, True)):
         cell.step(5.0, errors_m=np.array([error_m]))  # 2 m from it, to the bones
         assert cell.assessment.named_zones[0].occupied is occupied
+
+
+def test_the_grounds_name_the_error_of_the_deciding_person():
+    cell = Cell(SETTINGS.model_copy(update={"mode": "iso"}))
+    cell.step(4.0, 1.0, errors_m=np.array([0.1, 0.4]))
+    (grounds,) = cell.assessment.grounds
+    assert (grounds.person, grounds.place_error_m) == (11, 0.4)

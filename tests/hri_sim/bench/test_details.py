@@ -64,7 +64,8 @@ def test_delays_of_rtde_modbus_and_opcua():
     done = CliRunner().invoke(app, ["plants", "--seconds", "1", "--json"])
     assert done.exit_code == 0, done.output
     rows = json.loads(done.stdout)
-    assert [row["link"].split(",")[0] for row in rows] == ["rtde", "modbus", "opcua"]
+    links = ["rtde", "modbus", "opcua", "modbus_client", "opcua_client"]
+    assert [row["link"].split(",")[0] for row in rows] == links
     for row in rows:
         assert 0 < row["heard"] <= row["sent"]
         latency = row["latency_ms"]

@@ -7,7 +7,7 @@ import pytest
 from hri_predict.protocol.reasons import Reason
 from hri_sim.baseline_demo import baseline_demo
 from hri_sim.fault_table.node_death import die
-from hri_sim.fault_table.table import CASES, DEATHS, run_case, run_table
+from hri_sim.fault_table.table import CASES, DEATHS, SENSORS, run_case, run_table
 
 BUSY_S = 0.25  # a test machine may be busy with other things; the table itself allows nothing
 NEAR = [{"start": [2.3, 0.2], "script": [{"do": "wait", "seconds": 60.0}]}]
@@ -19,13 +19,13 @@ def base():
 
 
 def case_of(name):
-    return next(case for case in CASES if case.name == name)
+    return next(case for case in (*CASES, *SENSORS) if case.name == name)
 
 
 def test_every_row_has_its_own_name_and_a_limit_where_something_must_happen():
-    names = [case.name for case in CASES] + [name for name, *_ in DEATHS]
+    names = [case.name for case in (*CASES, *SENSORS)] + [name for name, *_ in DEATHS]
     assert len(set(names)) == len(names)
-    for case in CASES:
+    for case in (*CASES, *SENSORS):
         no_limit = case.expected in ("count only", "may stop")
         assert (case.limit_ms is None) == no_limit, case.name
 
@@ -35,6 +35,9 @@ def test_every_row_has_its_own_name_and_a_limit_where_something_must_happen():
     [
         "source: scenes lost",
         pytest.param("monitor: silent", marks=pytest.mark.long),
+        pytest.param("back of two sensors: unplugged", marks=pytest.mark.long),
+        pytest.param("front of two sensors: restarted, its clock 1 h back", marks=pytest.mark.long),
+        pytest.param("front of two sensors: moved", marks=pytest.mark.long),
         pytest.param("source: every scene twice", marks=pytest.mark.long),
         pytest.param("drive: flooded, everything 10 times", marks=pytest.mark.long),
         pytest.param("both links: RobotState 10 times", marks=pytest.mark.long),

@@ -52,6 +52,15 @@ class BlazePose:
         self._squares: list[Roi] = []
         self._since = DETECT_EVERY
         self._is_whole = True
+        try:  # a mistake shows now
+            nothing = np.zeros((detector.SIDE, detector.SIDE, 3), np.uint8)
+            self._newcomers(nothing, [])
+            self._look(nothing, whole(nothing))
+        except (KeyError, ValueError) as error:
+            raise ConfigError(
+                f"model: the networks have other outputs than BlazePose's ({error}); give the "
+                f"package of --fetch-model"
+            ) from error
 
     def find(self, pixels: UInt8) -> Finding:
         """See ``Finder``."""
@@ -74,7 +83,7 @@ class BlazePose:
         return landmarks.decode(outputs, roi, pixels)
 
     def _newcomers(self, pixels: UInt8, known: list[Roi]) -> list[_Followed]:
-        """Return people whom no square follows, at most one more than there is room for."""
+        """Return people who are not followed yet, at most one more than there is room for."""
         square = whole(pixels)
         tensor = 2.0 * _tensor(square.crop(pixels, detector.SIDE)) - 1.0
         boxes, scores = sorted(self._detector.run(tensor), key=lambda each: -each.size)

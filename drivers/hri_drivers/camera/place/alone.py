@@ -14,6 +14,7 @@ is known. How the errors were measured: docs/measured/camera-place.md.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,14 +33,19 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import ConfigError
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 1.2, 2.2
-NETWORK_ERROR = 0.15
-"""99 % bound of the scale's error where the person's height is known."""
+WHOLE_ERROR, PART_ERROR = 0.18, 0.45
+"""99 % bounds of the scale's error where the person's height is known: of a whole body in the
+picture, and of one without shoulders or without ankles, whose size the network cannot see."""
+WHOLE_FROM_M = 2.0, 2.5
+"""Nearer, a whole body is not fully in the picture, whatever the network says."""
+BODY_ERROR_M = 0.4
+"""99 % bound of what does not grow with the distance: the joints, and bodies near by."""
 MIN_JOINTS = 6
 MIN_COSINE = 0.1
 """Joints are seen within 84 degrees of the middle of the body."""
 MAX_MISFIT_M = 0.12
 """Root mean square of the landmarks' distance from their rays."""
-MAX_ERROR_M = 2.5
+MAX_ERROR_M = 3.0
 HUBER = 1.345  # 95 % as good as least squares if all errors are normal
 LEAST_MISFIT_M = 0.005
 _ROUNDS = 5
@@ -71,10 +77,18 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     used &= np.isfinite(rays).all(axis=1)
     if np.count_nonzero(used) < MIN_JOINTS:
         return Unplaced("too few visible joints")
-    scale, error = _scale(height_m)
-    error = math.hypot(error, camera.focal_error)
-    turned = _toward(_middle(rays, used, bones_of(seen.layout).hips))
-    return _fitted(seen.world * scale, rays, used, turned, error=error)
+    bones = bones_of(seen.layout)
+    scale = 1.0 if height_m is None else height_m / ADULT_M
+    whole = used[list(bones.shoulders)].any() and used[list(bones.ankles)].any()
+    other = math.hypot(ADULT_ERROR if height_m is None else 0.0, camera.focal_error)
+    turned = _toward(_middle(rays, used, bones.hips))
+    place = _fitted(seen.world * scale, rays, used, turned)
+    if isinstance(place, Unplaced):
+        return place
+    error_m = _stated(place, is_whole=bool(whole), other=other)
+    if error_m > MAX_ERROR_M:
+        return Unplaced("place too uncertain")
+    return Placed(np.where(used[:, None], place.points, np.nan), used, error_m)
 
 
 def check_height(height_m: float | None) -> None:
@@ -87,13 +101,6 @@ def check_height(height_m: float | None) -> None:
         raise ConfigError(
             f"height: must be {MIN_HEIGHT_M:g} to {MAX_HEIGHT_M:g} metres; got {height_m:g}"
         )
-
-
-def _scale(height_m: float | None) -> tuple[float, float]:
-    """Return by how much the landmarks must grow, and the 99 % bound of its relative error."""
-    if height_m is None:
-        return 1.0, math.hypot(ADULT_ERROR, NETWORK_ERROR)
-    return height_m / ADULT_M, NETWORK_ERROR
 
 
 def _middle(rays: Floats, used: Bools, hips: tuple[int, int]) -> Floats:
@@ -112,15 +119,26 @@ def _toward(ray: Floats) -> Floats:
     return rotation
 
 
-def _fitted(
-    body: Floats, rays: Floats, used: Bools, turned: Floats, *, error: float
-) -> Placed | Unplaced:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """A body at the place that fits its pixels.
+
+    Attributes:
+        points: (J, 3) metres, camera.
+        spread_m: standard deviation of the place along the ray, by the misfit.
+    """
+
+    points: Floats
+    distance: float
+    spread_m: float
+
+
+def _fitted(body: Floats, rays: Floats, used: Bools, turned: Floats) -> _Fit | Unplaced:
     """Fit the place of ``body`` (J, 3), metres around its hips, to the ``rays`` (J, 2).
 
     Args:
         used: (J,) joints that count.
         turned: (3, 3) from the body's axes to the camera's.
-        error: 99 % bound of the relative error of the distance, before the fit's own.
     """
     seen_from = np.column_stack([rays, np.ones(len(rays))]) @ turned  # in the body's axes
     if not (seen_from[used, 2] > MIN_COSINE).all():
@@ -133,11 +151,20 @@ def _fitted(
         return Unplaced("landmarks and pixels disagree")
     if not NEAREST_M <= distance <= FARTHEST_M:
         return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
-    error_m = math.hypot(distance * error, SIGMAS_99 * spread)
-    if error_m > MAX_ERROR_M:
-        return Unplaced("place too uncertain")
     points = np.column_stack([flat * depth[:, None], depth]) @ turned.T
-    return Placed(np.where(used[:, None], points, np.nan), used, error_m)
+    return _Fit(points, distance, spread)
+
+
+def _stated(fit: _Fit, *, is_whole: bool, other: float) -> float:
+    """Return the radius in metres that holds the error of a place, 99 %.
+
+    Args:
+        is_whole: shoulders and ankles were seen.
+        other: 99 % bound of the scale's error by camera and stature.
+    """
+    whole = float(np.interp(fit.distance, WHOLE_FROM_M, (PART_ERROR, WHOLE_ERROR)))
+    share = math.hypot(whole if is_whole else PART_ERROR, other)
+    return math.hypot(fit.distance * share, SIGMAS_99 * fit.spread_m, BODY_ERROR_M)
 
 
 def _least_squares(body: Floats, flat: Floats) -> tuple[Floats, float, float]:

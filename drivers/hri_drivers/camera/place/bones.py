@@ -38,12 +38,14 @@ class Bones:
     Attributes:
         ends: (B, 2) joints of each.
         shares: (B,) its length as a share of the stature.
-        hips: the joints of the left and the right hip.
+        hips, shoulders, ankles: the joints on the left and the right.
     """
 
     ends: Ints
     shares: Floats
     hips: tuple[int, int]
+    shoulders: tuple[int, int]
+    ankles: tuple[int, int]
 
     def stature(self, positions: Floats, known: Bools) -> float:
         """Return the stature in metres by all bones whose ends are known; NaN if too few are.
@@ -77,10 +79,13 @@ def bones_of(layout: str) -> Bones:
             for side in ("left", "right")
             for first, second in SHARES
         ]
-        hips = joints.index("left_hip"), joints.index("right_hip")
+        hips, shoulders, ankles = (
+            (joints.index(f"left_{name}"), joints.index(f"right_{name}"))
+            for name in ("hip", "shoulder", "ankle")
+        )
     except ValueError:
         raise ConfigError(
             f"joint map '{layout}': has no hips, knees, shoulders or elbows by the names of "
             f"mediapipe33 and coco17; use one of these"
         ) from None
-    return Bones(np.array(ends), np.array([*SHARES.values()] * 2), hips)
+    return Bones(np.array(ends), np.array([*SHARES.values()] * 2), hips, shoulders, ankles)

@@ -12,6 +12,7 @@ import numpy as np
 
 from hri_drivers.camera.place.bones import Bones, bones_of
 from hri_drivers.camera.place.camera import Camera
+from hri_drivers.camera.place.pictures import read_picture
 from hri_drivers.camera.place.placed import (
     FARTHEST_M,
     MIN_VISIBILITY,
@@ -98,14 +99,15 @@ def read_depth(path: Path) -> Float32:
     """
     import cv2
 
-    data = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    data = read_picture(path, cv2.IMREAD_UNCHANGED)
     if data is None:
-        raise ConfigError(f"{path}: missing, or not a picture")
+        raise ConfigError(f"{path}: not a picture")
     if data.dtype != np.uint16 or data.ndim != 2:
         raise ConfigError(
             f"{path}: not a depth picture; a PNG of 16 bits and one channel, in millimetres, is"
         )
-    return np.where(data > 0, data * np.float32(0.001), np.float32(np.nan)).astype(np.float32)
+    metres = data.astype(np.float32) * np.float32(0.001)
+    return np.where(metres > 0, metres, np.float32(np.nan))
 
 
 def _patch(depth: Float32, pixel: Floats, radius: int) -> Floats:

@@ -54,6 +54,11 @@ class Camera:
     focal_error: float = GUESSED_FOCAL_ERROR
     pose: Pose | None = None
 
+    @property
+    def field_of_view_deg(self) -> float:
+        """Horizontal field of view, degrees, without the distortion."""
+        return 2 * math.degrees(math.atan(self.size[0] / 2 / float(self.matrix[0, 0])))
+
     def rays(self, pixels: Floats) -> Floats:
         """Return (..., 2): x / z and y / z of the rays through ``pixels`` (..., 2).
 
@@ -65,7 +70,10 @@ class Camera:
         ideal = distorted
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(_ROUNDS):
-                ideal = ideal + (distorted - _distort(ideal, self.distortion))
+                off = distorted - _distort(ideal, self.distortion)
+                if not (np.abs(off) > _UNDISTORTED_WITHIN / 100).any():
+                    break
+                ideal = ideal + off
             wrong = np.abs(_distort(ideal, self.distortion) - distorted).max(axis=-1)
         return np.where((wrong < _UNDISTORTED_WITHIN)[..., None], ideal, np.nan)
 

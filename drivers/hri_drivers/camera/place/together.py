@@ -43,7 +43,7 @@ MIN_JOINTS = 6
 MIN_STATURE_M, MAX_STATURE_M = 1.1, 2.3
 RIVAL, RIVAL_M = 2.0, 0.01
 """Another match with at most this many times the miss, and this much more, may be the true one."""
-LANDMARK_ERROR_M = 0.08
+LANDMARK_ERROR_M = 0.25
 """99 % bound of the error that all cameras share: the network's joints are not those of a body."""
 
 

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 
 from pydantic import Field, model_validator
 
-from hri_drivers.wires.ros2_heard import Heard
+from hri_drivers.wires.ros2_heard import SEVERAL_GIDS, Heard
 from hri_drivers.wires.ros2_publishers import Publishers
 from hri_drivers.wires.ros2_settings import TopicName
 from hri_predict.base.quantities.safe_side import LessSafe, Safety
@@ -125,6 +125,11 @@ class JointStateReader:
         if twice := [n for n in self._settings.names if list(message.name).count(n) > 1]:
             raise ValueError(f"{topic}: names joint '{twice[0]}' twice; correct the publisher")
         if self._publishers.contradicted(heard, self._monotonic_ns()):
+            if heard.gid == SEVERAL_GIDS:
+                raise ValueError(
+                    f"{topic}: several publishers, and this release of ROS does not state which "
+                    f"one a message is from; give each its own topic"
+                )
             raise ValueError(f"{topic}: two publishers of these joints; stop one of them")
         self._count(stamp_ns(message.header.stamp))
         order = [places[name] for name in self._settings.names]

@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 
 from hri_drivers.links.ros2.codec import FRAMES, JOINT_STATES, Publication
 from hri_drivers.wires.ros2 import SpinningNode
-from hri_drivers.wires.ros2_heard import Heard
+from hri_drivers.wires.ros2_heard import Graph, Heard
 from hri_drivers.wires.ros2_settings import Ros2Settings
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.ros.cdr import byte_array
@@ -99,10 +99,12 @@ class Ros2Transport:
                     QoSProfile(depth=EACH_PERSON),
                 )
             if self._joint_states is not None:
+                states = self._joint_states
+                graph = Graph(lambda: node.get_publishers_info_by_topic(states))
                 node.create_subscription(
                     JointState,
-                    self._joint_states,
-                    self._hear_state,
+                    states,
+                    lambda content, info: self._hear_state(content, info, graph),
                     QoSProfile(depth=EACH_PERSON, reliability=ReliabilityPolicy.BEST_EFFORT),
                     raw=True,
                 )
@@ -190,9 +192,10 @@ class Ros2Transport:
         if frame not in self._own:
             self._keep(Publication(frame, topic))
 
-    def _hear_state(self, content: bytes, info: dict[str, Any]) -> None:
+    def _hear_state(self, content: bytes, info: dict[str, Any], graph: Graph) -> None:
         """Called in the node's thread."""
-        self._keep(Publication(Heard.from_ros(0, content, info).packed(), JOINT_STATES))
+        heard = Heard.from_ros(0, content, info, unstated=graph.gid(info))
+        self._keep(Publication(heard.packed(), JOINT_STATES))
 
     def _keep(self, unit: Publication) -> None:
         with self._arrived:

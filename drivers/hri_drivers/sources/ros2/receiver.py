@@ -18,7 +18,7 @@ from rclpy.qos import (
 
 from hri_drivers.sources.ros2.settings import KINDS, Ros2SourceSettings
 from hri_drivers.wires.ros2 import SpinningNode
-from hri_drivers.wires.ros2_heard import TF, TF_STATIC, Heard
+from hri_drivers.wires.ros2_heard import NO_GID, TF, TF_STATIC, Graph, Heard
 from hri_predict.base.errors import SourceError
 from hri_predict.contracts.source import SourceCounters
 from hri_predict.protocol.ros.messages import TF_MESSAGE
@@ -118,10 +118,13 @@ class Ros2Receiver:
         )
 
     def _subscribe(self, node: Node, topic: str, index: int, *, kind: Any, qos: QoSProfile) -> None:
-        queue = self._transforms if index in (TF, TF_STATIC) else self._people
+        transforms = index in (TF, TF_STATIC)  # from many publishers, by right
+        queue = self._transforms if transforms else self._people
+        graph = Graph(lambda: node.get_publishers_info_by_topic(topic))
 
         def hear(content: bytes, info: dict[str, Any]) -> None:
-            unit = Heard.from_ros(index, content, info).packed()
+            gid = NO_GID if transforms else graph.gid(info)
+            unit = Heard.from_ros(index, content, info, unstated=gid).packed()
             with self._arrived:
                 queue.append(unit)
                 self._arrived.notify_all()

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
+from hri_drivers.camera.network.description import Description
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.settings import validated
+from tests import pages
 from tests.hri_drivers.camera.pictures import cv2
 
 from hri_drivers.camera.network.described import DescribedNetwork  # isort: skip
@@ -151,3 +154,10 @@ def test_a_wrong_description_is_one_line(changes, message, tmp_path):
         describe(tmp_path, **({"input": NCHW} | changes))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_the_guide_shows_a_description():
+    (block,) = [b for b in pages.blocks("yaml") if b.text.startswith("network:")]
+    shown = validated(Description, yaml.safe_load(block.text), block.page.name)
+    assert shown.layout == "mediapipe33"
+    assert shown.people.world == "metres"

@@ -33,8 +33,17 @@ def test_the_error_grows_with_the_distance_and_with_what_is_not_known():
         return found.error_m
 
     calibrated = replace(CAMERA, focal_error=0.01)
-    assert error_m(2, calibrated, 1.7) < error_m(2, calibrated) < error_m(2)
-    assert error_m(4, calibrated) == pytest.approx(2 * error_m(2, calibrated), rel=0.01)
+    assert error_m(3, calibrated, 1.7) < error_m(3, calibrated) < error_m(3)
+    assert error_m(3, calibrated) < error_m(6, calibrated) < 2 * error_m(3, calibrated)
+
+
+def test_the_error_is_larger_where_the_size_of_the_body_is_not_seen():
+    seen = seen_at(np.array([0, 0, 3]))
+    legs_hidden = replace(seen, visibility=np.where(person()[:, 1] > 0.3, 0.1, 1.0))
+    whole, part = (place_alone(each, CAMERA) for each in (seen, legs_hidden))
+    assert isinstance(whole, Placed)
+    assert isinstance(part, Placed)
+    assert part.error_m > 1.2 * whole.error_m
 
 
 def test_a_tall_person_is_farther_away():

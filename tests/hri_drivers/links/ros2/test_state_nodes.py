@@ -125,7 +125,8 @@ def test_two_publishers_give_no_state(ear, joints):
     joints()
     ear.wait(lambda: len(ear.states) > 5)
     joints(shift=0.001)
-    ear.wait(lambda: "two publishers of these joints" in ear.link._codec.refused)
+    words = ("two publishers of these joints", "several publishers")  # of Kilted, of Jazzy
+    ear.wait(lambda: any(said in ear.link._codec.refused for said in words))
     ear.counters(0.2)
     assert ear.counters(0.5) == []
 

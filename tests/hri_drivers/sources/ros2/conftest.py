@@ -3,6 +3,7 @@
 ``OTHER_ROS_PYTHON=/path/to/python`` lets another interpreter publish, with another release of ROS.
 """
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -35,15 +36,13 @@ def other_messages() -> Iterator[Path]:
     if why := generated.missing():
         pytest.skip(why)
     folder = generated.build()
-    sys.path.insert(0, str(folder))
-    before = os.environ.get("PYTHONPATH")
-    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(folder), before]))
-    yield folder
-    sys.path.remove(str(folder))
-    if before is None:
-        del os.environ["PYTHONPATH"]
-    else:
-        os.environ["PYTHONPATH"] = before
+    for library in folder.glob("*.so"):  # for this process; others look along the path
+        ctypes.CDLL(str(library))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
+        patch.setenv("LD_LIBRARY_PATH", str(folder), prepend=os.pathsep)
+        yield folder
 
 
 @pytest.fixture

@@ -1,7 +1,8 @@
 """Builds packages of ROS 2 messages that the package index lacks, from their .msg text.
 
 ROS's own generators, which the wheels bring, write C and Python; the compiler makes the module that
-rclpy loads. So publishers and the node use real types, of Fast DDS alone.
+rclpy loads. So publishers and the node use real types, of Fast DDS alone; that of Jazzy also wants
+descriptions of them (introspection).
 """
 
 import fcntl
@@ -24,10 +25,12 @@ HRI = {"IdsList": IDS_LIST_TEXT}
 ZED = {n.rpartition("/")[2]: text for n, text in TEXTS.items() if not n.endswith("Before")}
 PACKAGES: dict[str, Mapping[str, str]] = {"tf2_msgs": TF2, "hri_msgs": HRI, "zed_msgs": ZED}
 USED = ("std_msgs", "geometry_msgs", "builtin_interfaces")
-KINDS = ("generator_c", "generator_py", "typesupport_c", "typesupport_fastrtps_c")
+CHOSEN = ("typesupport_fastrtps_c", "typesupport_introspection_c")
+"""ROS opens a library of this name for each package."""
+KINDS = ("generator_c", "generator_py", "typesupport_c", *CHOSEN)
 RUNTIME = (
     "rosidl_runtime_c", "rosidl_typesupport_fastrtps_c", "rosidl_typesupport_fastrtps_cpp",
-    "rosidl_typesupport_c", "rmw", "rcutils", "fastcdr",
+    "rosidl_typesupport_introspection_c", "rosidl_typesupport_c", "rmw", "rcutils", "fastcdr",
 )  # fmt: skip
 
 
@@ -44,7 +47,8 @@ def missing() -> str:
 
 def build() -> Path:
     """Build all packages, unless that was done before; the folder belongs on the path of Python."""
-    key = hashlib.sha256(repr((PACKAGES, sys.prefix, sys.version)).encode()).hexdigest()[:16]
+    made_by = (PACKAGES, Path(__file__).read_text("utf-8"), sys.prefix, sys.version)
+    key = hashlib.sha256(repr(made_by).encode()).hexdigest()[:16]
     done = ROOT / "build" / "ros2-messages" / key
     done.parent.mkdir(parents=True, exist_ok=True)
     with (done.parent / "lock").open("w") as lock:
@@ -74,6 +78,7 @@ def _generate(package: str, folder: Path) -> None:
     from rosidl_generator_py.cli import GeneratePython
     from rosidl_typesupport_c.cli import GenerateCTypesupport
     from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
+    from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
 
     source, idl = folder / "source" / package, folder / "idl" / package
     (source / "msg").mkdir(parents=True)
@@ -84,11 +89,12 @@ def _generate(package: str, folder: Path) -> None:
         files.append(f"{idl}:msg/{name}.idl")
     include, out = [str(Path(sys.prefix) / "share")], folder / package
     out.mkdir()
-    only = {"typesupport_implementations": ["rosidl_typesupport_fastrtps_c"]}
+    only = {"typesupport_implementations": [f"rosidl_{kind}" for kind in CHOSEN]}
     own = {"typesupport_implementations": ["rosidl_typesupport_c"]}
     for generator in (
         GenerateC("c"),
         GenerateFastRTPSCTypesupport("fastrtps_c"),
+        GenerateIntrospectionCTypesupport("introspection_c"),
         GenerateCTypesupport("c", **only),
         GeneratePython("py", **own),
     ):
@@ -115,6 +121,11 @@ def _compile(package: str, folder: Path) -> None:
     subprocess.run(
         ["g++", "-shared", "-o", str(target), *objects, f"-L{prefix / 'lib'}", *links], check=True
     )
+    for kind in CHOSEN:  # empty, but for the name by which ROS opens the one above
+        name = f"lib{package}__rosidl_{kind}.so"
+        options = [f"-Wl,-soname,{name}", "-Wl,--no-as-needed", f"-Wl,-rpath,$ORIGIN/{package}"]
+        command = ["g++", "-shared", "-o", str(folder / name), *options, f"-L{out}"]
+        subprocess.run([*command, f"-l:{target.name}"], check=True)
 
 
 if __name__ == "__main__":

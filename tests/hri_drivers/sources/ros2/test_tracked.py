@@ -9,6 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy", reason="needs the extra ros2, or a sourced ROS 2 installation")
 pytest.importorskip("rosbags", reason="needs the extra bags")
+
+from hri_drivers.wires.ros2 import JAZZY
+
 pytestmark = [
     pytest.mark.long,
     pytest.mark.realtime,
@@ -92,6 +95,7 @@ def test_what_cannot_be_used_is_said_in_one_line(listen, bodies, options, words)
     assert ear.source.poll(time.monotonic_ns()) is None
 
 
+@pytest.mark.skipif(JAZZY, reason="rclpy of Jazzy does not state which publisher a message is from")
 def test_two_publishers_of_the_frames_are_both_not_believed(listen, bodies):
     ear = listen()
     bodies()

@@ -100,6 +100,15 @@ def test_no_forecast_depends_on_frames_after_its_window(
     assert (before.future != after.future).any((2, 3))[last].all()
 
 
+def test_windows_of_another_length_end_with_the_same_frames(tmp_path, expmap):
+    root = pack(tmp_path, expmap)
+    (ten,) = open_tests(Protocol("cmu", "8-seeds", 25), root)
+    (more,) = open_tests(Protocol("cmu", "8-seeds", 25, observed_frames=25), root)
+    assert more.history.shape[1] == 25
+    assert (more.history[:, -10:] == ten.history).all()
+    assert (more.future == ten.future).all()
+
+
 def test_a_forecaster_is_given_a_copy_without_the_future():
     given = []
     tests = ActionTests("walking", np.ones((2, 10, 25, 3)), np.ones((2, 25, 25, 3)))
@@ -176,6 +185,14 @@ def test_a_longer_history_is_unobserved_where_the_window_has_none():
 def test_networks_that_cannot_be_judged_are_refused(shape, told):
     with pytest.raises(PredictorError, match=told):
         network_forecaster(Protocol("cmu", "all", 25), Mean(shape), "--predictor x")
+
+
+def test_human36m_judges_no_network():
+    network = Mean(
+        Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
+    )
+    with pytest.raises(PredictorError, match="no network is trained for Human3"):
+        network_forecaster(Protocol("human36m", "all", 25), network, "--predictor x")
 
 
 def test_forecasts_that_are_not_finite_are_refused():

@@ -13,7 +13,7 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.lab.training import ablation
 from hri_predict.lab.training.config import load_training_config
 from hri_predict.lab.training.windows.augment import AugmentSettings
-from hri_predict.lab.training.windows.motion import MotionSamples
+from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
 
 
 @pytest.fixture
@@ -55,20 +55,37 @@ def ablate(config, tmp_path, monkeypatch):
     return call
 
 
+SHARES = {
+    "augment": set(AugmentSettings.model_fields) - {"noise_m", "outliers_m"},
+    "bodies": {"share"},
+    "trackers": {"rate", "dropped", "noise", "convention"},
+}
+"""By section, the settings that switch an augmentation off; the others say how strong it is."""
+
+
+def settings_of(run) -> dict[str, object]:
+    return {f"{s}.{k}": v for s in SHARES for k, v in run.data[s].items()}
+
+
 def test_each_run_leaves_out_its_own_augmentation_alone(config):
     runs = ablation.runs(load_training_config(config))
-    whole = AugmentSettings().model_dump()
-    assert runs["all"].data["augment"] == whole
+    whole = settings_of(runs["all"])
+    defaults = DataSettings(**load_training_config(config).data).model_dump()
+    assert whole == {f"{s}.{k}": v for s in SHARES for k, v in defaults[s].items()}
     left_out = [
-        {key for key, value in run.data["augment"].items() if value != whole[key]}
+        {key for key, value in settings_of(run).items() if value != whole[key]}
         for name, run in runs.items()
         if name not in ("all", "none")
     ]
     assert all(left_out)
-    assert len(set().union(*left_out)) == sum(map(len, left_out))
-    none = runs["none"].data["augment"]
-    assert not any(v for k, v in none.items() if k not in ("noise_m", "outliers_m"))
+    every = {f"{section}.{name}" for section, names in SHARES.items() for name in names}
+    assert sorted(key for keys in left_out for key in keys) == sorted(every)
     assert len({run.out for run in runs.values()}) == len(runs)
+
+
+def test_the_run_without_any_has_none(config):
+    none = ablation.runs(load_training_config(config))["none"]
+    assert not any(none.data[section][name] for section, names in SHARES.items() for name in names)
 
 
 @pytest.mark.parametrize("left_out", [2, pytest.param(None, marks=pytest.mark.long)])

@@ -159,6 +159,11 @@ class Twins(Wrong):
         return replace(scene, people=2 * scene.people)
 
 
+class NotSeenAtAll(Wrong):
+    def wrong(self, scene):
+        return self.persons(scene, lambda p: replace(p, error_m=np.inf))
+
+
 class Blocks(Wrong):
     """Takes long twenty times: more than one call in a hundred."""
 
@@ -208,6 +213,7 @@ class TalksBeforeItOpens(Wrong):
         (Millimetres, "gives metres"),
         (Invents, "marks what it did not see"),
         (Twins, "gives sound scenes"),
+        (NotSeenAtAll, "gives sound scenes"),
         (Blocks, "never blocks"),
         (Restless, "gives the same again"),
         (InItsOwnFrame, "stands in the room"),

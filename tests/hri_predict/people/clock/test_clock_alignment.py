@@ -174,6 +174,31 @@ def test_a_restarted_source_is_aligned_anew(sender):
     assert sender.alignment.jumps == 1
 
 
+@pytest.mark.parametrize("delay_goes_on", [True, False])
+def test_a_capture_that_is_late_before_another_clock_leaves_its_delay(sender, delay_goes_on):
+    """The late capture is the last word on the delay: with another clock the node hears the same,
+    whether the delay goes on or is over. So all are late, and it is said, until a new start."""
+    sender.send_many(100)
+    sender.send(latency=S)
+    sender.alignment.restart()
+    latency = S if delay_goes_on else 5 * MS
+    sender.true_ns = sender.receipt_ns + 2 * S - latency
+    heard = [sender.receipt_ns + 2 * S + k * PERIOD for k in range(1000)]
+    errors = sender.send_many(1000, latency=latency, stamp_error=latency - 5000 * S)
+    assert sender.receipt_ns - heard[-1] == PERIOD  # the same receipts and stamps in both
+    assert max(errors) <= 0
+    assert errors[-1] == pytest.approx(0 if delay_goes_on else 5 * MS - S, abs=30 * MS)
+    assert sender.alignment.late
+
+
+def test_a_capture_that_is_late_before_a_restart_with_the_same_clock_leaves_nothing(sender):
+    sender.send_many(100)
+    sender.send(latency=S)
+    sender.alignment.restart()
+    assert sender.send(wait=3 * S) == 0
+    assert sender.send_many(100) == [0] * 100
+
+
 def test_a_jump_during_a_pause_does_not_leave_an_old_capture(sender):
     """The sequence cannot bridge it: 20 s, but one step."""
     sender.send_many(100)

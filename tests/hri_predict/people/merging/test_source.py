@@ -10,9 +10,12 @@ import pytest
 
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.settings import validated
+from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.contracts.source import NOT_KNOWN_NS
 from hri_predict.people.merging.settings import MergedSettings
 from hri_predict.people.merging.source import MergedSource
+from hri_predict.people.people import People
+from hri_predict.people.settings import PeopleSettings
 from hri_predict.protocol.reasons import Reason
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from tests.hri_predict.people.merging.two_sensors import (
@@ -213,6 +216,49 @@ def test_the_same_run_gives_the_same_scenes():
     assert told() == told()
 
 
+TO_AND_FRO: list[dict[str, Any]] = [
+    {
+        "start": [3.3, 2.4],
+        "script": [{"do": "walk", "to": [0.9, 1.6]}, {"do": "walk", "to": [4.9, 3.0]}],
+    }
+]
+
+
+def reasons_of_node(source, seconds):
+    """The reasons of the input, by the node's people stage behind the merge."""
+    settings = MergedSettings.model_validate(source)
+    people = People(
+        settings=PeopleSettings(),
+        joint_map=load_joint_map("canonical"),
+        source_settings=settings,
+        rate_hz_source=min(s["rate_hz"] for s in source["sensors"].values()),
+        declares_noise=False,
+        history_steps=10,
+        rate_hz_predictor=25.0,
+    )
+    found = set()
+    for now_ns, scene in scenes(source, seconds):
+        people.receive(scene, now_ns)
+        if now_ns > START_NS + 1e9:
+            found |= set(people.snapshot(now_ns).reasons)
+    return found
+
+
+@pytest.mark.long
+def test_a_slow_sensor_beside_a_fast_one_does_not_look_frozen():
+    """Between two captures of the slow one, bodies lie on straight lines, and stop at each."""
+    slow = {"rate_hz": 10, "latency_s": 0.03, "min_latency_s": 0.03}
+    found = reasons_of_node(merged({"rate_hz": 120}, slow, people=TO_AND_FRO), 3.2)
+    assert found == set()
+
+
+def test_a_body_that_one_sensor_makes_up_is_found_behind_the_merge():
+    """It froze in a step while the other sensor sees the person walk on."""
+    lie = {"faults": [{"kind": "made_up", "how": "hold", "start_s": 1.5}]}
+    source = merged(lie, {"latency_s": 0.03, "min_latency_s": 0.03}, people=TO_AND_FRO)
+    assert Reason.INPUT_REPEATS in reasons_of_node(source, 3.0)
+
+
 def test_a_source_that_ends_ends_the_merge():
     ends = {"duration_s": 1.0}
     source = MergedSource(MergedSettings.model_validate(merged(ends, ends)))
@@ -262,6 +308,18 @@ def test_a_wrong_block_is_refused_in_one_line(source, said):
         validated(MergedSettings, source, "cell.yaml: source")
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_the_log_of_each_live_sensor_names_it():
+    udp = {"kind": "udp", "rate_hz": 30, "room_from_source": {"xyz": [0, 0, 0]}, "port": 0}
+    block = {"kind": "merged", "sensors": {"front": udp, "back": udp}}
+    source = MergedSource(MergedSettings.model_validate(block))
+    source.open(0)
+    source.close()
+    assert [sensor.source.live.label for sensor in source.sensors] == [
+        "sensor front",
+        "sensor back",
+    ]
 
 
 def test_a_sensor_that_cannot_be_built_is_named():

@@ -68,7 +68,7 @@ def test_units_and_axes_of_the_user(read):
     ("lines", "message"),
     [
         (("a,b,c", "1,2,3"), "has no column 'time_s'"),
-        (("time_s,a_x,a_y", "0,1,2"), "'a' lacks one of _x, _y, _z"),
+        (("time_s,a_x,a_y", "0,1,2"), "its joints have no z ('a')"),
         (("time_s,b", "0,1"), "no joint's _x, _y and _z"),
         (("time_s,a_x,a_y,a_z,A", "0,1,2,3,4"), "has 1 times"),
         (("time_s,a_x,a_y,a_z,a_x", "0,1,2,3,4"), "column 'a_x' occurs twice"),

@@ -152,11 +152,21 @@ def test_the_hash_changes_with_everything_that_the_set_puts_in_force():
         ({"number": 1}, "two sets have the number 1"),
         ({"name": "run"}, "two sets have the name run"),
         ({"zones": ["gat"]}, "unknown zone 'gat'.*gate"),
+        ({"zones": ["gate", "gate"]}, "names zone 'gate' twice"),
+        ({"max_speed_m_s": 0.01}, "0.01 is below risk.min_speed_m_s 0.05, which means stop"),
+        ({"max_speed_m_s": 1.01}, "limits no robot, as none is faster than 1 m/s"),
     ],
 )
 def test_mistakes_are_said_in_one_line(changes, says):
+    sets = [SETS[0], SETS[1].model_copy(update=changes)]
     with pytest.raises(ConfigError, match=says):
-        check_sets([SETS[0], SETS[1].model_copy(update=changes)], ZONES)
+        check_sets(sets, ZONES, min_speed_m_s=0.05, max_speeds_m_s=[0.6, 1.0])
+
+
+def test_the_speeds_of_the_robots_are_limits_that_a_set_may_have():
+    for speed_m_s in (0.05, 1.0, None):
+        sets = [SETS[0].model_copy(update={"max_speed_m_s": speed_m_s})]
+        check_sets(sets, ZONES, min_speed_m_s=0.05, max_speeds_m_s=[0.6, 1.0])
 
 
 @given(

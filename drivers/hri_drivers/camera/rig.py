@@ -1,0 +1,214 @@
+"""Several calibrated cameras of one room: from pictures of one moment to one scene."""
+
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hri_drivers.camera.faults import FrozenWatch, hides
+from hri_drivers.camera.network.found import Finder
+from hri_drivers.camera.newest import Newest
+from hri_drivers.camera.place.camera import Camera
+from hri_drivers.camera.place.placed import Unplaced
+from hri_drivers.camera.place.together import APART_NS, Together, View, place_together
+from hri_drivers.camera.seen import Image, Seen
+from hri_drivers.camera.sending import Sender
+from hri_drivers.camera.tracking import MAX_ID, Tracker
+from hri_drivers.sources.sent import SentPerson
+
+SILENT_S = 0.2
+"""Without pictures of one moment for this long the node is sent scenes that say so."""
+BLIND_PERIOD_S = 0.05
+_WAIT_S = 0.005
+_KEPT = 100_000
+
+
+@dataclass(slots=True, eq=False)
+class Eye:
+    """One camera of a rig.
+
+    Attributes:
+        name: of the input.
+        newest: its pictures.
+        finder: a network of its own, which follows people from picture to picture.
+        camera: calibrated, with its pose in the room.
+    """
+
+    name: str
+    newest: Newest
+    finder: Finder
+    camera: Camera
+    tracker: Tracker = field(default_factory=Tracker)
+    frozen: FrozenWatch = field(default_factory=FrozenWatch)
+    image: Image | None = None
+
+
+class CommonIds:
+    """Ids of people for all cameras, from the ids that each camera's tracker gave.
+
+    A person keeps an id as long as one camera follows him.
+    """
+
+    def __init__(self) -> None:
+        self._of: dict[tuple[int, int], int] = {}
+        self._given = 0
+
+    def assign(self, people: Sequence[Together]) -> list[int]:
+        """Return an id, 1..65535, for each person; no two have the same."""
+        found: list[int] = []
+        for person in people:
+            members = [(v, seen.id) for v, seen in enumerate(person.seen) if seen is not None]
+            known = [self._of[m] for m in members if m in self._of and self._of[m] not in found]
+            if not known:
+                self._given += 1
+                known = [(self._given - 1) % MAX_ID + 1]
+            found.append(known[0])
+            self._of |= dict.fromkeys(members, known[0])
+        return found
+
+
+class Rig:
+    """Finds, places and sends the people that several cameras see at one moment.
+
+    A scene *sees the room* only if all pictures show something, at least one person is in them, and
+    all who were found could be placed.
+
+    Args:
+        eyes: two or more cameras; people are sent in the axes of the first one.
+        sender: to the node; None: nothing is sent.
+
+    Attributes:
+        scenes: number of sets of pictures that were looked at.
+        unpaired: number of pictures without one of the same moment from each other camera.
+        blind: scenes without a view of the room, by the reason.
+        unplaced: people whose place was not known, by the reason.
+    """
+
+    def __init__(self, eyes: Sequence[Eye], *, sender: Sender | None) -> None:
+        self._eyes, self._sender = eyes, sender
+        self._ids = CommonIds()
+        self._said: str | None = None
+        self.scenes = self.unpaired = 0
+        self.blind: Counter[str] = Counter()
+        self.unplaced: Counter[str] = Counter()
+        self.latencies_ns: deque[int] = deque(maxlen=_KEPT)
+
+    def run(self, seconds: float | None = None) -> None:
+        """Go on until an input ends, or for some seconds."""
+        end = None if seconds is None else time.monotonic() + seconds
+        heard = time.monotonic()
+        while end is None or time.monotonic() < end:
+            images = self.together()
+            now = time.monotonic()
+            if images is not None:
+                heard = now
+                self.take(images)
+            elif any(eye.newest.ended and eye.image is None for eye in self._eyes):
+                return
+            elif now - heard > SILENT_S:
+                heard = now - SILENT_S + BLIND_PERIOD_S
+                self._blind(self._trouble(), time.time_ns())
+
+    def close(self) -> None:
+        """Close the inputs."""
+        for eye in self._eyes:
+            eye.newest.close()
+
+    def together(self) -> list[Image] | None:
+        """Return the newest pictures of one moment, one of each camera; None if there are none."""
+        for eye in self._eyes:
+            if eye.image is None:
+                eye.image = eye.newest.take(_WAIT_S)
+        images = [eye.image for eye in self._eyes if eye.image is not None]
+        if len(images) < len(self._eyes):
+            return None
+        newest_ns = max(image.exposed_ns for image in images)
+        late = [e for e in self._eyes if e.image and newest_ns - e.image.exposed_ns > APART_NS]
+        for eye in late or self._eyes:
+            eye.image = None
+        self.unpaired += len(late)
+        return None if late else images
+
+    def take(self, images: Sequence[Image]) -> None:
+        """Process pictures of one moment."""
+        self.scenes += 1
+        stamp_ns = min(image.exposed_ns for image in images)
+        for eye, image in zip(self._eyes, images, strict=True):
+            wrong = hides(image.pixels) or eye.frozen.judge(image)
+            if wrong is not None:
+                self._blind(f"{eye.name}: {wrong}", stamp_ns)
+                return
+        self._say(None)
+        views, is_whole = [], True
+        for eye, image in zip(self._eyes, images, strict=True):
+            finding = eye.finder.find(image.pixels)
+            is_whole &= finding.is_whole
+            ids = eye.tracker.assign([f.pixels for f in finding.people], image.exposed_ns)
+            seen = tuple(
+                Seen(number, eye.finder.layout, f.pixels, f.visibility, f.world)
+                for number, f in zip(ids, finding.people, strict=True)
+            )
+            height, width = image.pixels.shape[:2]
+            views.append(View(eye.camera.of_size(width, height), image.exposed_ns, seen))
+        people = place_together(views)
+        sent = tuple(
+            self._sent(number, each)
+            for number, each in zip(self._ids.assign(people), people, strict=True)
+        )
+        why = None if is_whole else "more people than are followed"
+        if not people:
+            why = "no person in the pictures"
+        elif any(isinstance(each.placed, Unplaced) for each in people):
+            why = why or "a person could not be placed"
+        if why is not None:
+            self.blind[why] += 1
+        self._send(sent, sees_room=why is None, stamp_ns=stamp_ns)
+        self.latencies_ns.append(time.time_ns() - stamp_ns)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the counts for the user."""
+        latency = np.array(self.latencies_ns, np.float64) / 1e6
+        p50, p99 = np.percentile(latency, (50, 99)) if len(latency) else (None, None)
+        return {
+            "scenes": self.scenes,
+            "unpaired": self.unpaired,
+            "dropped": {eye.name: eye.newest.dropped for eye in self._eyes},
+            "unsent": self._sender.unsent if self._sender is not None else 0,
+            "without_view": dict(self.blind),
+            "unplaced": dict(self.unplaced),
+            "latency_ms": {"p50": p50, "p99": p99},
+            "stamps": {eye.name: eye.newest.stamps for eye in self._eyes},
+        }
+
+    def _sent(self, number: int, person: Together) -> SentPerson:
+        """Return a person for the node; one whose place is not known has no observed joint."""
+        placed = person.placed
+        if isinstance(placed, Unplaced):
+            self.unplaced[placed.why] += 1
+            joints = next(len(seen.pixels) for seen in person.seen if seen is not None)
+            return SentPerson(number, np.full((joints, 3), np.nan), np.zeros(joints, np.bool_))
+        return SentPerson(number, placed.positions, placed.observed, placed.error_m)
+
+    def _trouble(self) -> str:
+        wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
+        return "; ".join(wrong) or "no pictures of one moment come"
+
+    def _blind(self, why: str, stamp_ns: int) -> None:
+        self._say(why)
+        self.blind[why] += 1
+        self._send((), sees_room=False, stamp_ns=stamp_ns)
+
+    def _send(self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int) -> None:
+        if self._sender is not None:
+            self._sender.send(people, sees_room=sees_room, stamp_ns=stamp_ns)
+
+    def _say(self, why: str | None) -> None:
+        """Print a change of what is wrong."""
+        if why != self._said:
+            line = "pictures are good again" if why is None else f"{why}: the room is not seen"
+            print(f"cameras: {line}", file=sys.stderr, flush=True)
+        self._said = why

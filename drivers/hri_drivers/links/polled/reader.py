@@ -1,0 +1,212 @@
+"""RobotState from what was read: whether it is new, how old it can be, and its units."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hri_drivers.links.polled.settings import StateAt
+from hri_predict.protocol.messages import BaseMotion, RobotMode, RobotState
+from hri_predict.protocol.reception import ReceiveCounters
+
+COUNTERS = 1 << 16
+MOST, LEAST = 1e9, 1e-20
+"""A number beyond these is not one of a robot: the bytes or words of a float are swapped."""
+LONGEST_STEP_S = 0.06
+"""Positions farther apart than this say too little about the velocity now: it is that of half this
+time ago, and a controller may filter its velocities for 0.03 s (``robots.states.frozen``)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One reading.
+
+    Attributes:
+        values: of ``StateAt.places``, in that order; ``None``: the server has no number there.
+        span_s: from the request before until this reply: a value that has changed in between is
+            at most this old. ``None`` for the first reading of a connection.
+        why: why a value is ``None``; one line, or "".
+    """
+
+    values: tuple[float | None, ...]
+    span_s: float | None
+    why: str = ""
+
+
+class StateReader:
+    """Makes RobotStates of one robot; its counter advances when the heartbeat has changed.
+
+    A value that is not a robot's is passed on as NaN: the node finds the state invalid at once,
+    where one that was dropped would leave the state before it in force.
+
+    Args:
+        state: what is read.
+        max_age_s: a state that can be older is refused.
+        controller_delay_s: age of the newest state when the server shows it.
+        counters: counts what is received and what is refused.
+
+    Attributes:
+        robot: index of the robot.
+        refused: why the newest reading that was refused was; "" if none was.
+    """
+
+    def __init__(
+        self,
+        state: StateAt[Any],
+        max_age_s: float,
+        controller_delay_s: float,
+        counters: ReceiveCounters,
+    ) -> None:
+        self.robot = 0
+        self.refused = ""
+        self._state = state
+        self._names = [name for name, _ in state.places]
+        self._max_age_s, self._controller_delay_s = max_age_s, controller_delay_s
+        self._counters = counters
+        self._beat: float | None = None
+        self._counter = 0
+        self._newest: RobotState | None = None
+        self._before: tuple[float, tuple[float, ...]] | None = None  # heartbeat, coordinates
+
+    def restart(self) -> None:
+        """Begin a new connection: what the server shows first may be old."""
+        self._beat = self._newest = self._before = None
+
+    def read(self, sample: Sample) -> RobotState | None:
+        """Return the state; a repetition of the newest while the heartbeat stands still.
+
+        ``None``: there is none, which is counted unless it is the first of a connection.
+        """
+        if len(sample.values) != len(self._names):
+            self._refuse("not the values that were asked for")
+            return None
+        beat = sample.values[0]
+        if beat is None or not math.isfinite(beat):
+            self._refuse(sample.why or "heartbeat: not a number")
+            return None
+        if beat == self._beat:
+            return self._newest
+        first, self._beat = self._beat is None, beat
+        values = {
+            name: self._sound(name, value, sample.why)
+            for name, value in zip(self._names[1:], sample.values[1:], strict=True)
+        }
+        coordinates, velocities = self._coordinates(values), self._velocities(values)
+        before, self._before = self._before, (beat, coordinates)
+        if first or sample.span_s is None:
+            return None  # may have been written long ago
+        age_s = sample.span_s + self._controller_delay_s
+        if age_s > self._max_age_s:
+            self._refuse(
+                f"a state that can be {age_s:.3f} s old, more than {self._max_age_s:g}: the server "
+                "answers late, or is read too seldom"
+            )
+            return None
+        if velocities is None:
+            velocities = self._derived(beat, coordinates, before)
+        if velocities is None:
+            return None
+        self._counter = (self._counter + 1) % COUNTERS
+        self._counters.received += 1
+        self._newest = self._robot_state(values, coordinates, velocities)
+        return self._newest
+
+    def _refuse(self, why: str) -> None:
+        """Count a reading as refused, and keep the cause."""
+        self.refused = why
+        self._counters.malformed += 1
+
+    def _sound(self, name: str, value: float | None, why: str) -> float:
+        """The number, or NaN if no robot has such a one; that is counted."""
+        if value is None:
+            self._refuse(why or f"{name}: not a number")
+            return math.nan
+        if value == 0 or LEAST <= abs(value) <= MOST:
+            return float(value)
+        self._refuse(
+            f"{name} is {value:g}, which no robot reports; correct its address, or the type, "
+            "byte_order or word_order"
+        )
+        return math.nan
+
+    def _coordinates(self, values: dict[str, float]) -> tuple[float, ...]:
+        """Positions of all joints in rad or m, then x, y and yaw of a base."""
+        state = self._state
+        found = [
+            joint.sign * values[f"joint {number} position"] * (joint.scale or state.scale)
+            + joint.offset_rad
+            for number, joint in enumerate(state.joints, start=1)
+        ]
+        if (base := state.base) is not None:
+            found += [values["base x"] * base.scale_m, values["base y"] * base.scale_m]
+            found.append(values["base yaw"] * base.scale_rad)
+        return tuple(found)
+
+    def _velocities(self, values: dict[str, float]) -> tuple[float, ...] | None:
+        """As ``_coordinates``; ``None`` if they are to be derived."""
+        state = self._state
+        if state.derives:
+            return None
+        scale = state.velocity_scale or state.scale
+        found = [
+            joint.sign * values[f"joint {number} velocity"] * (joint.scale or scale)
+            for number, joint in enumerate(state.joints, start=1)
+        ]
+        if (base := state.base) is not None:
+            found += [values["base vx"] * base.scale_m, values["base vy"] * base.scale_m]
+            found.append(values["base yaw_rate"] * base.scale_rad)
+        return tuple(found)
+
+    def _derived(
+        self,
+        beat: float,
+        coordinates: Sequence[float],
+        before: tuple[float, tuple[float, ...]] | None,
+    ) -> tuple[float, ...] | None:
+        """Velocities by the change since the reading before; ``None``: the step is not known."""
+        assert self._state.tick_s is not None
+        if before is None:
+            return None
+        step_s = (beat - before[0]) * self._state.tick_s
+        if step_s <= 0:  # the counter wrapped, or the controller was restarted
+            self._counters.incomplete += 1
+            return None
+        if step_s > LONGEST_STEP_S:
+            self._refuse(
+                f"{step_s:.3g} s between two readings are too many to derive velocities; read more"
+                " often, correct tick_s, or give where the velocities are"
+            )
+            return None
+        moved = [b - a for a, b in zip(before[1], coordinates, strict=True)]
+        if self._state.base is not None:
+            moved[-1] = math.remainder(moved[-1], math.tau)
+        return tuple(each / step_s for each in moved)
+
+    def _robot_state(
+        self, values: dict[str, float], at: tuple[float, ...], moving: tuple[float, ...]
+    ) -> RobotState:
+        state = self._state
+        is_automatic = state.automatic
+        if state.mode is not None:
+            is_automatic = values["mode"] in state.automatic_values
+        joints = len(state.joints)
+        found = RobotState(
+            robot=self.robot,
+            mode=RobotMode.AUTOMATIC if is_automatic else RobotMode.UNKNOWN,
+            counter=self._counter,
+            positions=at[:joints],
+            velocities=moving[:joints],
+        )
+        if state.base is None:
+            return found
+        x_m, y_m, yaw_rad = at[joints:]
+        vx_m_s, vy_m_s, yaw_rate_rad_s = moving[joints:]
+        base = BaseMotion(
+            x_m=x_m,
+            y_m=y_m,
+            yaw_rad=yaw_rad,
+            vx_m_s=vx_m_s,
+            vy_m_s=vy_m_s,
+            yaw_rate_rad_s=yaw_rate_rad_s,
+        )
+        return replace(found, base=base)

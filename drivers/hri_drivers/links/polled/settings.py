@@ -1,0 +1,194 @@
+"""Settings of links that poll a robot's state: what is read, and what it means."""
+
+from typing import ClassVar, Generic, Literal, Self, TypeVar
+
+from pydantic import Field, model_validator
+
+from hri_drivers.links.configured import ConfiguredLinkSettings
+from hri_predict.base.quantities.safe_side import LessSafe, Safety, harmless
+from hri_predict.base.settings import Settings
+from hri_predict.protocol.robot_state import MAX_JOINTS
+
+A = TypeVar("A")
+"""An address at the server: a register, or a node."""
+
+HEARTBEAT, MODE = "heartbeat", "mode"
+BASE = ("x", "y", "yaw")
+BASE_VELOCITY = ("vx", "vy", "yaw_rate")
+
+
+class JointAt(Settings, Generic[A]):
+    """One joint, an entry of ``state.joints``."""
+
+    position: A = Field(description="where its position is")
+    velocity: A | None = Field(
+        None, description="where its velocity is; default: from the change of its position"
+    )
+    sign: Literal[1, -1] = Field(1, description="-1 if it counts against the robot model's axis")
+    offset_rad: float = Field(
+        0.0, ge=-1e4, le=1e4, description="added after scale and sign; m of a prismatic joint"
+    )
+    scale: float | None = Field(
+        None, gt=0, le=1e6, description="instead of state.scale, for this joint"
+    )
+
+    safety: ClassVar[Safety] = harmless("sign", "offset_rad", "scale")
+
+
+class BaseAt(Settings, Generic[A]):
+    """Pose and velocity of a moving base in the room's frame (``state.base``)."""
+
+    x: A = Field(description="where x is")
+    y: A = Field(description="where y is")
+    yaw: A = Field(description="where the heading is")
+    vx: A | None = Field(None, description="where the velocity in x is; default: from the change")
+    vy: A | None = Field(None, description="likewise in y")
+    yaw_rate: A | None = Field(None, description="likewise of the heading")
+    scale_m: float = Field(1.0, gt=0, le=1e6, description="m, or m/s, of one unit")
+    scale_rad: float = Field(1.0, gt=0, le=1e6, description="rad, or rad/s, of one unit")
+
+    safety: ClassVar[Safety] = harmless("scale_m", "scale_rad")
+
+    @property
+    def velocities(self) -> list[A | None]:
+        """Addresses of the three velocities."""
+        return [self.vx, self.vy, self.yaw_rate]
+
+
+class StateAt(Settings, Generic[A]):
+    """Addresses of the robot's state at the server (``state``)."""
+
+    heartbeat: A = Field(
+        description="a number or a time stamp that the controller changes each time it writes the"
+        " state; while it stands still the state is stale"
+    )
+    mode: A | None = Field(None, description="where the operating mode is; default: none")
+    automatic_values: list[int] = Field(
+        [], max_length=64, description="values of mode that are automatic mode; others are unknown"
+    )
+    automatic: bool = Field(
+        False,
+        description="there is no mode to read: count the robot as in automatic mode; without this "
+        "or mode the advice is unknown",
+    )
+    joints: list[JointAt[A]] = Field(
+        min_length=1, max_length=MAX_JOINTS, description="in the order of the robot's model"
+    )
+    base: BaseAt[A] | None = Field(None, description="of a base that moves; default: none")
+    scale: float = Field(
+        1.0,
+        gt=0,
+        le=1e6,
+        description="rad of one unit of a position (m if prismatic): 0.0174532925 for degrees",
+    )
+    velocity_scale: float | None = Field(
+        None, gt=0, le=1e6, description="rad/s of one unit of a velocity; default: as scale"
+    )
+    tick_s: float | None = Field(
+        None,
+        gt=0,
+        le=1,
+        description="time between two steps of the heartbeat, where a velocity is left out; 1 if it"
+        " is a time in seconds",
+    )
+
+    safety: ClassVar[Safety] = harmless("automatic_values", "scale", "velocity_scale", "tick_s") | {
+        "automatic": LessSafe(
+            other="the robot counts as in automatic mode whatever its controller's mode is"
+        ),
+    }
+
+    @property
+    def derives(self) -> bool:
+        """Whether velocities are to be had from the change of positions."""
+        velocities = [joint.velocity for joint in self.joints]
+        velocities += [] if self.base is None else self.base.velocities
+        return None in velocities
+
+    @property
+    def places(self) -> list[tuple[str, A]]:
+        """Name and address of everything that is read: the heartbeat first, then the mode."""
+        found = [(HEARTBEAT, self.heartbeat)]
+        found += [] if self.mode is None else [(MODE, self.mode)]
+        for number, joint in enumerate(self.joints, start=1):
+            found.append((f"joint {number} position", joint.position))
+            if joint.velocity is not None:
+                found.append((f"joint {number} velocity", joint.velocity))
+        if self.base is not None:
+            for name in (*BASE, *BASE_VELOCITY):
+                if (at := getattr(self.base, name)) is not None:
+                    found.append((f"base {name}", at))
+        return found
+
+    @model_validator(mode="after")
+    def _makes_sense(self) -> Self:
+        for what, velocities in (
+            ("state.joints", [joint.velocity for joint in self.joints]),
+            ("state.base", [] if self.base is None else self.base.velocities),
+        ):
+            if None in velocities and any(each is not None for each in velocities):
+                raise ValueError(f"{what}: give the velocity of each, or of none")
+        if self.derives and self.tick_s is None:
+            raise ValueError(
+                "velocities are left out, so tick_s must say how long a step of the heartbeat is; "
+                "or give where each velocity is"
+            )
+        if self.tick_s is not None and not self.derives:
+            raise ValueError("tick_s is for velocities that are left out; remove it")
+        if (self.mode is None) == bool(self.automatic_values):
+            raise ValueError("mode and automatic_values go together; give both or neither")
+        if self.mode is not None and self.automatic:
+            raise ValueError("automatic: true is for robots without a mode to read; remove it")
+        seen: dict[A, str] = {}
+        for name, at in self.places:
+            if at in seen:
+                raise ValueError(f"{name} and {seen[at]} are both at {at}; correct one")
+            seen[at] = name
+        return self
+
+
+READS_ONLY = "it only reads the robot's state; no advice goes out on it"
+NO_MODE = "state has neither mode nor automatic: true, so the advice stays unknown"
+
+
+class PolledLinkSettings(ConfiguredLinkSettings):
+    """Settings common to these links."""
+
+    host: str = Field(min_length=1, max_length=253, description="address of the server")
+    robot_state_rate_hz: float = Field(
+        50.0, ge=2, le=250, description="rate at which the state is read"
+    )
+    reply_timeout_s: float = Field(
+        0.25, ge=0.01, le=2, description="a server that answers later has lost the connection"
+    )
+    controller_delay_s: float = Field(
+        0.01,
+        ge=0,
+        le=1,
+        description="maximum time from the measurement of the joints until the server shows them",
+    )
+    max_state_age_s: float | None = Field(
+        None,
+        ge=0.001,
+        le=1,
+        description="a state that can be older than this at its arrival is refused; default: the "
+        "robot's motion.delay_s, and not above it",
+    )
+
+    safety: ClassVar[Safety] = harmless("reply_timeout_s", "max_state_age_s") | {
+        "controller_delay_s": LessSafe(
+            below="the controller is expected to show the joints {more:.2g} s sooner; the robot "
+            "moves on meanwhile"
+        ),
+    }
+
+    advises: ClassVar[bool] = False
+
+    @model_validator(mode="after")
+    def _no_mock(self) -> Self:
+        if self.simulate is not None:
+            raise ValueError(
+                f"a {self.kind} link has no simulated controller; start `python -m "
+                "hri_sim.robot_server`, give its address as host, and leave 'simulate' out"
+            )
+        return self

@@ -1,0 +1,54 @@
+"""Joints of one person as a single NumPy array, as FreeMoCap saves them.
+
+FreeMoCap (https://github.com/freemocap/freemocap, split_and_save.py and path_getters.py) writes
+``output_data/mediapipe_body_3d_xyz.npy``: (F, 33, 3), MediaPipe's landmarks in millimetres; and
+``mediapipe_skeleton_3d.npy``, or ``mediapipe_3dData_numFrames_numTrackedPoints_spatialXYZ.npy``,
+with hands and, in most versions, the face after the body. Neither has names or times.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from hri_predict.base.errors import RecordingError
+from hri_predict.contracts.joint_map import load_joint_map
+from hri_predict.recording.bounded import check_joints
+from hri_predict.recording.naming import map_of_names
+from hri_predict.recording.recording import Recording, noted, recording_of_one
+from hri_predict.recording.wanted import Wanted
+
+POINTS = {33: "", 75: "hands", 543: "hands and face", 553: "hands and face"}
+"""Number of points in an array -> the ones after MediaPipe's body, which are not used."""
+UNIT_M = 0.001
+
+
+def read_npy(path: Path, wanted: Wanted) -> Recording:
+    """Read such an array; in millimetres, z up if nothing else is wanted.
+
+    Raises:
+        RecordingError: it is damaged, has another shape, or ``wanted.rate_hz`` is not given.
+        ConfigError: impossible units or axes.
+    """
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, EOFError, SyntaxError, MemoryError, OverflowError, RecursionError) as error:
+        raise RecordingError(
+            f"recording {path}: truncated, or not an array of numbers; copy it again"
+        ) from error
+    known = array.ndim == 3 and array.shape[1] in POINTS and array.shape[2] == 3
+    if not known or not len(array) or array.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"recording {path}: is an array of {array.dtype} of shape {array.shape}; of single "
+            f"arrays, FreeMoCap's (frames, {' or '.join(map(str, POINTS))}, 3) are read; save "
+            f"others as .npz with 'joints', 'joint_names' and 'fps'"
+        )
+    rate_hz = wanted.rate_of(path)
+    names = load_joint_map("mediapipe33").source_joints
+    check_joints(path, len(array), 1, len(names))
+    joint_map = wanted.of_file(map_of_names(names), UNIT_M)
+    body = np.array(array[:, : len(names)], np.float64)
+    recording = recording_of_one(
+        path, "npy", joint_map, body, rate_hz=rate_hz, person=wanted.person
+    )
+    after = POINTS[array.shape[1]]
+    return noted(recording, f"{after} are not used" if after else "")

@@ -1,0 +1,68 @@
+"""A server with an arm that swings, for trying ``modbus_client`` and ``opcua_client``.
+
+    python -m hri_sim.robot_server modbus
+
+It prints a line of JSON with its port when it is ready. It ends with Ctrl-C. SIGUSR1 begins the
+fault at once, and ends it.
+"""
+
+import asyncio
+import contextlib
+import importlib
+import signal
+import sys
+from enum import StrEnum
+from typing import Annotated, cast
+
+import typer
+
+from hri_sim.robot_server.robot import Fault, Robot
+
+
+class Protocol(StrEnum):
+    """Protocols of the server, and the package that each needs."""
+
+    MODBUS = "modbus"
+    OPCUA = "opcua"
+
+
+PORTS = {Protocol.MODBUS: 5021, Protocol.OPCUA: 4841}
+FAULTS = ("none", "frozen", "not a number", "late", "wrong type", "mode")
+
+
+def main(
+    protocol: Annotated[Protocol, typer.Argument(help="What it speaks.")],
+    *,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(help="0: the system chooses. Default: 5021, or 4841 for opcua.")
+    ] = -1,
+    fault: Annotated[str, typer.Option(help=f"What goes wrong: {', '.join(FAULTS)}.")] = "none",
+    after_s: Annotated[
+        float, typer.Option(help="The fault begins this long after a client came.")
+    ] = 5.0,
+) -> None:
+    """Show an arm's state until it is ended."""
+    if fault not in FAULTS:
+        _fail(f"--fault '{fault}': give one of {', '.join(FAULTS)}")
+    try:
+        module = importlib.import_module(f"hri_sim.robot_server.{protocol}")
+    except ImportError as error:
+        _fail(f"{error.name} is not installed; pip install 'hri-predict[{protocol}]'")
+    robot = Robot(cast(Fault, fault), after_s)
+    signal.signal(signal.SIGUSR1, lambda *_: robot.toggle())
+    address = (host, PORTS[protocol] if port < 0 else port)
+    try:
+        asyncio.run(module.serve(robot, address, lambda p: print(f'{{"port": {p}}}', flush=True)))
+    except OSError as error:
+        _fail(f"cannot listen on {host}:{address[1]}: {error.strerror}; choose another --port")
+
+
+def _fail(why: str) -> None:
+    print(f"hri_sim.robot_server: {why}", file=sys.stderr)
+    raise typer.Exit(2)
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(BrokenPipeError, KeyboardInterrupt):
+        typer.run(main)

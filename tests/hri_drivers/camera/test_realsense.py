@@ -1,0 +1,118 @@
+"""A RealSense by a package that behaves as Intel documents it; no device was there."""
+
+import importlib.util
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hri_drivers.camera.realsense import LATENCY_S, RealSense
+from hri_predict.base.errors import ConfigError, SourceError
+
+
+class Frame:
+    def __init__(self, data, stamp_ms, domain):
+        self._data, self._stamp_ms, self._domain = data, stamp_ms, domain
+
+    def get_data(self):
+        return self._data
+
+    def get_timestamp(self):
+        return self._stamp_ms
+
+    def get_frame_timestamp_domain(self):
+        return self._domain
+
+
+class Package:
+    """``pyrealsense2`` with one device, or none."""
+
+    stream = SimpleNamespace(color="color", depth="depth")
+    format = SimpleNamespace(bgr8="bgr8", z16="z16")
+    distortion = SimpleNamespace(brown_conrady="brown")
+    timestamp_domain = SimpleNamespace(system_time=1, global_time=2, hardware_clock=0)
+
+    def __init__(self, *, is_there=True, domain=2):
+        self.is_there, self.domain = is_there, domain
+        self.started = self.stopped = 0
+
+    def config(self):
+        return SimpleNamespace(enable_stream=lambda *asked: None)
+
+    def align(self, to):
+        return SimpleNamespace(process=lambda frames: frames)
+
+    def pipeline(self):
+        return SimpleNamespace(start=self._start, stop=self._stop, wait_for_frames=self._wait)
+
+    def _start(self, config):
+        if not self.is_there:
+            raise RuntimeError("No device connected")
+        self.started += 1
+        known = SimpleNamespace(
+            fx=615.0, fy=614.0, ppx=320.0, ppy=241.0, width=640, height=480,
+            model="inverse", coeffs=[0.0] * 5,
+        )  # fmt: skip
+        stream = SimpleNamespace(get_intrinsics=lambda: known)
+        return SimpleNamespace(
+            get_device=lambda: SimpleNamespace(
+                first_depth_sensor=lambda: SimpleNamespace(get_depth_scale=lambda: 0.001)
+            ),
+            get_stream=lambda kind: SimpleNamespace(as_video_stream_profile=lambda: stream),
+        )
+
+    def _stop(self):
+        self.stopped += 1
+
+    def _wait(self, timeout_ms):
+        if not self.is_there:
+            raise RuntimeError("Frame didn't arrive within 1000")
+        stamp_ms = time.time_ns() / 1e6 - 25
+        depth = np.array([[0, 1500]], np.uint16)
+        return SimpleNamespace(
+            get_color_frame=lambda: Frame(np.zeros((1, 2, 3), np.uint8), stamp_ms, self.domain),
+            get_depth_frame=lambda: Frame(depth, stamp_ms, self.domain),
+        )
+
+
+def opened(package):
+    return RealSense(rate_hz=None, size=(640, 480), package=package)
+
+
+def test_pictures_have_depth_in_metres_and_the_factorys_intrinsics():
+    device = opened(Package())
+    image = device.read()
+    np.testing.assert_allclose(image.depth, [[np.nan, 1.5]])
+    assert (image.number, device.read().number) == (1, 2)
+    assert device.camera.size == (640, 480)
+    assert device.camera.matrix[0].tolist() == [615.0, 0.0, 320.0]
+
+
+@pytest.mark.parametrize(("domain", "late_s"), [(2, 0.025), (1, 0.025), (0, LATENCY_S)])
+def test_only_a_time_of_this_machine_counts(domain, late_s):
+    device = opened(Package(domain=domain))
+    before_ns = time.time_ns()
+    exposed_ns = device.read().exposed_ns
+    after_ns = time.time_ns()
+    assert before_ns - 1e6 <= exposed_ns + late_s * 1e9 <= after_ns + 1e6
+
+
+def test_an_unplugged_device_is_an_interruption_and_is_opened_again():
+    package = Package()
+    device = opened(package)
+    package.is_there = False
+    for _ in range(2):
+        with pytest.raises(SourceError, match="RealSense"):
+            device.read()
+    package.is_there = True
+    assert device.read() is not None
+    assert (package.started, package.stopped) == (2, 1)
+
+
+def test_a_missing_device_or_package_is_one_line():
+    with pytest.raises(ConfigError, match=r"No device connected.*USB 3"):
+        opened(Package(is_there=False))
+    if importlib.util.find_spec("pyrealsense2") is None:
+        with pytest.raises(ConfigError, match="pip install pyrealsense2"):
+            RealSense(rate_hz=None, size=(640, 480))

@@ -1,0 +1,57 @@
+"""The made-up robot's server as a process of its own."""
+
+import json
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import yaml
+
+from hri_predict.base.clock import MonotonicClock
+from hri_predict.base.files import data_path
+from hri_predict.base.settings import validated
+from hri_predict.contracts import registry
+from tests.hri_drivers.links.rtde.rtde_robot import eventually
+
+PATIENT = {"reply_timeout_s": 2.0, "max_state_age_s": 1.0, "wait_for_device": True}
+"""A machine with much else to do answers late."""
+
+
+class Server:
+    """``python -m hri_sim.robot_server``; the fault begins and ends with ``toggle``."""
+
+    def __init__(self, protocol: str, fault: str = "none", port: int = 0) -> None:
+        command = [sys.executable, "-m", "hri_sim.robot_server", protocol, "--fault", fault]
+        command += ["--port", str(port), "--after-s", "1e9"]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self.port: int = json.loads(self._process.stdout.readline())["port"]
+
+    def toggle(self) -> None:
+        self._process.send_signal(signal.SIGUSR1)
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.wait()
+
+
+def made(protocol: str, port: int, state: dict[str, Any] | None = None, **changes: Any) -> Any:
+    """The link of the shipped configuration, not started."""
+    config = yaml.safe_load(data_path(f"robot_{protocol}.yaml").read_text())
+    entry = config["links"][0] | PATIENT | {"port": port} | changes
+    entry["state"] |= state or {}
+    kind: Any = registry.load("links", entry["kind"])
+    return kind(validated(kind.settings_model, entry, "the link"), MonotonicClock())
+
+
+def states(link: Any, count: int) -> list[Any]:
+    """The next states."""
+    found: list[Any] = []
+
+    def enough() -> bool:
+        found.extend(received.message for received in link.take())
+        return len(found) >= count
+
+    eventually(enough)
+    return found
