@@ -87,12 +87,12 @@ class Camera:
         return f"{status}: {lines[-1]}" if faulty else f"{status} without a reason"
 
     def _read(self) -> None:
-        """Keep what the process says; pass it on, except for the error that ends it."""
+        """Keep what the process says; pass on all but its error and its libraries' chatter."""
         assert self.process.stderr is not None
         for line in self.process.stderr:
             text = "".join(c for c in line.decode("utf-8", "replace") if c.isprintable()).strip()
             self._lines.append(text)
-            if text and not text.startswith("error: "):
+            if text and not text.startswith(("error: ", "INFO: ")):
                 print(f"camera: {text.removeprefix('camera: ')}", file=sys.stderr, flush=True)
         self.process.wait()
         if not self._closing:

@@ -1,5 +1,6 @@
 """``try``: see yourself, the forecast and a moving robot in 3D."""
 
+import contextlib
 import os
 import subprocess
 import sys
@@ -17,7 +18,8 @@ from hri_predict.cli.screens.options import screens
 from hri_predict.cli.tryout.camera import LOOPBACK, Camera
 from hri_predict.cli.tryout.cell import Place, place_of, with_camera, with_person
 from hri_predict.run.session import Options
-from hri_predict.viewing.feed import Feed, check_viser
+from hri_predict.viewing.feed import VIEWER, Feed, check_viser
+from hri_predict.viewing.screen import ScreenSettings, check_port
 
 BESIDE_THE_VIEW = Place(3.0, -1.5)
 """The robot's place before a camera, which is at the room's origin and looks along x."""
@@ -71,6 +73,7 @@ def try_it(
     if seconds is not None and not 0 < seconds <= MAX_SECONDS:
         raise ConfigError(f"--seconds {seconds}: give a number above 0, up to {MAX_SECONDS:.0f}")
     check_viser()
+    check_port(ScreenSettings("viewer", VIEWER, viewer))
     place = None if robot is None else place_of(robot)
     shown = screens(viewer, None, LOOPBACK, opened=None if no_browser else open_page)
     options = Options(duration_s=seconds)
@@ -121,10 +124,11 @@ def open_page(url: str) -> None:
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
         return
-    subprocess.Popen(
-        [sys.executable, "-m", "webbrowser", url],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,  # it stays when this ends
-    )
+    with contextlib.suppress(OSError):  # the address was printed
+        subprocess.Popen(
+            [sys.executable, "-m", "webbrowser", url],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,  # it stays when this ends
+        )

@@ -144,7 +144,8 @@ class Stage:
         seen_from = tuple(float(x) for x in place + LOOK_FROM_M)
         cameras: list[Any] = [client.camera for client in self._server.get_clients().values()]
         for camera in (self._server.initial_camera, *cameras):
-            camera.look_at, camera.position, camera.fov = at, seen_from, OPENING
+            # the place last: viser moves it along with the position
+            camera.position, camera.look_at, camera.fov = seen_from, at, OPENING
 
 
 def _middle(picture: Picture) -> Any:

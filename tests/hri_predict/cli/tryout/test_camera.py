@@ -29,13 +29,19 @@ FAULTY = "raise ValueError('a fault of ours')"
 HANGS = "\nimport time\nwhile True: time.sleep(60)\n"
 
 
+class Started(Camera):
+    """A camera's process, with the event that it ended."""
+
+    def __init__(self, ended: threading.Event) -> None:
+        self.ended = ended
+        super().__init__(["0"], ended.set)
+
+
 @pytest.fixture
 def process(monkeypatch, request):
     monkeypatch.setattr(cameras, "COMMAND", [sys.executable, "-c", request.param])
     monkeypatch.setattr(cameras, "END_S", 1.0)
-    ended = threading.Event()
-    with Camera(["0"], ended.set) as made:
-        made.ended = ended
+    with Started(threading.Event()) as made:
         yield made
 
 

@@ -52,6 +52,7 @@ def test_the_demos_person_comes_to_the_robot_wherever_it_is():
         scene = source.poll(8_000_000_000)
         while (newer := source.poll(8_000_000_000)) is not None:
             scene = newer
+        assert scene is not None
         return scene.people[0].positions[:, :3]
 
     there, here = joints(with_person(Place(0.0, 0.0))), joints(with_person(place))
@@ -73,6 +74,7 @@ def test_a_camera_is_heard_on_this_machine_alone_and_by_its_key(tmp_path):
     assert source == camera.source.model_dump() | {"port": 4711, "key_file": source["key_file"]}
     assert (cell.node.people, cell.predictor) == (camera.node.people, camera.predictor)
     pose = cell.node.robots[0].room_from_robot
+    assert pose is not None
     assert pose.xyz == [1.5, 0.9, 0.0]
     assert pose.quaternion_xyzw == pytest.approx([0, 0, math.sin(0.25), math.cos(0.25)])
     assert all(link.simulate is not None for link in cell.links)

@@ -35,7 +35,7 @@ def started(monkeypatch, code, *words):
         (["--robot", "here"], "--robot here: give X,Y or X,Y,YAW"),
         (["--seconds", "0"], "--seconds 0.0: give a number above 0"),
         (["--seconds", "nan"], "--seconds nan: give a number above 0"),
-        (["--viewer", "70000", "--person"], "give a port from 0 to 65535"),
+        (["--viewer", "70000"], "give a port from 0 to 65535"),
         (["--person", "--", "--height", "1.8"], "--height 1.8: has no effect with --person"),
     ],
 )

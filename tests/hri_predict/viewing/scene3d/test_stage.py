@@ -121,7 +121,7 @@ def test_an_invisible_surface_is_drawn_before_what_is_seen_through(server):
     for solids in (stage._ghosts, stage._zones):
         surface, seen = solids._parts
         assert {part.opacity for part in surface} == {0.0}
-        assert all(0 < part.opacity < 1 for part in seen)
+        assert all(0 < (part.opacity or 0.0) < 1 for part in seen)
         for hidden, part in zip(surface, seen, strict=True):
             np.testing.assert_array_equal(hidden.batched_positions, part.batched_positions)
             np.testing.assert_array_equal(hidden.batched_scales, part.batched_scales)
