@@ -155,7 +155,7 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         if age_s <= least_s:
             raise LinkError(
                 f"{named}: a state can be {least_s:.3g} s old (one period of robot_state_rate_hz "
-                f"and controller_delay_s) and the time of the reply, but motion.delay_s allows "
+                f"and controller_delay_s), and older by the reply, but motion.delay_s allows "
                 f"{age_s:g}; raise it, or read more often"
             )
         return settings.model_copy(update={"max_state_age_s": age_s})

@@ -22,7 +22,7 @@ def test_what_is_needed_next_is_asked_without_waiting(monkeypatch):
             wanted=lambda: wanted[0],
         )
         client.open()
-        asked = []
+        asked: list[int | None] = []
         for message, later_s in ((0, 0.0), (0, NEXT_S), (4, 0.0), (4, NEXT_S), (4, ASK_S)):
             wanted[0] = message
             now[0] += later_s + 0.001
