@@ -166,12 +166,12 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         for shape in traffic.shapes:
             if shape.joints != len(state.joints):
                 raise LinkError(
-                    f"link '{settings.name}': state.joints has {len(state.joints)} entries, and the"
+                    f"link '{settings.name}': joints has {len(state.joints)} entries, and the"
                     f" robot {shape.joints} joints; give each, in the order of its model"
                 )
             if shape.moving_base != (state.base is not None):
                 raise LinkError(
-                    f"link '{settings.name}': state.base is for a robot whose base moves; "
+                    f"link '{settings.name}': base is for a robot whose base moves; "
                     + ("give it" if shape.moving_base else "remove it")
                 )
         reading_s = 8 * (OVERHEAD_BYTES + VALUE_BYTES * len(state.places)) / BITRATE
