@@ -17,6 +17,9 @@ from cobs import cobs
 from hri_drivers.links.can.isotp import IsoTpReceiver
 from hri_drivers.links.plant.codec import RegisterCodec
 from hri_drivers.links.plant.image import Block
+from hri_drivers.links.polled.reader import Sample
+from hri_drivers.links.polled.reader import StateReader as PolledReader
+from hri_drivers.links.polled.settings import JointAt, StateAt
 from hri_drivers.links.rtde.link import RtdeCodec
 from hri_drivers.links.rtde.packets import Packet as RtdePacket
 from hri_drivers.links.rtde.packets import Splitter as RtdeSplitter
@@ -44,6 +47,7 @@ from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
 from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.keyed import Keyed, key_of
 from hri_predict.protocol.profile4 import Profile4Receiver
+from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.registers import STATE, packed
 from hri_predict.protocol.ros.bodies import MARKER_ARRAY, POSE_ARRAY
 from hri_predict.protocol.ros.frame_tree import FrameTree
@@ -94,6 +98,7 @@ def targets() -> list[Target]:
         _keyed(),
         _rtde(),
         _modbus(),
+        _polled(),
         _scene_stream("scene_stream", 21, with_key=False),
         _scene_stream("scene_stream_long", 100, with_key=False),
         _scene_stream("scene_stream_key", 21, with_key=True),
@@ -248,6 +253,19 @@ def _modbus() -> Target:
         codec.decode(Block(int.from_bytes(data[:2], "big"), data[2:]))
 
     return Target("modbus", [codec.raw(block) for block in blocks], feed)
+
+
+def _polled() -> Target:
+    """Doubles that a server has where a robot's state is: heartbeat, mode, one joint."""
+    joints = [JointAt[int](position=2, velocity=4)]
+    state = StateAt[int](heartbeat=0, mode=1, automatic_values=[1], joints=joints)
+    reader = PolledReader(state, 1.0, 0.0, ReceiveCounters())
+
+    def feed(data: bytes) -> None:
+        values = struct.unpack_from(f">{len(data) // 8}d", data)
+        reader.read(Sample(values, 0.02))
+
+    return Target("polled", [struct.pack(">4d", n, 1.0, 0.5, 0.1) for n in range(4)], feed)
 
 
 def _scene_stream(name: str, joints: int, with_key: bool) -> Target:

@@ -8,6 +8,7 @@ drops the oldest of its messages. Clients cannot send anything that the node rea
 
 import logging
 import threading
+import time
 from collections import deque
 from typing import Any
 
@@ -15,12 +16,15 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.link import Received
 from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Tick
+from hri_predict.operation.foxglove.crowd import Crowd
 from hri_predict.operation.foxglove.settings import FoxgloveSettings
 from hri_predict.recording import RecordingInfo
 from hri_predict.recording.mcap.clocks import Clocks
 from hri_predict.recording.mcap.format import to_json
 from hri_predict.recording.mcap.items import Counters, Item, Items
 from hri_predict.recording.mcap.schemas import schemas
+
+log = logging.getLogger(__name__)
 
 LEFT_OUT = ("/sent", "/clock")
 """Topics of recordings alone."""
@@ -31,6 +35,9 @@ CLIENT_MESSAGES = 64
 LOOK_NS = 1_000_000_000
 """Interval at which UTC is compared with the node's clock."""
 END_S = 2.0
+SHED_S, SAY_S = 0.25, 10.0
+"""Intervals at which connections are counted, and at which the log may say that there are too many.
+"""
 
 
 def foxglove_sdk() -> Any:
@@ -90,6 +97,8 @@ class FoxgloveLive(Items):
             if topic not in LEFT_OUT
         }
         self._server = _serve(sdk, settings, context)
+        self._crowd = Crowd(self.port, settings.max_clients)
+        self._shed_s = self._said_s = -SAY_S
         self._waiting: deque[Item] = deque()
         self._change = threading.Condition()
         self._closed = False
@@ -141,7 +150,11 @@ class FoxgloveLive(Items):
 
     def counts(self) -> dict[str, int]:
         """Return the counters, by their names in the summary."""
-        return {"foxglove_dropped": self.dropped, "foxglove_failed": self.failed}
+        return {
+            "foxglove_dropped": self.dropped,
+            "foxglove_failed": self.failed,
+            "foxglove_refused": self._crowd.ended,
+        }
 
     def close(self) -> None:
         """End all connections; safe to call twice."""
@@ -159,11 +172,14 @@ class FoxgloveLive(Items):
     def _run(self) -> None:
         look_ns, offset_ns = -LOOK_NS, 0
         while True:
+            self._shed()
             with self._change:
-                while not self._waiting and not self._closed:
-                    self._change.wait()
+                if not self._waiting and not self._closed:
+                    self._change.wait(SHED_S)
                 if self._closed:
                     return
+                if not self._waiting:
+                    continue
                 item = self._waiting.popleft()
             try:
                 if item.log_ns - look_ns >= LOOK_NS:
@@ -171,6 +187,20 @@ class FoxgloveLive(Items):
                 self._send(item, max(item.log_ns + offset_ns, 0))
             except Exception:  # one item that cannot be encoded must not end the view
                 self.failed += 1
+
+    def _shed(self) -> None:
+        """End connections above the limit, and say so once in a while."""
+        now_s = time.monotonic()
+        if now_s - self._shed_s < SHED_S:
+            return
+        self._shed_s = now_s
+        if self._crowd.shed() and now_s - self._said_s >= SAY_S:
+            self._said_s = now_s
+            log.warning(
+                "foxglove: more than max_clients connections: %d ended since the start; close some,"
+                " or raise foxglove.max_clients",
+                self._crowd.ended,
+            )
 
     def _send(self, item: Item, utc_ns: int) -> None:
         said = item.encode(*item.args, utc_ns) if item.wants_utc else item.encode(*item.args)

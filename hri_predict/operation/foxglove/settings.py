@@ -16,6 +16,9 @@ class FoxgloveSettings(Settings):
         max_length=253,
         description="address to listen on; default: only this machine",
     )
+    max_clients: int = Field(
+        16, ge=1, le=256, description="connections at once; more are ended, and counted"
+    )
     zones_hz: float = Field(5.0, ge=0, le=100, description="zones per second; 0: none")
     poses_hz: float = Field(5.0, ge=0, le=100, description="forecasts per second; 0: none")
     view_hz: float = Field(10.0, ge=0, le=100, description="pictures for 3D views; 0: none")

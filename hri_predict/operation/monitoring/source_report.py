@@ -80,7 +80,7 @@ def _clock(clock: Mapping[str, Any]) -> str:
         ahead_ms = clock["ahead_of_utc_s"] * 1e3
         offset = f"ahead of our UTC by {ahead_ms:.1f} ms (if min_latency_s is right)"
     else:
-        offset = f"behind the node's clock by {clock['offset_s']:.3f} s"
+        offset = f"of its own, not UTC: behind the node's clock by {clock['offset_s']:.3f} s"
     drift = clock["drift_ppm"]
     fast = "drift not yet known" if drift is None else f"fast by {drift:.1f} ppm"
     believed = (

@@ -101,7 +101,7 @@ def _states(protocol: str, seconds: float) -> dict[str, Any]:
         assert server.stdout is not None
         config["port"] = json.loads(server.stdout.readline())["port"]
         kind = registry.load("links", config["kind"])
-        wire = kind.make_transport(validated(kind.settings_model, config, "the link"))
+        wire: Any = kind.make_transport(validated(kind.settings_model, config, "the link"))
         wire.open()
         end_s = time.monotonic() + SETTLE_S + seconds
         while (now_s := time.monotonic()) < end_s:

@@ -25,11 +25,7 @@ RegisterAt = Annotated[int, Field(ge=0, le=65_535)]
 
 
 class RegisterState(StateAt[RegisterAt]):
-    """``state:`` of a ``modbus_client`` or ``opcua_client`` link.
-
-    Addresses are registers, counted from 0 as on the wire, with types and orders; or NodeIds as
-    text, without them.
-    """
+    """``registers:`` of a ``modbus_client`` link; addresses count from 0, as on the wire."""
 
     type: Type = Field("float32", description="type of positions and velocities")
     heartbeat_type: Type = Field("uint16", description="type of the heartbeat")
@@ -58,14 +54,14 @@ class ModbusClientSettings(PolledLinkSettings):
     port: int = Field(502, ge=1, le=65_535, description="its TCP port")
     unit: int = Field(1, ge=0, le=255, description="unit id of the device")
     table: Literal["holding", "input"] = Field("holding", description="which registers are read")
-    state: RegisterState = Field(description="registers of the robot's state")
+    registers: RegisterState = Field(description="registers of the robot's state")
 
     safety: ClassVar[Safety] = harmless("port", "unit")
 
     @property
     def notes(self) -> list[str]:
         """See ``LinkSettings``."""
-        known = self.state.automatic or self.state.mode is not None
+        known = self.registers.automatic or self.registers.mode is not None
         return [READS_ONLY, UNPROTECTED, *([] if known else [NO_MODE])]
 
 
@@ -80,15 +76,15 @@ class ModbusClientLink(PolledLink[ModbusClientSettings]):
         """The connection, not yet open."""
         return ModbusClientTransport(
             (settings.host, settings.port),
-            settings.state.slots,
+            settings.registers.slots,
             table=settings.table,
             unit=settings.unit,
-            byte_order=settings.state.byte_order,
-            word_order=settings.state.word_order,
+            byte_order=settings.registers.byte_order,
+            word_order=settings.registers.word_order,
             reply_s=settings.reply_timeout_s,
             rate_hz=settings.robot_state_rate_hz,
         )
 
     @staticmethod
     def _state(settings: ModbusClientSettings) -> StateAt[Any]:
-        return settings.state
+        return settings.registers

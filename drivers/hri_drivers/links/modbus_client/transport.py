@@ -21,7 +21,7 @@ _log.propagate = False
 CONNECT_S = 2.0
 _REFUSALS = {
     1: "it does not know this request; set 'table' to the other one",
-    2: "it has no such registers; correct the addresses in 'state', 'table' or 'unit'",
+    2: "it has no such registers; correct the addresses in 'registers', 'table' or 'unit'",
     3: "it does not send as many registers in one reply",
     4: "the device behind it has failed; see its log",
     10: "its gateway has no way to the device; correct 'unit'",

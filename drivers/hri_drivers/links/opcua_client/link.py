@@ -27,6 +27,10 @@ NodeAt = Annotated[
 """A NodeId as text (OPC UA part 6, 5.3.1.10), such as ``ns=2;s=Robot.Joint1.Position``."""
 
 
+class NodeState(StateAt[NodeAt]):
+    """``nodes:`` of an ``opcua_client`` link; each address is a NodeId as text."""
+
+
 class OpcUaClientSettings(PolledLinkSettings):
     """An entry of ``links:`` with ``kind: opcua_client``."""
 
@@ -35,7 +39,7 @@ class OpcUaClientSettings(PolledLinkSettings):
     path: str = Field(
         "", pattern=r"^(/[A-Za-z0-9._~/-]{0,200})?$", description="path of its address, as /server"
     )
-    state: StateAt[NodeAt] = Field(description="nodes of the robot's state")
+    nodes: NodeState = Field(description="nodes of the robot's state")
     certificate: Path | None = Field(
         None, description="this client's certificate; Basic256Sha256, signed and encrypted"
     )
@@ -62,7 +66,7 @@ class OpcUaClientSettings(PolledLinkSettings):
     @property
     def notes(self) -> list[str]:
         """See ``LinkSettings``."""
-        known = self.state.automatic or self.state.mode is not None
+        known = self.nodes.automatic or self.nodes.mode is not None
         secured = self.certificate is not None
         return [
             READS_ONLY,
@@ -93,7 +97,7 @@ class OpcUaClientLink(PolledLink[OpcUaClientSettings]):
         host = f"[{settings.host}]" if ":" in settings.host else settings.host
         return OpcUaClientTransport(
             f"opc.tcp://{host}:{settings.port}{settings.path}",
-            settings.state.places,
+            settings.nodes.places,
             files=[path for path in files if path is not None],
             reply_s=settings.reply_timeout_s,
             rate_hz=settings.robot_state_rate_hz,
@@ -101,4 +105,4 @@ class OpcUaClientLink(PolledLink[OpcUaClientSettings]):
 
     @staticmethod
     def _state(settings: OpcUaClientSettings) -> StateAt[Any]:
-        return settings.state
+        return settings.nodes

@@ -164,7 +164,7 @@ def _number(found: Any) -> tuple[float | None, str]:
 
 
 _HOLDS = "it holds"
-_REMEDY = "correct the node in 'state', or the server"
+_REMEDY = "correct the node in 'nodes', or the server"
 
 
 def _uri_of(certificate: Path) -> str:

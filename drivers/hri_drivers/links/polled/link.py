@@ -155,7 +155,7 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         if age_s <= least_s:
             raise LinkError(
                 f"{named}: a state can be {least_s:.3g} s old (one period of robot_state_rate_hz "
-                f"and controller_delay_s) and the time of the reply, but motion.delay_s allows "
+                f"and controller_delay_s), and older by the reply, but motion.delay_s allows "
                 f"{age_s:g}; raise it, or read more often"
             )
         return settings.model_copy(update={"max_state_age_s": age_s})
@@ -166,12 +166,12 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         for shape in traffic.shapes:
             if shape.joints != len(state.joints):
                 raise LinkError(
-                    f"link '{settings.name}': state.joints has {len(state.joints)} entries, and the"
+                    f"link '{settings.name}': joints has {len(state.joints)} entries, and the"
                     f" robot {shape.joints} joints; give each, in the order of its model"
                 )
             if shape.moving_base != (state.base is not None):
                 raise LinkError(
-                    f"link '{settings.name}': state.base is for a robot whose base moves; "
+                    f"link '{settings.name}': base is for a robot whose base moves; "
                     + ("give it" if shape.moving_base else "remove it")
                 )
         reading_s = 8 * (OVERHEAD_BYTES + VALUE_BYTES * len(state.places)) / BITRATE

@@ -18,7 +18,7 @@ BASE_VELOCITY = ("vx", "vy", "yaw_rate")
 
 
 class JointAt(Settings, Generic[A]):
-    """One joint, an entry of ``state.joints``."""
+    """One joint, an entry of ``joints``."""
 
     position: A = Field(description="where its position is")
     velocity: A | None = Field(
@@ -29,14 +29,14 @@ class JointAt(Settings, Generic[A]):
         0.0, ge=-1e4, le=1e4, description="added after scale and sign; m of a prismatic joint"
     )
     scale: float | None = Field(
-        None, gt=0, le=1e6, description="instead of state.scale, for this joint"
+        None, gt=0, le=1e6, description="instead of the scale above, for this joint"
     )
 
     safety: ClassVar[Safety] = harmless("sign", "offset_rad", "scale")
 
 
 class BaseAt(Settings, Generic[A]):
-    """Pose and velocity of a moving base in the room's frame (``state.base``)."""
+    """Pose and velocity of a moving base in the room's frame (``base``)."""
 
     x: A = Field(description="where x is")
     y: A = Field(description="where y is")
@@ -56,7 +56,7 @@ class BaseAt(Settings, Generic[A]):
 
 
 class StateAt(Settings, Generic[A]):
-    """Addresses of the robot's state at the server (``state``)."""
+    """Addresses of the robot's state at the server."""
 
     heartbeat: A = Field(
         description="a number or a time stamp that the controller changes each time it writes the"
@@ -123,8 +123,8 @@ class StateAt(Settings, Generic[A]):
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
         for what, velocities in (
-            ("state.joints", [joint.velocity for joint in self.joints]),
-            ("state.base", [] if self.base is None else self.base.velocities),
+            ("joints", [joint.velocity for joint in self.joints]),
+            ("base", [] if self.base is None else self.base.velocities),
         ):
             if None in velocities and any(each is not None for each in velocities):
                 raise ValueError(f"{what}: give the velocity of each, or of none")
@@ -148,7 +148,7 @@ class StateAt(Settings, Generic[A]):
 
 
 READS_ONLY = "it only reads the robot's state; no advice goes out on it"
-NO_MODE = "state has neither mode nor automatic: true, so the advice stays unknown"
+NO_MODE = "it reads no mode, and automatic is not true: so the advice stays unknown"
 
 
 class PolledLinkSettings(ConfiguredLinkSettings):

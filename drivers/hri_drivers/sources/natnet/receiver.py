@@ -12,6 +12,8 @@ from hri_predict.base.errors import SourceError
 
 ASK_S = 0.5
 """Interval of requests, and of the signs of life that unicast needs."""
+NEXT_S = 0.05
+"""The same where something else is needed than before, as the models once the version is known."""
 LARGEST = 65_507
 AT_ONCE = 64
 
@@ -44,6 +46,7 @@ class NatNetReceiver:
         self._wanted = wanted
         self._socket: socket.socket | None = None
         self._asked_s = -ASK_S
+        self._asked: int | None = None
 
     def open(self) -> None:
         """Open the sockets.
@@ -87,11 +90,11 @@ class NatNetReceiver:
             self._group.close()
 
     def _ask(self, opened: socket.socket) -> None:
-        now_s = time.monotonic()
-        if now_s - self._asked_s >= ASK_S:
-            self._asked_s = now_s
+        now_s, wanted = time.monotonic(), self._wanted()
+        if now_s - self._asked_s >= (ASK_S if wanted == self._asked else NEXT_S):
+            self._asked_s, self._asked = now_s, wanted
             with contextlib.suppress(OSError):  # unreachable for now; it is asked again
-                opened.sendto(request(self._wanted()), self._server)
+                opened.sendto(request(wanted), self._server)
 
     def _replies(self, opened: socket.socket) -> list[bytes]:
         found: list[bytes] = []

@@ -44,6 +44,11 @@ class PacketSplitter:
     def __init__(self) -> None:
         self._buffer = b""
 
+    @property
+    def waits(self) -> bool:
+        """Whether a packet has begun that is not whole."""
+        return bool(self._buffer)
+
     def feed(self, data: bytes) -> Iterator[bytes]:
         """Take bytes as they arrive; yield the packets that they complete.
 

@@ -19,6 +19,7 @@ from hri_drivers.sources.qualisys.packets import PacketSplitter, command
 from hri_drivers.sources.qualisys.reader import QtmReader
 from hri_drivers.sources.tcp import StreamClient
 from hri_predict.base.clock import Clock
+from hri_predict.base.errors import SourceError
 from hri_predict.contracts.source import SourceCounters
 
 DEFAULT_PORT = 22223
@@ -38,22 +39,40 @@ class QualisysSettings(MocapSettings):
     )
 
 
+WHOLE_S = 0.5
+"""A packet that is not whole after this long has a wrong size."""
+
+
 class QtmClient(StreamClient):
     """A connection to QTM, which asks for what is wanted; see ``StreamClient``."""
 
-    def __init__(self, host: str, port: int, wanted: Callable[[], str | None]) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        wanted: Callable[[], str | None],
+        *,
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         super().__init__(host, port, PacketSplitter)
         self._wanted = wanted
+        self._monotonic_s = monotonic_s
         self._asked: tuple[str, float] | None = None
+        self._whole_s: float | None = None  # since when a packet has not become whole
 
     def open(self) -> None:
         """Connect; the exchange begins with the next ``read``."""
         super().open()
-        self._asked = None
+        self._asked = self._whole_s = None
 
     def read(self, timeout_s: float) -> list[bytes]:
-        """Return the packets that arrive; send the command that is wanted now."""
-        wanted, now_s = self._wanted(), time.monotonic()
+        """Return the packets that arrive; send the command that is wanted now.
+
+        Raises:
+            SourceError: the connection is lost, or a packet does not become whole: its size is
+                wrong, and all that follow would be taken for its content.
+        """
+        wanted, now_s = self._wanted(), self._monotonic_s()
         if wanted is None:
             self._asked = None
         elif self._asked is None or self._asked[0] != wanted or now_s - self._asked[1] >= ASK_S:
@@ -61,7 +80,16 @@ class QtmClient(StreamClient):
             if self._connection is not None:
                 with contextlib.suppress(OSError):  # ``read`` will say that it is lost
                     self._connection.sendall(command(wanted))
-        return super().read(timeout_s)
+        packets = super().read(timeout_s)
+        assert isinstance(self._splitter, PacketSplitter)
+        if packets or not self._splitter.waits:
+            self._whole_s = None
+        elif self._whole_s is None:
+            self._whole_s = now_s
+        elif now_s - self._whole_s > WHOLE_S:
+            host, port = self._address
+            raise SourceError(f"{host}:{port}: a packet that does not end; connecting again")
+        return packets
 
 
 class QualisysSource(LiveSource):

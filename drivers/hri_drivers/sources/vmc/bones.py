@@ -8,6 +8,7 @@ right-handed frame, so positions are added up in Unity's frame and mirrored by t
 forward, left, up = z, -x, y.
 """
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
@@ -74,7 +75,8 @@ def global_positions(root: Pose, bones: Mapping[str, Pose]) -> dict[str, Floats]
 
 def rotation(quaternion: Pose) -> Floats:
     """(3, 3) of a quaternion x, y, z, w of any length but zero."""
-    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
+    length = math.hypot(*quaternion)
+    x, y, z, w = (each / length for each in quaternion)
     turned: Floats = np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -1,6 +1,7 @@
 """The button that the page on restarts shows, at the link's own registers."""
 
 import socket
+from typing import Any
 
 import pytest
 
@@ -29,8 +30,13 @@ def link():
 
 def run(port, monkeypatch):
     """Run the page's program; return what it asked its person."""
-    asked = []
-    monkeypatch.setattr("builtins.input", lambda text: asked.append(text) or "")
+    asked: list[str] = []
+
+    def answer(text: str) -> str:
+        asked.append(text)
+        return ""
+
+    monkeypatch.setattr("builtins.input", answer)
     code = pages.named("button.py", pages.ROOT / "docs" / "guides" / "restart.md").text
     exec(code.replace("5020", str(port)), {})
     return asked
@@ -46,8 +52,13 @@ def test_the_button_of_the_page_presses_and_lets_go(link, monkeypatch):
     served.post(latched(77))
     eventually(lambda: served.counters.messages_sent > before)
     assert len(run(port, monkeypatch)) == 2
-    heard = []
-    eventually(lambda: heard.extend(r.message for r in served.take()) or len(heard) == 2)
+    heard: list[Any] = []
+
+    def both() -> bool:
+        heard.extend(r.message for r in served.take())
+        return len(heard) == 2
+
+    eventually(both)
     press, release = heard
     assert press == Acknowledge(77, press.ack_id)
     assert release == Acknowledge(0, press.ack_id)

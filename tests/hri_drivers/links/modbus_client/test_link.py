@@ -111,7 +111,7 @@ def robot(**changes):
 def settings(**changes):
     joints = [{"position": 10, "velocity": 12}]
     state = {"heartbeat": 1, "automatic": True, "joints": joints}
-    return ModbusClientSettings(**{"name": "s", "host": "h", "state": state} | changes)
+    return ModbusClientSettings(**{"name": "s", "host": "h", "registers": state} | changes)
 
 
 @pytest.mark.parametrize(

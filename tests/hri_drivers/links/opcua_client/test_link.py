@@ -75,4 +75,4 @@ def test_what_is_no_node_id_is_refused(node):
     joints = [{"position": "i=2", "velocity": "i=3"}]
     state = {"heartbeat": node, "automatic": True, "joints": joints}
     with pytest.raises(ValueError, match="heartbeat"):
-        OpcUaClientSettings(name="s", host="h", state=state)
+        OpcUaClientSettings(name="s", host="h", nodes=state)

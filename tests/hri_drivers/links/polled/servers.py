@@ -40,7 +40,7 @@ def made(protocol: str, port: int, state: dict[str, Any] | None = None, **change
     """The link of the shipped configuration, not started."""
     config = yaml.safe_load(data_path(f"robot_{protocol}.yaml").read_text())
     entry = config["links"][0] | PATIENT | {"port": port} | changes
-    entry["state"] |= state or {}
+    entry[{"modbus": "registers", "opcua": "nodes"}[protocol]] |= state or {}
     kind: Any = registry.load("links", entry["kind"])
     return kind(validated(kind.settings_model, entry, "the link"), MonotonicClock())
 

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
 from hri_drivers.links.modbus_client.link import RegisterState
 from hri_drivers.links.polled.reader import LONGEST_STEP_S, Sample, StateReader
 from hri_predict.protocol.messages import RobotMode

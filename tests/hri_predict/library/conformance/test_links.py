@@ -33,8 +33,8 @@ LINKS: list[tuple[str, dict[str, Any]]] = [
     ("zenoh", {"cell": "a"}),
     ("modbus", {}),
     ("opcua", {}),
-    ("modbus_client", {"host": "127.0.0.1", "max_state_age_s": 0.1, "state": REGISTERS}),
-    ("opcua_client", {"host": "127.0.0.1", "max_state_age_s": 0.1, "state": READ}),
+    ("modbus_client", {"host": "127.0.0.1", "max_state_age_s": 0.1, "registers": REGISTERS}),
+    ("opcua_client", {"host": "127.0.0.1", "max_state_age_s": 0.1, "nodes": READ}),
     ("rtde", {"host": "127.0.0.1", "full_speed_m_s": 1.0}),
     ("ros2", {"full_speed_m_s": 1.0}),
 ]

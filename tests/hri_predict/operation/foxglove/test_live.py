@@ -3,6 +3,7 @@
 import itertools
 import json
 import resource
+import socket
 import subprocess
 import sys
 import threading
@@ -70,6 +71,22 @@ def test_it_offers_the_topics_and_schemas_of_a_recording(live, viewer):
         assert (channel["encoding"], channel["schemaEncoding"]) == ("json", "jsonschema")
         assert json.loads(channel["schema"]) == expected[topic]
     assert viewer.server["capabilities"] == []  # a client can send nothing
+
+
+def test_more_clients_than_the_limit_are_ended_counted_and_said_once(caplog):
+    settings = FoxgloveSettings(port=free_port(), max_clients=2)
+    one = FoxgloveLive(settings, info(), clocks=VirtualClocks(0, UTC_NS))
+    try:
+        first = Viewer(one.port)
+        crowd = [socket.create_connection(("127.0.0.1", one.port)) for _ in range(12)]
+        wait_for(lambda: one.counts()["foxglove_refused"] >= 11, "no connection was ended")
+        for each in crowd:
+            each.close()
+        subscribed(one, first, "/status")  # the one that was there first is served
+        first.close()
+        assert sum("max_clients" in each.message for each in caplog.records) == 1
+    finally:
+        one.close()
 
 
 def test_two_clients_get_scene_and_tick_as_they_are_recorded(live, viewer):

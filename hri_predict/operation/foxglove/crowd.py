@@ -1,0 +1,101 @@
+"""A limit for connections to a server that has none of its own, as that of foxglove-sdk.
+
+Without one, clients that open connections and never close them take all files that the node's
+process may open. The server's sockets are the process's own: each is asked for its address, and
+those above the limit are shut down, which the server takes for the client's end.
+"""
+
+import os
+import resource
+import socket
+import stat
+from collections.abc import Callable, Iterable
+
+MOST_FILES = 4096
+"""Descriptors that are looked at where the system does not list them."""
+IDLE_S, INTERVAL_S, PROBES = 20, 5, 3
+"""A client that lost its power is found after 35 s (tcp(7), TCP_KEEPIDLE and the others)."""
+
+
+class Crowd:
+    """The connections to one port of this process.
+
+    Args:
+        port: the server's.
+        most: connections that may be open at once; those that came last are ended.
+
+    Attributes:
+        ended: number of connections that were ended.
+    """
+
+    def __init__(self, port: int, most: int) -> None:
+        self.ended = 0
+        self._port, self._most = port, most
+        self._known: set[tuple[int, int]] = set()  # descriptor and inode of those that may stay
+
+    def shed(self) -> int:
+        """End what is above the limit; return how many that were. Opens no file itself."""
+        found = self._connections()
+        self._known &= found.keys()
+        fresh = [each for each in found if each not in self._known]
+        room = self._most - len(self._known)
+        for each in fresh[:room]:
+            self._known.add(each)
+            _keep_alive(found[each])
+        for each in fresh[max(0, room) :]:
+            _on(found[each], lambda opened: opened.shutdown(socket.SHUT_RDWR))
+        count = max(0, len(fresh) - max(0, room))
+        self.ended += count
+        return count
+
+    def _connections(self) -> dict[tuple[int, int], int]:
+        """Descriptor and inode -> descriptor, of each connection to the port."""
+        found = {}
+        for descriptor in _descriptors():
+            try:
+                status = os.fstat(descriptor)
+            except OSError:
+                continue
+            if stat.S_ISSOCK(status.st_mode) and _on(descriptor, self._is_client):
+                found[descriptor, status.st_ino] = descriptor
+        return found
+
+    def _is_client(self, opened: socket.socket) -> bool:
+        if opened.family not in (socket.AF_INET, socket.AF_INET6):
+            return False
+        here = opened.getsockname()
+        return here[1] == self._port and bool(opened.getpeername())  # the listener has no peer
+
+
+def _descriptors() -> Iterable[int]:
+    """Open descriptors, and perhaps others."""
+    try:
+        return [int(name) for name in os.listdir("/proc/self/fd")]
+    except (OSError, ValueError):  # no such folder, or no file may be opened any more
+        limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        return range(min(limit, MOST_FILES) if limit > 0 else MOST_FILES)
+
+
+def _on(descriptor: int, act: Callable[[socket.socket], object]) -> bool:
+    """Do something with a descriptor's socket, which stays open; ``False`` if it failed."""
+    try:
+        opened = socket.socket(fileno=descriptor)
+    except OSError:  # closed in between, or not a socket any more
+        return False
+    try:
+        return act(opened) is not False
+    except OSError:
+        return False
+    finally:
+        opened.detach()
+
+
+def _keep_alive(descriptor: int) -> None:
+    def ask(opened: socket.socket) -> None:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        if hasattr(socket, "TCP_KEEPIDLE"):
+            opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, IDLE_S)
+            opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, INTERVAL_S)
+            opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, PROBES)
+
+    _on(descriptor, ask)
