@@ -1,7 +1,7 @@
 """An Intel RealSense camera with depth, by Intel's package ``pyrealsense2``.
 
-Written from its documentation (librealsense 2.5x: ``pipeline``, ``align``, ``get_intrinsics``), and
-not yet tested with a device.
+By the names of librealsense 2.5x (``pipeline``, ``align``, ``get_intrinsics``); tested with a
+stand-in for the package, not yet with a device.
 """
 
 import time
