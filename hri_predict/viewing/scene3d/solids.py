@@ -10,8 +10,8 @@ from hri_predict.viewing.picture import Shapes
 _AROUND, _RINGS = 18, 9
 NO_SIZE = 1e-30
 ENDS_M = np.array([[0, 0, -500], [0, 0, 500]], np.float32)
-"""Two points of no size in each see-through batch: with them the middle of all batches is the room's
-origin. Browsers draw the batch whose middle is farther away first.
+"""Two points of no size in each see-through batch: with them, the middle of all batches is the
+room's origin. Browsers draw the batch whose middle is farther away first.
 """
 _SRGB = np.arange(256) / 255.0
 _LINEAR = np.round(
