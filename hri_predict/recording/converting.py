@@ -34,7 +34,8 @@ def write_recording(recording: Recording, output: Path, to: str, *, force: bool 
             written = write(partial, recording)
     if to != "mcap":
         people = [person for scene in recording.scenes for person in scene.people]
-        written.dropped[ERRORS] += sum(person.error_m != 0 for person in people)
+        if stated := sum(person.error_m != 0 for person in people):
+            written.dropped[ERRORS] += stated
     return written
 
 

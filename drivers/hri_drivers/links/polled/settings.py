@@ -1,6 +1,6 @@
 """Settings of links that poll a robot's state: what is read, and what it means."""
 
-from typing import ClassVar, Generic, Literal, Self, TypeVar
+from typing import Annotated, ClassVar, Generic, Literal, Self, TypeVar
 
 from pydantic import Field, model_validator
 
@@ -29,7 +29,7 @@ class JointAt(Settings, Generic[A]):
         0.0, ge=-1e4, le=1e4, description="added after scale and sign; m of a prismatic joint"
     )
     scale: float | None = Field(
-        None, gt=0, le=1e6, description="instead of the scale above, for this joint"
+        None, ge=1e-9, le=1e6, description="instead of the scale above, for this joint"
     )
 
     safety: ClassVar[Safety] = harmless("sign", "offset_rad", "scale")
@@ -44,8 +44,8 @@ class BaseAt(Settings, Generic[A]):
     vx: A | None = Field(None, description="where the velocity in x is; default: from the change")
     vy: A | None = Field(None, description="likewise in y")
     yaw_rate: A | None = Field(None, description="likewise of the heading")
-    scale_m: float = Field(1.0, gt=0, le=1e6, description="m, or m/s, of one unit")
-    scale_rad: float = Field(1.0, gt=0, le=1e6, description="rad, or rad/s, of one unit")
+    scale_m: float = Field(1.0, ge=1e-9, le=1e6, description="m, or m/s, of one unit")
+    scale_rad: float = Field(1.0, ge=1e-9, le=1e6, description="rad, or rad/s, of one unit")
 
     safety: ClassVar[Safety] = harmless("scale_m", "scale_rad")
 
@@ -63,7 +63,7 @@ class StateAt(Settings, Generic[A]):
         " state; while it stands still the state is stale"
     )
     mode: A | None = Field(None, description="where the operating mode is; default: none")
-    automatic_values: list[int] = Field(
+    automatic_values: list[Annotated[int, Field(ge=-(2**31), lt=2**32)]] = Field(
         [], max_length=64, description="values of mode that are automatic mode; others are unknown"
     )
     automatic: bool = Field(
@@ -77,16 +77,16 @@ class StateAt(Settings, Generic[A]):
     base: BaseAt[A] | None = Field(None, description="of a base that moves; default: none")
     scale: float = Field(
         1.0,
-        gt=0,
+        ge=1e-9,
         le=1e6,
         description="rad of one unit of a position (m if prismatic): 0.0174532925 for degrees",
     )
     velocity_scale: float | None = Field(
-        None, gt=0, le=1e6, description="rad/s of one unit of a velocity; default: as scale"
+        None, ge=1e-9, le=1e6, description="rad/s of one unit of a velocity; default: as scale"
     )
     tick_s: float | None = Field(
         None,
-        gt=0,
+        ge=1e-9,
         le=1,
         description="time between two steps of the heartbeat, where a velocity is left out; 1 if it"
         " is a time in seconds",
