@@ -64,7 +64,8 @@ def _beside(others: list[str], real_time: str, environment: dict[str, str]) -> i
         alone = beside.wait()
         printed.seek(0)
         print(printed.read(), flush=True)
-    return int(failed.returncode != 0 or _again(chosen, alone) != 0)
+    alone = _again(chosen, alone)
+    return int(failed.returncode != 0 or alone != 0)
 
 
 def _again(chosen: list[str], status: int) -> int:

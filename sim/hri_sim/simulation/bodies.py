@@ -191,6 +191,7 @@ def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
         reasons=(),
         recent=None,
         inferred=None,
+        errors_m=None,
     )
 
 
@@ -249,6 +250,7 @@ def _joined_snapshots(parts: Sequence[PeopleSnapshot]) -> PeopleSnapshot:
         inferred=None,  # so did this
         newest_capture_ns=None if None in newest else min(n for n in newest if n is not None),
         captures=min(part.captures for part in parts),
+        errors_m=np.concatenate([part.all_errors_m[: len(part.ids)] for part in parts]),
     )
 
 
@@ -281,7 +283,14 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         segments_m_s=np.concatenate([part.segments_m_s for part in parts])[order],
         as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
+        errors_m=np.array([part.error_m(p) for part in parts for p in range(len(part.lost))])[
+            order
+        ],
     )
+
+
+def _errors_m(part: BodyZones) -> Floats:
+    return np.zeros(len(part.lost)) if part.errors_m is None else part.errors_m
 
 
 def _joined_toward(parts: Sequence[Toward | None]) -> Toward | None:

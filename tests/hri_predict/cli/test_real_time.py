@@ -231,7 +231,7 @@ def test_listen_for_alerts_alone(line, tmp_path):
     config = serial_config(tmp_path / "node.yaml", line.port_a)
     with started("run", config) as node:
         listening = subprocess.run(
-            [*HRI_PREDICT, "listen", f"serial:{line.port_b}", "--alerts", "--seconds", "4"],
+            [*HRI_PREDICT, "listen", f"serial:{line.port_b}", "--alerts", "--seconds", "12"],
             capture_output=True, text=True, timeout=WAIT_S,
         )  # fmt: skip
         assert node.poll() is None
