@@ -100,7 +100,7 @@ def predictor_settings(
     """Settings of a predictor from ``--predictor`` and ``--weights``.
 
     Raises:
-        ConfigError: there is no such predictor, it has no weights, or does not reach so far.
+        ConfigError: the predictor does not exist, it has no weights, or does not reach so far.
     """
     model = registry.predictor_settings(name)
     asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
@@ -115,7 +115,7 @@ def own_map(joint_map: str | None) -> JointMap | None:
     """The map of ``--joint-map``.
 
     Raises:
-        ConfigError: there is no such map, or its file is wrong.
+        ConfigError: the map does not exist, or its file is wrong.
     """
     return None if joint_map is None else load_joint_map(joint_map)
 
@@ -174,7 +174,7 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
     With a split, a folder of the pack gives the recordings of the split that lie in it.
 
     Raises:
-        ConfigError: there is no such file, or no recording in the folder.
+        ConfigError: the file does not exist, or the folder has no recording.
     """
     if not entry.exists():
         raise ConfigError(f"--data {entry}: no such file or folder; check the path")

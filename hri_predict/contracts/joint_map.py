@@ -306,7 +306,7 @@ def load_joint_map(name_or_path: str) -> JointMap:
     """Load a map by its shipped name (``cmu38``, ``coco17``, ...) or from a YAML file.
 
     Raises:
-        ConfigError: there is no such map, or its file is wrong; one line names the key.
+        ConfigError: the map does not exist, or its file is wrong; one line names the key.
     """
     if name_or_path == "bvh":
         raise ConfigError(

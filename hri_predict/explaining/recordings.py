@@ -165,7 +165,7 @@ def _paths(named: Sequence[Path]) -> list[Path]:
     """The files that are meant, each once.
 
     Raises:
-        RecordingError: there is no such file, or the folder has none.
+        RecordingError: the file does not exist, or the folder has none.
     """
     found: list[Path] = []
     for path in named:

@@ -151,7 +151,7 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
     that the robot waits. Without ``robot``, that of all robots.
 
     Raises:
-        ConfigError: nothing was recorded then, or twice, or there is no such robot.
+        ConfigError: nothing was recorded then, or twice, or the robot does not exist.
     """
     start_ns, end_ns = at.start_ns - BEFORE_NS, at.start_ns + at.width_ns + AFTER_NS
     known = len(recordings.twice)

@@ -138,7 +138,7 @@ def load_predictor(name: str, **settings: Any) -> Predictor:
             paths start in the working directory.
 
     Raises:
-        ConfigError: there is no such predictor, a setting is wrong, or a package is missing.
+        ConfigError: the predictor does not exist, a setting is wrong, or a package is missing.
         PredictorError: its weights are broken.
     """
     asked = predictor_settings({**settings, "name": name}, f"load_predictor('{name}')")
@@ -152,7 +152,7 @@ def load_calibration_of(name: str, **settings: Any) -> Calibration | None:
         name, settings: as in ``load_predictor``.
 
     Raises:
-        ConfigError: there is no such predictor, or a setting is wrong.
+        ConfigError: the predictor does not exist, or a setting is wrong.
     """
     where = f"load_calibration_of('{name}')"
     asked = predictor_settings({**settings, "name": name}, where).resolved(Path())

@@ -51,7 +51,7 @@ class AverageSettings(PredictorSettings):
         """The members' settings: shipped weights, the same rate and horizon.
 
         Raises:
-            ConfigError: there is no such predictor.
+            ConfigError: the predictor does not exist.
         """
         found = []
         known = registry.names("predictors")
@@ -83,7 +83,7 @@ class AveragePredictor:
         """Build the members.
 
         Raises:
-            ConfigError: there is no such predictor, or it cannot be built.
+            ConfigError: the predictor does not exist, or it cannot be built.
             PredictorError: a member's weights are broken.
         """
         self.members: list[Predictor] = [

@@ -90,7 +90,7 @@ class Aggregated(Network):
         inner: the inner network.
 
     Raises:
-        ConfigError: there is no such predictor, it has no network, or an option is wrong.
+        ConfigError: the predictor does not exist, it has no network, or an option is wrong.
     """
 
     options_model = AggregatedOptions

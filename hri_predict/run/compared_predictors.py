@@ -71,7 +71,7 @@ def demand_weights(asked: ComparedPredictor) -> None:
     """Check that a predictor takes the weights that it is given.
 
     Raises:
-        ConfigError: there is no such predictor, or it takes none.
+        ConfigError: the predictor does not exist, or it takes none.
     """
     model = registry.predictor_settings(asked.name)
     if asked.weights is not None and "weights" not in model.model_fields:

@@ -47,7 +47,7 @@ class Input(Protocol):
         """Return the next picture as soon as it is there; None at the end.
 
         Raises:
-            SourceError: there is no picture now; the next call tries again.
+            SourceError: no picture comes now; the next call tries again.
         """
 
     def close(self) -> None:
@@ -67,7 +67,7 @@ def open_input(
         size: width and height to ask a camera for, pixels.
 
     Raises:
-        ConfigError: there is no such input, or it cannot be read, or an option has no effect on it.
+        ConfigError: the input does not exist, cannot be read, or an option has no effect on it.
     """
     import cv2
 

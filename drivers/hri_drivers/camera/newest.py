@@ -19,7 +19,7 @@ class Newest:
     Attributes:
         dropped: number of pictures that a newer one replaced before they were taken.
         interruptions: number of times that the input had no picture.
-        trouble: why there is no picture now; None: there is one, or none yet.
+        trouble: the reason that no picture comes now; None: one came, or none yet.
         ended: whether no more pictures come.
     """
 

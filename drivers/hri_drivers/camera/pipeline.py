@@ -109,7 +109,7 @@ class Pipeline:
 
     @property
     def trouble(self) -> str | None:
-        """Why there is no picture now."""
+        """The reason that no picture comes now."""
         return self._newest.trouble
 
     def take(self, image: Image) -> None:

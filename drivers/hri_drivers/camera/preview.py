@@ -37,7 +37,7 @@ def check(path: Path) -> None:
     if path.suffix.lower() not in ENDINGS:
         raise ConfigError(f"--preview {path}: name a file that ends with {' or '.join(ENDINGS)}")
     if not path.absolute().parent.is_dir():
-        raise ConfigError(f"--preview {path}: there is no such folder; make it first")
+        raise ConfigError(f"--preview {path}: the folder does not exist; make it first")
 
 
 def write(path: Path, image: Image, people: list[Seen]) -> None:

@@ -324,7 +324,7 @@ def sender_joints(settings: LiveSettings, base_dir: Path | None) -> JointMap:
     """The configured joint map; a file's relative path starts at ``base_dir``.
 
     Raises:
-        ConfigError: there is no such map, or its file is wrong.
+        ConfigError: the map does not exist, or its file is wrong.
     """
     name = settings.joint_map
     if base_dir is not None and name.endswith(YAML_ENDINGS) and (base_dir / name).exists():

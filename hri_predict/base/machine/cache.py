@@ -61,7 +61,7 @@ def _undamaged(path: Path) -> bytes | None:
     """Return a file's content; ``None`` if it is not what was written.
 
     Raises:
-        OSError: there is no such file, or it cannot be read.
+        OSError: the file does not exist, or it cannot be read.
     """
     status = path.stat()
     if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:

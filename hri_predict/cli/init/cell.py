@@ -60,7 +60,7 @@ def robot_block(model: str, max_speed_m_s: float, base_dir: Path) -> dict[str, A
     """The robot's entry.
 
     Raises:
-        ConfigError, RobotError: there is no such robot, or no robot is so fast.
+        ConfigError, RobotError: the robot does not exist, or no robot is so fast.
     """
     block = {
         "name": "arm",
@@ -77,7 +77,7 @@ def source_block(kind: str) -> dict[str, Any]:
     """A source's entry with what needs no answer.
 
     Raises:
-        ConfigError: there is no such source.
+        ConfigError: the source does not exist.
     """
     model = registry.load("sources", kind).settings_model
     return {"kind": kind, "room_from_source": ORIGIN} | _shown(model, {"rate_hz": _RATE_HZ})
@@ -87,7 +87,7 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
     """A link's entry from ``can:INTERFACE:CHANNEL``, ``serial:PORT`` or a kind alone.
 
     Raises:
-        ConfigError: there is no such kind, or a part is missing.
+        ConfigError: the kind does not exist, or a part is missing.
     """
     kind, _, rest = text.partition(":")
     given: dict[str, Any] = {}

@@ -101,7 +101,7 @@ def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
     """Open the link on which a robot reports its state.
 
     Raises:
-        ConfigError: there is no such robot, or no link to its controller.
+        ConfigError: the robot does not exist, or has no link to its controller.
     """
     names = [settings.name for settings in config.node.robots]
     if robot not in names:

@@ -64,7 +64,7 @@ def choose_joint(source: Source, joint: str | None) -> str:
     """Return the joint that touches, one that this source can send.
 
     Raises:
-        ConfigError: there is no such joint, or the source's joint map has none for it.
+        ConfigError: the joint does not exist, or the source's joint map has none for it.
     """
     mapped = [name for name, there in zip(JOINTS, source.joint_map.mapped, strict=True) if there]
     if joint is None:

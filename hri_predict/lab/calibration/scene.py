@@ -61,7 +61,7 @@ class ZoneScene:
 def middle_window(scores: Sequence[Scores], action: str) -> tuple[Scores, int] | None:
     """The middle one of the windows of an action's longest recording whose next second is known.
 
-    ``None`` if there is no such window.
+    ``None`` if the window does not exist.
     """
     found = [(s, _whole(s)) for s in scores if s.action == action]
     entry, windows = max(found, key=lambda pair: len(pair[1]), default=(None, np.zeros(0)))

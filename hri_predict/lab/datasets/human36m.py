@@ -145,7 +145,7 @@ def read_test_takes(directory: Path) -> dict[str, list[Take]]:
         directory: folder of the subjects' folders, or the parent of such a ``dataset``.
 
     Raises:
-        ConfigError: there is no such folder, or nothing in it.
+        ConfigError: the folder does not exist, or is empty.
         RecordingError: a file cannot be read.
     """
     for root in (directory, directory / "dataset"):

@@ -42,7 +42,7 @@ def in_pack(root: Path, name: str) -> Path:
     """The file of a name of ``split``; ``root`` is the pack, or its ``cmu_mocap`` alone.
 
     Raises:
-        ConfigError: there is no such file.
+        ConfigError: the file does not exist.
     """
     for below in (name, name.removeprefix(_CMU)):
         path = root / f"{below}.npz"

@@ -51,7 +51,7 @@ def build_network(config: TrainingConfig, source: SampleSource) -> Network:
     """The network that ``config`` names, seeded, or with its ``initial_weights``.
 
     Raises:
-        ConfigError: there is no such predictor, it is not a trained one, or an option is wrong.
+        ConfigError: the predictor does not exist, it is not a trained one, or an option is wrong.
         PredictorError: the initial weights cannot be read or belong to another network.
     """
     network_class = network_class_of(config.predictor)

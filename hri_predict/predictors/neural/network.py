@@ -181,7 +181,7 @@ def network_class_of(predictor: str) -> NetworkClass | None:
     """The network of the predictor of this name; ``None`` where it has none.
 
     Raises:
-        ConfigError: there is no such predictor.
+        ConfigError: the predictor does not exist.
     """
     cls = registry.load("predictors", predictor)
     return cls.network_class if isinstance(cls, Trained) else None

@@ -118,7 +118,7 @@ def read_header(path: Path) -> Header:
     """Read the header of a file of weights, without its tensors.
 
     Raises:
-        ConfigError: there is no such file, or its header has wrong keys.
+        ConfigError: the file does not exist, or its header has wrong keys.
         PredictorError: it is not a file of weights, or not one of this project.
     """
     _check_file(path)
@@ -145,7 +145,7 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
             whose parameters do not depend on it.
 
     Raises:
-        ConfigError: there is no such file, no such method, or a wrong key in the header.
+        ConfigError: the file does not exist, no such method, or a wrong key in the header.
         PredictorError: the file is broken, foreign, or does not fit its method's network.
     """
     header = read_header(path)
@@ -187,7 +187,7 @@ def _check_file(path: Path) -> None:
     if path.is_dir():
         raise ConfigError(f"weights {path}: is a folder; name the *.safetensors file in it")
     if not path.is_file():
-        raise ConfigError(f"weights {path}: there is no such file; train them, or check the path")
+        raise ConfigError(f"weights {path}: the file does not exist; train them, or check the path")
     if path.stat().st_size > MAX_BYTES:
         raise _broken(path, f"larger than {MAX_BYTES // 2**20} MiB, as no weights are")
 

@@ -97,7 +97,7 @@ def copied_stopping(robot: str) -> dict[str, Any]:
     """The stopping table of another robot file, with a source that says so.
 
     Raises:
-        ConfigError: there is no such robot file, or it is broken.
+        ConfigError: the robot file does not exist, or it is broken.
     """
     table = read_robot_file(robot, None).stopping.model_dump()
     table["source"] = f"COPIED FROM {robot}, NOT MEASURED ON THIS ROBOT. {table['source']}"

@@ -179,7 +179,7 @@ def robot_of(config: Config, name: str | None) -> int:
     """Index of the robot of this name; by default the first that moves.
 
     Raises:
-        ConfigError: there is no such robot, or its base moves.
+        ConfigError: the robot does not exist, or its base moves.
     """
     names = [robot.name for robot in config.node.robots]
     if name is not None and name not in names:

@@ -76,7 +76,7 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
     """Read an earlier bench: its machine, and its rows by section.
 
     Raises:
-        ConfigError: there is no such file, or it is not one of ours.
+        ConfigError: the file does not exist, or it is not one of ours.
     """
     try:
         told = json.loads(path.read_text(encoding="utf-8"))

@@ -78,7 +78,7 @@ def _locked(path: Path, flags: int) -> int | None:
     """Open a file and lock it; ``None`` if another holds the lock.
 
     Raises:
-        OSError: there is no such file, or it cannot be opened.
+        OSError: the file does not exist, or it cannot be opened.
     """
     file = os.open(path, flags, 0o600)
     try:

@@ -109,7 +109,7 @@ def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_
         (["PICTURE", "--seconds", "0"], "--seconds 0: give a number above 0"),
         (["PICTURE", "--max-fps", "nan"], "--max-fps nan"),
         (["PICTURE", "--preview", "x.gif"], "--preview x.gif: name a file"),
-        (["PICTURE", "--preview", "none/x.png"], "there is no such folder"),
+        (["PICTURE", "--preview", "none/x.png"], "the folder does not exist"),
         (["PICTURE", "--calibration", "none.yaml"], "none.yaml: cannot be read"),
         (["PICTURE", "--field-of-view", "200"], "field of view"),
         (["PICTURE", "--height", "17"], "height"),

@@ -123,7 +123,7 @@ def test_euler_error_is_read_twice(cli, pack):
             ["--predictor", "kalman", "--predictor", "sinn", "--weights", "w"],
             "1 given for 2 --predictor",
         ),
-        (["--predictor", "sinn", "--weights", "w"], "weights w: there is no such file"),
+        (["--predictor", "sinn", "--weights", "w"], "weights w: the file does not exist"),
         (["--predictor", "sin"], "did you mean 'sinn'"),
         (["--out", "/dev/null/report"], "--out /dev/null/report: cannot be written"),
         (["--n-out", "10"], "--n-out: has no effect without --benchmark"),

@@ -92,7 +92,7 @@ def read_gray(path: Path) -> UInt8 | None:
     """Return a picture (H, W) in grey; None if the file is not one.
 
     Raises:
-        ConfigError: there is no such file.
+        ConfigError: the file does not exist.
     """
     data = read_picture(path, cv2.IMREAD_GRAYSCALE)
     return None if data is None else data.astype(np.uint8)

@@ -70,7 +70,7 @@ def bones_of(layout: str) -> Bones:
     """Return the bones of a shipped joint map's joints.
 
     Raises:
-        ConfigError: there is no such map, or it has none of these joints.
+        ConfigError: the map does not exist, or it has none of these joints.
     """
     joints = load_joint_map(layout).source_joints
     try:

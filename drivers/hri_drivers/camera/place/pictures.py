@@ -14,7 +14,7 @@ def read_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
     """Return a picture as ``cv2.imdecode`` gives it by ``flags``; None if the file is not one.
 
     Raises:
-        ConfigError: there is no such file.
+        ConfigError: the file does not exist.
     """
     import cv2
 

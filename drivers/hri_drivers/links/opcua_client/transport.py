@@ -151,7 +151,7 @@ def _end(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def _number(found: Any) -> tuple[float | None, str]:
-    """The number of a DataValue, or ``None`` and why there is none; a time in seconds of UTC."""
+    """The number of a DataValue, or ``None`` and the reason; a time in seconds of UTC."""
     status = getattr(found, "StatusCode", None)
     if status is None or not status.is_good():
         return None, f"its status is {getattr(status, 'name', 'missing')}; {_REMEDY}"

@@ -68,7 +68,7 @@ class StateAt(Settings, Generic[A]):
     )
     automatic: bool = Field(
         False,
-        description="there is no mode to read: count the robot as in automatic mode; without this "
+        description="the robot has no mode to read: count it as in automatic mode; without this "
         "or mode the advice is unknown",
     )
     joints: list[JointAt[A]] = Field(

@@ -163,7 +163,7 @@ def test_the_command_writes_both_files_and_tells_mistakes_in_one_line(
     assert len(lines) == 2
     assert all(line.startswith("error: ") for line in lines)
     assert "real.json: cannot be read" in lines[0]
-    assert "there is no such file" in lines[1]
+    assert "the file does not exist" in lines[1]
 
 
 def test_a_card_says_where_training_began(tmp_path, weights):

@@ -236,7 +236,7 @@ def test_help_has_an_example(cli):
         (["--set", "predictor=kdforma"], "unknown predictor 'kdforma'; did you mean 'kdformer'?"),
         (["--set", "options.chanels=1"], "options: chanels: unknown key; did you mean 'channels'?"),
         (["--set", "data.fitt=1"], "data: fitt: unknown key; did you mean 'fit'?"),
-        (["--set", "initial_weights=gone"], "weights gone: there is no such file"),
+        (["--set", "initial_weights=gone"], "weights gone: the file does not exist"),
         (["--set", "out=/dev/null/run"], "cannot be written"),
         (["--set", "out=/dev/full"], "/dev/full is not a folder; choose another 'out'"),
         (["--set", f"out={'a' * 300}"], "cannot be written: File name too long"),

@@ -254,7 +254,7 @@ def test_other_skeletons_are_refused(weights):
 
 
 def test_missing_weights_are_told(tmp_path):
-    with pytest.raises(ConfigError, match="there is no such file"):
+    with pytest.raises(ConfigError, match="the file does not exist"):
         drift(tmp_path / "none.safetensors")
 
 

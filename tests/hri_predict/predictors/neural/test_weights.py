@@ -255,7 +255,7 @@ def test_a_broken_file_is_refused_in_one_line(path, kind):
 
 
 def test_no_file_and_a_folder_are_told(tmp_path):
-    with pytest.raises(ConfigError, match="there is no such file"):
+    with pytest.raises(ConfigError, match="the file does not exist"):
         load_weights(tmp_path / "none.safetensors")
     with pytest.raises(ConfigError, match=r"is a folder; name the \*\.safetensors file in it"):
         load_weights(tmp_path)
