@@ -28,15 +28,16 @@ REAL_TIME = ("mark.realtime",)
 LONG = ("mark.long", "hypothesis")
 
 
-def naming(words: tuple[str, ...]) -> list[str]:
-    """Return the files of tests that name one of ``words``: no others need be imported.
+def names(file: Path, words: tuple[str, ...]) -> bool:
+    """Whether a file of tests, or its folder's ``conftest.py``, has one of ``words``."""
+    texts = (f.read_text("utf-8") for f in (file, file.with_name("conftest.py")) if f.is_file())
+    return any(word in text for text in texts for word in words)
 
-    A fixture of the folder's ``conftest.py`` can set a mark, too.
-    """
-    here = Path(__file__).parent
-    found = {f for f in here.rglob("*.py") if any(w in f.read_text("utf-8") for w in words)}
-    tests = here.rglob("test_*.py")
-    return sorted(str(f) for f in tests if found & {f, f.with_name("conftest.py")})
+
+def naming(words: tuple[str, ...]) -> list[str]:
+    """Return the files of tests that name one of ``words``: no others need be imported."""
+    files = sorted(Path(__file__).parent.rglob("test_*.py"))
+    return [str(file) for file in files if names(file, words)]
 
 
 def main(which: str, jobs: str) -> int:
