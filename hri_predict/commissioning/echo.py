@@ -104,6 +104,7 @@ def measure_echo(
             elsewhere=elsewhere.get(link.name),
         )
         for i, link in enumerate(config.links)
+        if link.advises
     ]
     return Echo(seconds=seconds, links=links)
 

@@ -67,6 +67,7 @@ class DelayBudget:
                     reaction_s=link.reaction_s,
                 )
                 for link in links
+                if link.advises
             ),
         )
 

@@ -36,28 +36,32 @@ class Crowd:
     def shed(self) -> int:
         """End what is above the limit; return how many that were. Opens no file itself."""
         found = self._connections()
-        self._known &= found.keys()
+        self._known &= set(found)
         fresh = [each for each in found if each not in self._known]
         room = self._most - len(self._known)
         for each in fresh[:room]:
             self._known.add(each)
-            _keep_alive(found[each])
+            _keep_alive(each[0])
         for each in fresh[max(0, room) :]:
-            _on(found[each], lambda opened: opened.shutdown(socket.SHUT_RDWR))
+            _on(each[0], self._end)
         count = max(0, len(fresh) - max(0, room))
         self.ended += count
         return count
 
-    def _connections(self) -> dict[tuple[int, int], int]:
-        """Descriptor and inode -> descriptor, of each connection to the port."""
-        found = {}
+    def _end(self, opened: socket.socket) -> None:
+        if self._is_client(opened):  # the number may be another socket's by now
+            opened.shutdown(socket.SHUT_RDWR)
+
+    def _connections(self) -> list[tuple[int, int]]:
+        """Descriptor and inode of each connection to the port."""
+        found = []
         for descriptor in _descriptors():
             try:
                 status = os.fstat(descriptor)
             except OSError:
                 continue
             if stat.S_ISSOCK(status.st_mode) and _on(descriptor, self._is_client):
-                found[descriptor, status.st_ino] = descriptor
+                found.append((descriptor, status.st_ino))
         return found
 
     def _is_client(self, opened: socket.socket) -> bool:

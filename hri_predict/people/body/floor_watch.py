@@ -100,8 +100,11 @@ class FloorWatch:
         self._drift_m: float | None = None
 
     def note(self, body: Body, capture_ns: int) -> None:
-        """Take in one body, room frame; ``capture_ns`` rises from call to call for one person."""
-        if not self._on:
+        """Take in one body, room frame; ``capture_ns`` rises from call to call for one person.
+
+        A body whose place is not known to ``floor_drift_m`` says nothing.
+        """
+        if not self._on or body.error_m >= self._limit_m:
             return
         second = self._people.get(body.id)
         if second is None or capture_ns - second.began_ns > 2 * STAND_NS:

@@ -283,9 +283,7 @@ def _joined_zones(parts: Sequence[BodyZones]) -> BodyZones:
         segments_m_s=np.concatenate([part.segments_m_s for part in parts])[order],
         as_assumed=np.concatenate([part.as_assumed for part in parts])[order],
         untrusted=tuple(dict.fromkeys(r for part in parts for r in part.untrusted)),
-        errors_m=np.array([part.error_m(p) for part in parts for p in range(len(part.lost))])[
-            order
-        ],
+        errors_m=np.concatenate([_errors_m(part) for part in parts])[order],
     )
 
 

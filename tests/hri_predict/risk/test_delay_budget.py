@@ -48,6 +48,14 @@ def test_a_robot_that_no_link_advises_has_the_nodes_delays_alone():
     assert DelayBudget.from_settings(25.0, [], 0.1).after_now_s() == pytest.approx(0.06)
 
 
+def test_a_link_that_only_reads_stops_no_robot_and_does_not_count():
+    class Reading(LinkSettings):
+        advises = False
+
+    reads = Reading(name="state", kind="modbus_client", silence_timeout_s=0.5, robots=["a"])
+    assert DelayBudget.from_settings(25.0, [reads, FAST], 0.1).terms("a")["silence_timeout"] == 0.1
+
+
 def test_a_budget_past_the_horizon_is_refused():
     budget = DelayBudget.from_settings(25.0, [SLOW], 0.12)  # T_r 0.44 s
     budget.check("b", 0.56, 1.0, False)

@@ -1,6 +1,5 @@
 """The connection to a Modbus TCP server, by pymodbus."""
 
-import logging
 import socket
 from collections.abc import Sequence
 from typing import Literal
@@ -10,13 +9,10 @@ from pymodbus.exceptions import ModbusException
 
 from hri_drivers.links.modbus_client.registers import Order, Slot, number
 from hri_drivers.links.polled.transport import PolledTransport
+from hri_drivers.wires.quiet import quiet
 from hri_predict.base.errors import LinkError
 
-# pymodbus logs each error that it raises; the link says it once.
-_log = logging.getLogger("pymodbus")
-_log.addHandler(logging.NullHandler())
-_log.setLevel(logging.CRITICAL)
-_log.propagate = False
+quiet("pymodbus")  # it logs each error that it raises
 
 CONNECT_S = 2.0
 _REFUSALS = {

@@ -8,7 +8,6 @@ that looks fresh.
 import asyncio
 import contextlib
 import json
-import logging
 import os
 import signal
 import socket
@@ -25,6 +24,7 @@ from hri_drivers.links.opcua import messages
 from hri_drivers.links.opcua.limits import MOST, LimitedServer, Rules, shed
 from hri_drivers.links.opcua.variables import Variables
 from hri_drivers.links.plant.image import Block, Image
+from hri_drivers.wires.quiet import quiet
 from hri_predict.protocol.registers import CHOOSE_BASE, WRITE_BASE, WRITTEN, offset_of
 
 PERIOD_S = 0.01
@@ -223,10 +223,7 @@ def main(descriptor: int, settings: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the node
     with contextlib.suppress(OSError):
         os.nice(NICE)
-    log = logging.getLogger("asyncua")  # it logs each request that it cannot read
-    log.addHandler(logging.NullHandler())
-    log.setLevel(logging.CRITICAL)
-    log.propagate = False
+    quiet("asyncua")  # it logs each request that it cannot read
     link = socket.socket(fileno=descriptor)
     link.setblocking(False)
 

@@ -5,7 +5,6 @@ asyncua is imported when the connection opens: settings are checked without it.
 
 import asyncio
 import contextlib
-import logging
 import threading
 from collections.abc import Coroutine, Sequence
 from datetime import datetime
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from hri_drivers.links.polled.transport import PolledTransport
+from hri_drivers.wires.quiet import quiet
 from hri_predict.base.errors import LinkError
 
 CONNECT_S = 15.0
@@ -52,10 +52,7 @@ class OpcUaClientTransport(PolledTransport):
         self._nodes: list[Any] = []
 
     def _connect(self) -> None:
-        log = logging.getLogger("asyncua")  # it logs each error that it raises
-        log.addHandler(logging.NullHandler())
-        log.setLevel(logging.CRITICAL)
-        log.propagate = False
+        quiet("asyncua")  # it logs each error that it raises
         loop = self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=loop.run_forever, name="opcua-client", daemon=True)
         self._thread.start()

@@ -27,6 +27,11 @@ VALUE_BYTES = 80
 """Most bytes of one value, of its address in the request as well."""
 
 
+def reading_s(values: int) -> float:
+    """Seconds on the network of one reading of ``values`` numbers."""
+    return 8 * (OVERHEAD_BYTES + VALUE_BYTES * values) / BITRATE
+
+
 class PolledCodec:
     """Readings as RobotStates; see ``hri_drivers.links.codec.Codec``.
 
@@ -80,7 +85,7 @@ class PolledCodec:
 
     def unit_s(self, unit: Sample) -> float:
         """Seconds on the network of one reading."""
-        return 8 * (OVERHEAD_BYTES + VALUE_BYTES * len(unit.values)) / BITRATE
+        return reading_s(len(unit.values))
 
     def raw(self, unit: Sample) -> bytes:
         """The values as doubles; what is not a number is NaN."""
@@ -124,8 +129,8 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         reader = StateReader(state, age_s, settings.controller_delay_s, counters)
         return PolledCodec(reader, counters)
 
-    @staticmethod
-    def of_robots(settings: P, robots: Sequence[RobotSettings]) -> P:
+    @classmethod
+    def of_robots(cls, settings: P, robots: Sequence[RobotSettings]) -> P:
         """Return the settings with the age of the robot's states; see ``contracts.OfRobots``.
 
         Raises:
@@ -151,12 +156,13 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
                 f"{named}: max_state_age_s {age_s:g} is above motion.delay_s {delay_s:g} of robot "
                 f"'{robots[0].name}', which counts a state as no older; lower it, or leave it out"
             )
-        least_s = 1.0 / settings.robot_state_rate_hz + settings.controller_delay_s
+        periods = 1.5 if cls._state(settings).derives else 1.0
+        least_s = periods / settings.robot_state_rate_hz + settings.controller_delay_s
         if age_s <= least_s:
             raise LinkError(
-                f"{named}: a state can be {least_s:.3g} s old (one period of robot_state_rate_hz "
-                f"and controller_delay_s), and older by the reply, but motion.delay_s allows "
-                f"{age_s:g}; raise it, or read more often"
+                f"{named}: a state can be {least_s:.3g} s old ({periods:g} periods of "
+                f"robot_state_rate_hz, and controller_delay_s), and older by the reply, but "
+                f"motion.delay_s allows {age_s:g}; raise it, or read more often"
             )
         return settings.model_copy(update={"max_state_age_s": age_s})
 
@@ -174,8 +180,7 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
                     f"link '{settings.name}': base is for a robot whose base moves; "
                     + ("give it" if shape.moving_base else "remove it")
                 )
-        reading_s = 8 * (OVERHEAD_BYTES + VALUE_BYTES * len(state.places)) / BITRATE
-        states = settings.robot_state_rate_hz * reading_s * len(traffic.robots)
+        states = settings.robot_state_rate_hz * reading_s(len(state.places)) * len(traffic.robots)
         return {Status.__name__: 0.0, Advice.__name__: 0.0, RobotState.__name__: states}
 
     @staticmethod

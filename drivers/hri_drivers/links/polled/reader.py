@@ -5,13 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hri_drivers.links.polled.settings import StateAt
+from hri_drivers.links.polled.settings import BASE_VELOCITY, StateAt
 from hri_predict.protocol.messages import BaseMotion, RobotMode, RobotState
 from hri_predict.protocol.reception import ReceiveCounters
 
 COUNTERS = 1 << 16
 MOST, LEAST = 1e9, 1e-20
-"""A number beyond these is not one of a robot: the bytes or words of a float are swapped."""
+"""A number beyond these is not one of a robot: the bytes or words of a float are swapped. Only a
+velocity may come as near to zero as it likes, by a filter that decays."""
+RATES = ("velocity", *BASE_VELOCITY)
 LONGEST_STEP_S = 0.06
 """Positions farther apart than this say too little about the velocity now: it is that of half this
 time ago, and a controller may filter its velocities for 0.03 s (``robots.states.frozen``)."""
@@ -69,7 +71,7 @@ class StateReader:
         self._before: tuple[float, tuple[float, ...]] | None = None  # heartbeat, coordinates
 
     def restart(self) -> None:
-        """Begin a new connection: what the server shows first may be old."""
+        """Forget all, also after a gap: what the server shows first may be as old as that."""
         self._beat = self._newest = self._before = None
 
     def read(self, sample: Sample) -> RobotState | None:
@@ -79,10 +81,12 @@ class StateReader:
         """
         if len(sample.values) != len(self._names):
             self._refuse("not the values that were asked for")
+            self.restart()
             return None
         beat = sample.values[0]
         if beat is None or not math.isfinite(beat):
             self._refuse(sample.why or "heartbeat: not a number")
+            self.restart()
             return None
         if beat == self._beat:
             return self._newest
@@ -96,15 +100,16 @@ class StateReader:
         if first or sample.span_s is None:
             return None  # may have been written long ago
         age_s = sample.span_s + self._controller_delay_s
+        if velocities is None:
+            velocities, step_s = self._derived(beat, coordinates, before)
+            if velocities is None:
+                return None
+            age_s += step_s / 2  # a mean velocity is that of half a step ago
         if age_s > self._max_age_s:
             self._refuse(
                 f"a state that can be {age_s:.3f} s old, more than {self._max_age_s:g}: the server "
                 "answers late, or is read too seldom"
             )
-            return None
-        if velocities is None:
-            velocities = self._derived(beat, coordinates, before)
-        if velocities is None:
             return None
         self._counter = (self._counter + 1) % COUNTERS
         self._counters.received += 1
@@ -121,7 +126,8 @@ class StateReader:
         if value is None:
             self._refuse(why or f"{name}: not a number")
             return math.nan
-        if value == 0 or LEAST <= abs(value) <= MOST:
+        least = 0.0 if name.endswith(RATES) else LEAST
+        if value == 0 or least <= abs(value) <= MOST:
             return float(value)
         self._refuse(
             f"{name} is {value:g}, which no robot reports; correct its address, or the type, "
@@ -162,25 +168,25 @@ class StateReader:
         beat: float,
         coordinates: Sequence[float],
         before: tuple[float, tuple[float, ...]] | None,
-    ) -> tuple[float, ...] | None:
-        """Velocities by the change since the reading before; ``None``: the step is not known."""
+    ) -> tuple[tuple[float, ...] | None, float]:
+        """Velocities by the change since the reading before (``None``: not known), and the step."""
         assert self._state.tick_s is not None
         if before is None:
-            return None
+            return None, 0.0
         step_s = (beat - before[0]) * self._state.tick_s
         if step_s <= 0:  # the counter wrapped, or the controller was restarted
             self._counters.incomplete += 1
-            return None
+            return None, 0.0
         if step_s > LONGEST_STEP_S:
             self._refuse(
                 f"{step_s:.3g} s between two readings are too many to derive velocities; read more"
                 " often, correct tick_s, or give where the velocities are"
             )
-            return None
+            return None, 0.0
         moved = [b - a for a, b in zip(before[1], coordinates, strict=True)]
         if self._state.base is not None:
             moved[-1] = math.remainder(moved[-1], math.tau)
-        return tuple(each / step_s for each in moved)
+        return tuple(each / step_s for each in moved), step_s
 
     def _robot_state(
         self, values: dict[str, float], at: tuple[float, ...], moving: tuple[float, ...]

@@ -29,7 +29,7 @@ class JointAt(Settings, Generic[A]):
         0.0, ge=-1e4, le=1e4, description="added after scale and sign; m of a prismatic joint"
     )
     scale: float | None = Field(
-        None, ge=1e-9, le=1e6, description="instead of the scale above, for this joint"
+        None, ge=1e-9, le=1e6, description="instead of scale and velocity_scale, for this joint"
     )
 
     safety: ClassVar[Safety] = harmless("sign", "offset_rad", "scale")
@@ -68,8 +68,8 @@ class StateAt(Settings, Generic[A]):
     )
     automatic: bool = Field(
         False,
-        description="the robot has no mode to read: count it as in automatic mode; without this "
-        "or mode the advice is unknown",
+        description="the server does not show the robot's mode: it counts as automatic; without "
+        "this or mode the advice is unknown",
     )
     joints: list[JointAt[A]] = Field(
         min_length=1, max_length=MAX_JOINTS, description="in the order of the robot's model"
@@ -94,7 +94,7 @@ class StateAt(Settings, Generic[A]):
 
     safety: ClassVar[Safety] = harmless("automatic_values", "scale", "velocity_scale", "tick_s") | {
         "automatic": LessSafe(
-            other="the robot counts as in automatic mode whatever its controller's mode is"
+            other="the robot counts as in automatic mode even while its controller is in another"
         ),
     }
 
@@ -138,7 +138,7 @@ class StateAt(Settings, Generic[A]):
         if (self.mode is None) == bool(self.automatic_values):
             raise ValueError("mode and automatic_values go together; give both or neither")
         if self.mode is not None and self.automatic:
-            raise ValueError("automatic: true is for robots without a mode to read; remove it")
+            raise ValueError("automatic: true is for robots whose mode is not read; remove it")
         seen: dict[A, str] = {}
         for name, at in self.places:
             if at in seen:
@@ -148,7 +148,7 @@ class StateAt(Settings, Generic[A]):
 
 
 READS_ONLY = "it only reads the robot's state; no advice goes out on it"
-NO_MODE = "it reads no mode, and automatic is not true: so the advice stays unknown"
+NO_MODE = "it reads no mode, and automatic is not set, so the advice stays unknown"
 
 
 class PolledLinkSettings(ConfiguredLinkSettings):

@@ -1,12 +1,12 @@
 """The button that the page on restarts shows, at the link's own registers."""
 
-import socket
 from typing import Any
 
 import pytest
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed: the link cannot be used")
 from hri_drivers.links.modbus.link import ModbusLink, ModbusLinkSettings
+from hri_drivers.links.modbus.server import ModbusTransport
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.protocol.messages import Acknowledge, Advice, Level
 from hri_predict.protocol.reasons import Reason
@@ -19,12 +19,11 @@ PATIENT_S = 2.0  # silence on a machine that is busy with other things
 
 @pytest.fixture
 def link():
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    settings = ModbusLinkSettings(name="plc", port=port, silence_timeout_s=PATIENT_S, max_age_s=5)
+    settings = ModbusLinkSettings(name="plc", port=0, silence_timeout_s=PATIENT_S, max_age_s=5)
     made = ModbusLink(settings, MonotonicClock())
     made.start()
-    yield made, port
+    assert isinstance(made._transport, ModbusTransport)
+    yield made, made._transport.port
     made.stop()
 
 

@@ -43,6 +43,33 @@ def test_the_first_reading_of_a_connection_says_nothing():
     assert counters.malformed == 0
 
 
+@pytest.mark.parametrize("gap", [(None, 0.0, 0.0, 0.0, 0.0), (6, 0.0)])
+def test_a_change_after_a_gap_may_be_as_old_as_the_gap(gap):
+    made, _ = reader(TWO)
+    read(made, 5, 0.0, 0.0, 0.0, 0.0)
+    assert read(made, 6, 0.0, 0.0, 0.0, 0.0).counter == 1
+    assert read(made, *gap) is None
+    assert read(made, 7, 0.0, 0.0, 0.0, 0.0) is None
+    assert read(made, 8, 0.0, 0.0, 0.0, 0.0).counter == 2
+
+
+def test_a_velocity_may_decay_to_any_small_number():
+    made, counters = reader(TWO)
+    read(made, 1, 0.0, 0.0, 0.0, 0.0)
+    state = read(made, 2, 0.0, 1e-200, 0.0, 0.0)
+    assert math.isclose(state.velocities[0], -1e-201, rel_tol=1e-12)
+    assert counters.malformed == 0
+
+
+def test_derived_velocities_are_those_of_half_a_step_ago():
+    made, _ = reader(DERIVED, max_age_s=0.03)  # 20 ms of span, and half of each step
+    read(made, 1, 0.0)
+    read(made, 2, 0.0)
+    assert read(made, 3, 0.01).velocities == pytest.approx((1.0,))
+    assert read(made, 6, 0.04) is None
+    assert "can be 0.035 s old" in made.refused
+
+
 def test_scale_sign_and_offset_make_rad():
     made, _ = reader(TWO)
     read(made, 1, 0.0, 0.0, 0.0, 0.0)

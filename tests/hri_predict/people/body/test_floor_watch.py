@@ -38,14 +38,14 @@ class Cell:
         self.watch = FloorWatch(PeopleSettings(**people))
         self.now_ns = self.person = 0
 
-    def stand(self, spot, seconds, *, moved=None, stance=STANDS, figure=FIGURE):
+    def stand(self, spot, seconds, *, moved=None, stance=STANDS, figure=FIGURE, error_m=0.0):
         """Show a person at a spot; ``moved`` is what the sensor's motion makes of their joints."""
         self.person += 1
         joints = figure.joints(stance) + np.array([*spot, 0.0])
         joints = joints if moved is None else moved(joints)
         for _ in range(11 * seconds):
             self.now_ns += 100_000_000
-            self.watch.note(Body(self.person, joints, ALL), self.now_ns)
+            self.watch.note(Body(self.person, joints, ALL, error_m=error_m), self.now_ns)
         return self
 
     def learn(self, spots=SPOTS):
@@ -61,6 +61,14 @@ class Cell:
     @property
     def says(self):
         return [doubt.text for doubt in self.watch.doubts()]
+
+
+@pytest.mark.parametrize(("error_m", "places"), [(0.15, 0), (0.14, 4)])
+def test_a_person_whose_place_is_stated_to_the_limit_says_nothing(error_m, places):
+    cell = Cell()
+    for spot in SPOTS:
+        cell.stand(spot, FIRST, error_m=error_m)
+    assert len(cell.watch._places) == places
 
 
 @pytest.mark.parametrize(("metres", "said"), [(0.2, "20 cm higher"), (-0.2, "20 cm lower")])
