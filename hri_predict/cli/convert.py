@@ -149,10 +149,17 @@ def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
 
 
 def _format(output: Path, to: str | None) -> str:
-    if to is not None:
-        return str(one_of("--to", to, list(BY_NAME)))
     same = of_ending(output.suffix.lower())
     possible = [each for each in same if each.write is not None]
+    if to is not None:
+        chosen = BY_NAME[str(one_of("--to", to, list(BY_NAME)))]
+        if same and chosen not in same:  # no reader would take it for what it is
+            raise ConfigError(
+                f"{output}: --to {to} writes '{chosen.ending}' files, and '{output.suffix}' means"
+                f" another format; name it {output.stem}{chosen.ending}"
+                + (f", or take --to {possible[0].name}" if possible else "")
+            )
+        return chosen.name
     if not possible:
         endings = dict.fromkeys(each.ending for each in BY_NAME.values())
         why = "only read, never written: ending" if same else "unknown ending"

@@ -149,6 +149,9 @@ def test_mistakes_are_one_line_with_the_remedy(mistake):
     assert "only read, never written: ending '.bag'; use" in mistake("two.csv", "a.bag")
     assert "--to bvg: unknown; did you mean 'bvh'?" in mistake("two.csv", "a.fbx", "--to", "bvg")
     assert "take --to amass" in mistake("two.csv", "a.npz", "--to", "pack")
+    said = mistake("two.csv", "a.db3", "--to", "rosbag2")
+    assert "name it a.mcap, or take --to rosbag2-sqlite" in said
+    assert "name it a.bvh" in mistake("two.csv", "a.bag", "--to", "bvh")
     assert "no such file" in mistake("gone.csv", "a.csv")
     assert "has no person 9; has 2, 3" in mistake("two.csv", "a.csv", "--person", 9)
     assert "must be after --start" in mistake("two.csv", "a.csv", "--start", 3, "--end", 2)
