@@ -1,6 +1,5 @@
 """The risk engine: forecast in, one advice per robot out."""
 
-import logging
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -43,8 +42,6 @@ from hri_predict.zones.calibration import Calibration
 from hri_predict.zones.human_speed import Velocities, velocities_in
 from hri_predict.zones.radii import Radii
 from hri_predict.zones.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
-
-log = logging.getLogger(__name__)
 
 FUTURE_NS = 50_000_000
 """A capture that is later than now by more than this means a broken clock."""
@@ -227,12 +224,7 @@ class RiskEngine:
             obedience.see(robots[robot].speed_m_s, now_ns)
             model = self._trackers[robot].model
             if obedience.stretch > model.stretch:
-                log.warning(
-                    "robot %s needed %.2f times what its stopping table says to stop; from now "
-                    "on the table's values count times that factor and a tenth more; correct it",
-                    model.name,
-                    obedience.stretch,
-                )
+                obedience.warn(model.name)
                 model.stretch = obedience.stretch * STRETCH_STEP
                 self._separation.revise(robot)
         return robots

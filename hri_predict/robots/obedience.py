@@ -7,8 +7,11 @@ until it hears a limit, and the time to slow down. No single delay is measured, 
 reacts early may brake later; only the sum counts, as it does for the separation.
 """
 
+import logging
 from collections import deque
 from collections.abc import Callable
+
+log = logging.getLogger(__name__)
 
 SLACK_S = 0.1
 """Added to T_r + T_s: jitter of RobotState and cycles of both sides."""
@@ -52,7 +55,21 @@ class Obedience:
         self._stop: _Stop | None = None
         self._too_fast_until_ns = 0
         self.stretch = 1.0
+        self._warned = 0.5
         self.too_fast = self.late_stops = 0
+
+    def warn(self, robot: str) -> None:
+        """Log that the robot stops late: the first time, and each time that it is twice as late."""
+        if self.stretch < 2 * self._warned:
+            return
+        self._warned = self.stretch
+        log.warning(
+            "robot %s needed %.2f times what its stopping table says to stop; from now on the "
+            "table's values count times that factor and a tenth more; correct it, or find why the "
+            "robot does not obey",
+            robot,
+            self.stretch,
+        )
 
     def advise(self, limit_m_s: float, now_ns: int) -> None:
         """Note the limit that goes out at ``now_ns``; 0 for a stop."""

@@ -35,13 +35,14 @@ def main(arguments: list[str] | None = None) -> None:
     program = PROGRAMS[asked.kind]()
     program.start()
     send = opened(asked.kind, asked.host, asked.port)
-    body, begin_s = Body(1.75), time.monotonic()
+    body, rng, begin_s = Body(1.75), np.random.default_rng(0), time.monotonic()
     print(f"sending {asked.rate:g} captures a second, port {asked.port}", flush=True)
     end = None if asked.seconds is None else round(asked.seconds * asked.rate)
     for k in itertools.islice(itertools.count(), end):
         time.sleep(max(0.0, begin_s + k / asked.rate - time.monotonic()))
         place = np.array(asked.place) + 0.02 * np.sin(3.0 * k / asked.rate + np.arange(2))
-        person = Person(1, body.joints(body.standing(place, np.pi)), _ALL)
+        noise = rng.normal(0.0, NOISE_M, (len(JOINTS), 3))  # who glides as one piece is made up
+        person = Person(1, body.joints(body.standing(place, np.pi)) + noise, _ALL)
         for unit in program.encode(Scene(time.time_ns(), k, True, (person,))):
             send(unit)
 
@@ -62,6 +63,7 @@ def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
 
 
 _ALL = np.ones(len(JOINTS), np.bool_)
+NOISE_M = 0.003
 
 
 if __name__ == "__main__":

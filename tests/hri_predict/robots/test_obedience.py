@@ -77,3 +77,11 @@ def test_nothing_is_said_of_a_robot_before_advice_went_out():
     for tick in range(100):
         watch.see(1.0, tick * 40_000_000)
     assert (watch.too_fast, watch.late_stops) == (0, 0)
+
+
+def test_a_robot_that_stops_ever_later_is_told_of_at_each_doubling(caplog):
+    watch = Obedience(REACTION_S, table, 1.0)
+    for stretch in (1.2, 1.3, 2.3, 2.5, 4.5, 4.6, 9.1):
+        watch.stretch = stretch
+        watch.warn("arm")
+    assert [float(line.split()[3]) for line in caplog.messages] == [1.2, 2.5, 9.1]
