@@ -90,6 +90,11 @@ TERMS = (
         remedy="set the risk's margins to what the sensor's and the robot's errors are",
     ),
     Term(
+        key="place",
+        text="the error of people's places that the tracker states",
+        remedy="use a depth camera, or two cameras",
+    ),
+    Term(
         key="release",
         text="the wait before a release",
         remedy="lower risk.release_captures, raise risk.speed_rise_m_s2",
@@ -172,6 +177,8 @@ class _Cells:
             return bool(situation.budget.links)
         if key == "unseen":
             return not all(s.measured[:, -1].all() for s in seen.snapshots)
+        if key == "place":
+            return any(s.all_errors_m.any() for s in seen.snapshots)
         return key != "seen" or situation.config.node.risk.judges_over_time
 
     def _looked(self, whole: bool, fresh: bool) -> tuple[Situation, Seen, list[BodyZones]]:
@@ -190,7 +197,12 @@ class _Cells:
         if "seen" in gone:
             zones = [_without_growth(bodies) for bodies in zones]
         if "margins" in gone:
-            zones = [_without_margins(bodies) for bodies in zones]
+            zones = [_thinner(bodies, bodies.margins_m) for bodies in zones]
+        if "place" in gone:
+            zones = [
+                _thinner(bodies, None if bodies.errors_m is None else bodies.errors_m[:, None])
+                for bodies in zones
+            ]
         changed = replace(
             situation,
             config=_config(situation.config, gone),
@@ -274,12 +286,15 @@ def _without_growth(bodies: BodyZones) -> BodyZones:
     return _with(bodies, Capsules(zones.a, zones.b, radius), None)
 
 
-def _without_margins(bodies: BodyZones) -> BodyZones:
+def _thinner(bodies: BodyZones, by_m: Floats | None) -> BodyZones:
+    """Zones without what was added to each segment's radius: (S,), or (P, 1) for each person."""
+    if by_m is None:
+        return bodies
     zones, toward = bodies.zones.capsules, bodies.toward
-    margins: Floats | float = 0.0 if bodies.margins_m is None else bodies.margins_m
+    by_m = np.broadcast_to(by_m, zones.radius[:, 0].shape)
     if toward is not None:
-        toward = toward._replace(extra=toward.extra - margins)
-    return _with(bodies, Capsules(zones.a, zones.b, zones.radius - margins), toward)
+        toward = toward._replace(extra=toward.extra - by_m[: len(toward.extra)])
+    return _with(bodies, Capsules(zones.a, zones.b, zones.radius - by_m[:, None]), toward)
 
 
 def _with(bodies: BodyZones, capsules: Capsules, toward: Toward | None) -> BodyZones:

@@ -59,6 +59,9 @@ class ApproachSettings(SourceSettings):
         0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
     )
     wander_s: float = Field(0.3, gt=0, le=10, description="its correlation time")
+    error_m: float = Field(
+        0.0, ge=0, le=3, description="error of each person's place that the tracker states"
+    )
     lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room before")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
 
@@ -79,6 +82,7 @@ def exact(settings: ApproachSettings) -> ApproachSettings:
         "hidden": [],
         "noise_m": 0.0,
         "wander_m": 0.0,
+        "error_m": 0.0,
     }
     return settings.model_copy(update=clear)
 
@@ -119,6 +123,7 @@ class ApproachSource:
         self._delivered[[JOINTS.index(joint) for joint in settings.hidden]] = False
         self.rate_hz = self._motions[0].rate_hz
         self.declares_noise = settings.noise_m > 0 or settings.wander_m > 0
+        self._error_m = settings.error_m
         self._exact = partial(ApproachSource, exact(settings), base_dir)
         self._truth: TruePeople | None = None
         self._empty = round(settings.lead_in_s * self.rate_hz)
@@ -147,6 +152,7 @@ class ApproachSource:
                 p + 1,
                 self._positions[p][k - self._empty],
                 self._motions[p].observed[k - self._empty] & self._delivered,
+                error_m=self._error_m,
             )
             for p in here
         )

@@ -84,6 +84,7 @@ class DistanceRequest:
     activities: tuple[str, ...] = ()
     trackers: tuple[str, ...] = ()
     noises_m: tuple[float, ...] = ()
+    error_m: float = 0.0
     predictors: tuple[str, ...] = ()
     modes: tuple[str, ...] = ()
     data: Path | None = None

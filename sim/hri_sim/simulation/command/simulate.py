@@ -167,6 +167,16 @@ def simulate(
             "tracker sees of them.",
         ),
     ] = False,
+    error: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=3,
+            help="With --distance: error of each person's place that the tracker states, as a "
+            "camera does, m.",
+            show_default="0",
+        ),
+    ] = None,
     activity: Annotated[
         list[str] | None,
         typer.Option(
@@ -220,7 +230,7 @@ def simulate(
         "--free-space": free_space or None,
         "--first": first,
     }
-    near = {"--activity": activity, "--robot": robot, "--seconds": seconds}
+    near = {"--activity": activity, "--robot": robot, "--seconds": seconds, "--error": error}
     if distance:
         others = {"--occlude": occlude or None, "--episodes": episodes, "--seed": seed}
         without_effect({**approaches, **lost, **others}, "with --distance")
@@ -233,6 +243,7 @@ def simulate(
                 activities=_each_once("--activity", activity),
                 trackers=_each_once("--tracker", tracker),
                 noises_m=tuple(noise or ()),
+                error_m=error or 0.0,
                 predictors=_predictors(predictor or []),
                 modes=_each_once("--mode", mode),
                 data=_one("--data", data, "--distance"),

@@ -47,6 +47,7 @@ def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> Simul
         config=str(request.config),
         robot=request.robot,
         seconds=request.seconds or SECONDS,
+        error_m=request.error_m,
         drawn_noise_m=None if request.out is None else min(request.noises_m or NOISES_M),
     )
     cases = _cases(request, people, sights(request.trackers or TRACKERS))
@@ -116,12 +117,15 @@ def _report(
         "A tracker of which a recording has no more joints than of one above it is left out.",
         *notes,
     ]
+    if plan.error_m:
+        said.append(f"The tracker states an error of each person's place of {plan.error_m:g} m.")
     tables = [_table(found, request.modes or MODES, config.predictor.name)]
     tables += _terms_table(*terms)
     data = {
         "configuration": Path(plan.config).name,
         "robot": robot.name,
         "seconds": plan.seconds,
+        "error_m": plan.error_m,
         "cases": [_plain(case, result, config.predictor.name) for case, result in found],
         "waterfall": _plain_terms(*terms),
         "notes": said,

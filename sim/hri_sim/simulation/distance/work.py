@@ -52,12 +52,14 @@ class DistancePlan:
         config: path of the configuration.
         robot: name of the robot; ``None``: the first that moves.
         seconds: how long each person is watched.
+        error_m: error of each person's place that the tracker states.
         drawn_noise_m: noise of the cases of which curves are drawn; ``None``: none are.
     """
 
     config: str
     robot: str | None
     seconds: float
+    error_m: float = 0.0
     drawn_noise_m: float | None = None
 
 
@@ -126,7 +128,7 @@ class PlacedPerson:
 
     def __init__(self, plan: DistancePlan, case: Case) -> None:
         self._plan, self._case = plan, case
-        self.config = _with_person(cell_of(plan, case.predictor), case)
+        self.config = _with_person(cell_of(plan, case.predictor), case, plan.error_m)
         assert isinstance(self.config.source, ApproachSettings)
         self._settings = self.config.source
         self._predictor = _predictor(plan, case.predictor)
@@ -197,7 +199,7 @@ def _predictor(plan: DistancePlan, predictor: str | None) -> Predictor:
     return assemble.build_predictor(cell_of(plan, predictor))
 
 
-def _with_person(config: Config, case: Case) -> Config:
+def _with_person(config: Config, case: Case, error_m: float) -> Config:
     """The cell whose source shows this person, at the origin of the room."""
     kept = SourceSettings.model_fields.keys() - {"kind", "room_from_source", "faults"}
     source = config.source.model_dump(include=set(kept)) | {
@@ -210,6 +212,7 @@ def _with_person(config: Config, case: Case) -> Config:
         "tracker": case.sight.tracker,
         "lacks": list(case.sight.lacks),
         "hidden": list(case.sight.hidden),
+        "error_m": error_m,
         "noise_m": case.noise_m if case.activity.is_recorded else max(case.noise_m, LEAST_NOISE_M),
     }
     people = config.node.people

@@ -106,6 +106,21 @@ def test_the_terms_and_what_is_left_add_up_and_no_delay_costs_less_than_nothing(
         assert found.costs_m[key] > STEP_M, key
 
 
+def test_the_error_that_a_tracker_states_is_a_term_of_its_own(situation):
+    seen = person(situation)
+    stated = [replace(each, errors_m=np.array([0.25])) for each in seen.snapshots]
+    coarse = replace(seen, snapshots=stated)
+    leaves = [term.key for term in TERMS if term.key != "place"]
+
+    def found(seen):
+        return waterfall(lambda *_: (situation, seen), np.zeros(2), step=STEP_M, leaves=leaves)
+
+    without, with_it = found(seen), found(coarse)
+    assert without.costs_m["place"] == 0.0
+    assert with_it.costs_m["place"] == pytest.approx(0.25, abs=2 * STEP_M)
+    assert with_it.rest_m == pytest.approx(without.total_m, abs=STEP_M)
+
+
 def test_a_shorter_silence_timeout_lets_people_work_nearer(situation):
     (slow, *others) = situation.budget.links
     quick = [replace(link, silence_timeout_s=0.02) for link in (slow, *others)]
