@@ -14,6 +14,7 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording import Recording, open_recording
+from hri_predict.recording.formats import pw3d
 from hri_predict.recording.formats.amass import SMPL
 from hri_predict.recording.opening import opened
 from hri_sim.people.body import Body
@@ -289,6 +290,21 @@ def test_another_pickle_is_refused(tmp_path):
         assert "3DPW" in refused(path)
     path.write_bytes(pickle.dumps({"jointPositions": [np.zeros((3, 72)), np.zeros((4, 72))]}))
     assert "3, 4 frames" in refused(path)
+
+
+def test_one_array_of_3dpw_is_not_unpacked_for_each_person(tmp_path, monkeypatch):
+    """A pickle names one array any number of times; a byte of it becomes eight."""
+    path = tmp_path / "a.pkl"
+    frames = 100
+    monkeypatch.setattr(pw3d, "MAX_JOINT_BYTES", 8 * 72 * 10 * frames)
+    body = np.zeros((frames, 72), np.int8)
+    path.write_bytes(pickle.dumps({"jointPositions": [body] * 10}))
+    open_recording(path, any_joints=True)
+    path.write_bytes(pickle.dumps({"jointPositions": [body] * 11}))
+    assert "cut it into parts" in refused(path)
+    for flags in ([np.ones(frames)] * 100_000, [np.ones(frames + 1)], np.ones(frames), "1", 1):
+        path.write_bytes(pickle.dumps({"jointPositions": [body], "campose_valid": flags}))
+        assert "'campose_valid'" in refused(path)
 
 
 # AMASS as distributed (amass.is.tue.mpg.de): SMPL+H's *_poses.npz, and SMPL-X's *_stageii.npz.
