@@ -42,7 +42,7 @@ NOT_EXPORTED = 3
 _BROKEN: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, AttributeError, OSError)
 _BROKEN += (EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _LIMIT_S = 600.0  # of an export: a start as a whole has its own limit
-_VERSION = 1  # raise it when the content of what is kept changes
+_VERSION = 2  # raise it when what is kept changes, or how
 _BEGIN = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from hri_predict.predictors.neural.exporting import main; sys.exit(main(sys.argv[2]))"
@@ -174,10 +174,10 @@ def exported(settings: PredictorSettings) -> ExportedPredictor:
         raise NoCopyError("it is not shipped")
     try:
         runtime()
-        key = f"{name}-{_digest(settings)}.forecasts"
+        key = _key(settings)
         for _ in range(2):
             try:
-                content = cached(key, lambda: _made(settings))
+                content = cached(key, lambda: _made(settings, key))
                 return ExportedPredictor(settings, Stored.unpacked(content))
             except (EngineError, NoCopyError, PredictorError) as error:
                 problem = error
@@ -187,8 +187,8 @@ def exported(settings: PredictorSettings) -> ExportedPredictor:
     raise NoCopyError(str(problem)) from problem
 
 
-def _digest(settings: NeuralSettings) -> str:
-    """Hash of all that the copy depends on.
+def _key(settings: NeuralSettings) -> str:
+    """Name of the copy, with a hash of all that it depends on.
 
     Raises:
         OSError: the weights cannot be read.
@@ -207,15 +207,23 @@ def _digest(settings: NeuralSettings) -> str:
         if path.stat().st_size > MAX_BYTES:
             raise OSError("larger than any weights")
         digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:32]
+    return f"{settings.name}-{digest.hexdigest()[:32]}.forecasts"
 
 
-def _made(settings: NeuralSettings) -> bytes:
+def _made(settings: NeuralSettings, key: str) -> bytes:
     """The copy, made in another process, whose memory is free when that has ended.
 
     Raises:
-        NoCopyError: it cannot be made; torch says why.
+        NoCopyError: it cannot be made, and torch says why; or it may not be the one of ``key``.
+        OSError: the weights cannot be read.
     """
+    content = _by_another_process(settings)
+    if _key(settings) != key:  # that process may have read other weights
+        raise NoCopyError("its files changed while it was exported")
+    return content
+
+
+def _by_another_process(settings: NeuralSettings) -> bytes:
     told = settings.model_dump(mode="json", exclude_unset=True) | {"name": settings.name}
     command = [sys.executable, "-c", _BEGIN, json.dumps(sys.path), json.dumps(told)]
     try:
