@@ -4,6 +4,8 @@ torch takes seconds to import and half a gigabyte. What it must do only once is 
 its own (``exporting``), which then ends: check the weights, export the network, and forecast some
 windows. The result is kept under a name that covers all that it depends on: weights, settings, and
 the code and versions that made it. At each start the copy still has to give torch's forecasts.
+
+Without numba, torch is imported nevertheless: it brings windows into people's own frames.
 """
 
 import hashlib
@@ -23,6 +25,7 @@ import numpy as np
 from hri_predict.base.errors import PredictorError
 from hri_predict.base.files import package_path
 from hri_predict.base.machine.cache import cached, forget
+from hri_predict.base.machine.compiled import is_compiled
 from hri_predict.base.skeleton import CANONICAL, neighbours
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
@@ -153,6 +156,10 @@ class ExportedPredictor(Forecasting):
         if not differs <= AGREES_M:
             raise EngineError(f"the copy of the network differs from torch by {differs:.2g} m")
         self.engine = Computed(differs_m=differs)
+        if not is_compiled():  # torch's operations enter and leave, by default on all cores
+            import torch
+
+            torch.set_num_threads(settings.threads)
         self._warm_up(settings.name, settings.files()[0])
         for line in stored.warnings:
             log.warning("%s", line)

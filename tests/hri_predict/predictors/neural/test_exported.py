@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.neural import exported, exporting
@@ -74,6 +76,33 @@ def test_it_is_made_once_and_warns_each_time(made, caplog):
         exported.exported(settings_of())
     assert len(made) == 1
     assert caplog.messages.count("far beyond") == 2
+
+
+def test_a_copy_fails_as_any_predictor_does(made, monkeypatch):
+    def broken(settings):
+        raise ZeroDivisionError("in a kernel")
+
+    monkeypatch.setattr(exported, "exported", broken)
+    with pytest.raises(ConfigError, match="predictor 'sinn' cannot be built: ZeroDivisionError"):
+        predictor_of(settings_of())
+
+
+def test_probes_of_another_shape_do_not_end_the_start(monkeypatch, made, stored):
+    short = [(p, o, w[:, :-1]) for p, o, w in stored.probes]
+    counted(monkeypatch, replace(stored, probes=short).packed())
+    with pytest.raises(NoCopyError, match="cannot compute it"):
+        exported.exported(settings_of())
+
+
+def test_without_numba_torch_has_the_threads_of_the_settings(made, monkeypatch):
+    before = torch.get_num_threads()
+    monkeypatch.setattr(exported, "is_compiled", lambda: False)
+    try:
+        torch.set_num_threads(3)
+        exported.exported(settings_of(threads=2))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
 
 
 @pytest.mark.long
