@@ -63,3 +63,13 @@ def refused(path: Path, **options: Any) -> str:
         open_recording(path, any_joints=True, **options)
     assert "\n" not in str(caught.value)
     return str(caught.value)
+
+
+def mediapipe(path: Path, joints: np.ndarray) -> Path:
+    """x, y, z and visibility of each landmark, a row for each frame, as scripts write results."""
+    names = load_joint_map("mediapipe33").source_joints
+    head = ["frame"]
+    head += [f"{name.upper()}_{c}" for name in names for c in ("x", "y", "z", "visibility")]
+    sure = np.full((*joints.shape[:2], 1), 0.9)
+    cells = np.concatenate([joints, sure], axis=-1).reshape(FRAMES, -1)
+    return table(path, head, [[k, *row] for k, row in enumerate(cells)])

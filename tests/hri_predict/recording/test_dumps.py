@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.recording import open_recording
 from hri_predict.recording.formats import pw3d
 from hri_predict.recording.formats.amass import SMPL
@@ -18,6 +17,7 @@ from tests.hri_predict.recording.dumps import (
     OPTICAL,
     WALK,
     Y_UP,
+    mediapipe,
     of_tracker,
     refused,
     stands,
@@ -58,16 +58,6 @@ def test_what_the_user_says_holds(tmp_path):
     path = table(tmp_path / "a.csv", head, rows)
     recording = open_recording(path, axes=["x", "y", "z"])
     np.testing.assert_array_equal(recording.joint_map.rotation, np.eye(3))
-
-
-def mediapipe(path: Path, joints: np.ndarray) -> Path:
-    """x, y, z and visibility of each landmark, a row for each frame, as scripts write results."""
-    names = load_joint_map("mediapipe33").source_joints
-    head = ["frame"]
-    head += [f"{name.upper()}_{c}" for name in names for c in ("x", "y", "z", "visibility")]
-    sure = np.full((*joints.shape[:2], 1), 0.9)
-    cells = np.concatenate([joints, sure], axis=-1).reshape(FRAMES, -1)
-    return table(path, head, [[k, *row] for k, row in enumerate(cells)])
 
 
 # MediaPipe: pose_world_landmarks are metres about the hips; pose_landmarks are those of a picture.
