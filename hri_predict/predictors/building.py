@@ -16,16 +16,17 @@ def predictor_of(settings: PredictorSettings) -> Predictor:
     Raises:
         HriPredictError: it cannot be built; one line with the remedy.
     """
+    what = f"predictor '{settings.name}'"
     if isinstance(settings, NeuralSettings):
         from hri_predict.predictors.neural.exported import NoCopyError, exported  # with numba
 
-        with contextlib.suppress(NoCopyError):
+        with registry.building(what), contextlib.suppress(NoCopyError):
             return exported(settings)
     cls = registry.load("predictors", settings.name)
-    with registry.building(f"predictor '{settings.name}'"):
+    with registry.building(what):
         predictor = cls(settings)
     try:
         refuse_unsound(predictor)
     except PredictorError as error:
-        raise PredictorError(f"predictor '{settings.name}': {error}") from error
+        raise PredictorError(f"{what}: {error}") from error
     return predictor

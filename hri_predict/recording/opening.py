@@ -73,10 +73,6 @@ def open_recording(
             raise RecordingError(f"recording {path}: {_unknown(path, ending)}")
         try:
             chosen = next(each for each in of_ending(ending) if each.is_mine(path))
-            if topic is not None and chosen.read is not read_bag:
-                raise RecordingError(f"recording {path}: has no topics; leave --topic out")
-            if rate_hz is not None and not chosen.may_lack_times:
-                raise RecordingError(f"recording {path}: has times of its own; leave --fps out")
             if rate_hz is not None:
                 check_rate(path, "--fps", rate_hz)
             wanted = Wanted(
@@ -84,6 +80,11 @@ def open_recording(
                 joint_map=joint_map,
             )  # fmt: skip
             recording = _read(chosen, path, wanted)
+            # only now: a damaged file is to be said first
+            if topic is not None and chosen.read is not read_bag:
+                raise RecordingError(f"recording {path}: has no topics; leave --topic out")
+            if rate_hz is not None and not chosen.may_lack_times:
+                raise RecordingError(f"recording {path}: has times of its own; leave --fps out")
         except RecordingError as error:
             raise RecordingError(f"{error}{_but(path, ending)}") from error
         if joint_map is not None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, JointMap, load_joint_map, map_names
+from hri_predict.recording.formats.csv_table import is_own_table
 from hri_predict.recording.plausibility import check_possible, check_size
 from hri_predict.recording.recording import Recording, noted, turned
 
@@ -27,7 +28,8 @@ Reopened = Callable[[float], Recording]
 def in_own_frame(recording: Recording, reopened: Reopened) -> Recording:
     """Return the recording in the units and axes in which people stand, with a note if it changed.
 
-    Unchanged are recordings that make sense as they are, of other formats, of unknown trackers, and
+    Unchanged are recordings that make sense as they are, of other formats, of unknown trackers,
+    tables that this project wrote, whose units and axes are known (a person may lie there), and
     those that make no sense in any of these frames: ``check_possible`` says why.
 
     Args:
@@ -38,6 +40,8 @@ def in_own_frame(recording: Recording, reopened: Reopened) -> Recording:
     known = name in map_names() and name not in ("bvh", "canonical")
     tracker = load_joint_map(name) if known else None
     if recording.kind not in KINDS or tracker is None or _refused(recording, check_possible) == "":
+        return recording
+    if recording.kind == "csv" and is_own_table(recording.path):
         return recording
     for unit_m in dict.fromkeys((recording.joint_map.scale_to_m, tracker.scale_to_m, *_UNITS)):
         same = unit_m == recording.joint_map.scale_to_m

@@ -4,7 +4,7 @@ The node refuses such bodies as they come. A recording is judged as a whole, bec
 bend and tumble for a while. Its floor is its own, so heights are not judged.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.settings import MAX_COORDINATE_M
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
+from hri_predict.contracts.scene import Scene
 from hri_predict.people.body.axes import standing_axes
 from hri_predict.people.body.posture import posture_of
 from hri_predict.people.body.size import is_human_sized
@@ -145,8 +146,13 @@ def _axes(recording: Recording, bodies: _Bodies) -> tuple[list[str], str]:
     return wrong, f"--axes {shown} --left-handed" if left else f"--axes {shown}"
 
 
+def judged(recording: Recording) -> Sequence[Scene]:
+    """The scenes by which a recording is judged: ``MOST_SCENES`` at most, evenly over it."""
+    return recording.scenes[:: max(1, -(-len(recording.scenes) // MOST_SCENES))]
+
+
 def _bodies(recording: Recording) -> Iterator[tuple[Floats, Bools]]:
-    for scene in recording.scenes[:: -(-len(recording.scenes) // MOST_SCENES)]:
+    for scene in judged(recording):
         for person in scene.people:
             joints, seen = recording.joint_map.map(person.positions, person.observed)
             seen = seen & np.isfinite(joints).all(-1)

@@ -34,41 +34,60 @@ def cache_folder() -> Path | None:
 
 
 def cached(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return the result of ``make``, kept under ``name``: with its digest, so that damage is found.
+    """Return the result of ``make``, kept under ``name``.
+
+    It is kept with a digest of name and content, so that damage is found, and a file that was
+    renamed. A file of another user is not read: he may write something else into it.
 
     Args:
         name: of the file. It says all that the content depends on, such as a hash of it.
-        make: called if the file is missing or damaged.
+        make: called if the file is missing, damaged or another user's.
     """
     folder = cache_folder()
     if folder is None:
         return make()
     path = folder / name
     with contextlib.suppress(OSError):
-        content = _undamaged(path)
-        if content is not None:
+        content, problem = _kept(path)
+        if not problem:
             return content
-        log.warning("cache: %s is damaged; rebuilding it", path)
+        log.warning("cache: %s %s; rebuilding it", path, problem)
     content = make()
     try:
-        atomic_write(path, hashlib.sha256(content).digest() + content)
+        atomic_write(path, _digest(name, content) + content)
     except OSError as error:
         log.debug("cache: %s is not kept: %s", path, error.strerror)
     return content
 
 
-def _undamaged(path: Path) -> bytes | None:
-    """Return a file's content; ``None`` if it is not what was written.
+def _kept(path: Path) -> tuple[bytes, str]:
+    """Return a file's content, and "" or why it is not used.
 
     Raises:
         OSError: the file does not exist, or it cannot be read.
     """
-    status = path.stat()
-    if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
-        return None  # reading a pipe would wait for ever
-    stored = path.read_bytes()
+    with open(path, "rb", opener=_without_waiting) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode) or status.st_size > MAX_BYTES:
+            return b"", "is damaged"
+        if hasattr(os, "geteuid") and status.st_uid not in (0, os.geteuid()):
+            return b"", "belongs to another user"
+        stored = file.read(MAX_BYTES)
     digest, content = stored[:_DIGEST_BYTES], stored[_DIGEST_BYTES:]
-    return content if hashlib.sha256(content).digest() == digest else None
+    if _digest(path.name, content) != digest:
+        return b"", "is damaged"
+    return content, ""
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Open a file; a pipe that no process writes does not hold it up."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
+def _digest(name: str, content: bytes) -> bytes:
+    digest = hashlib.sha256(name.encode() + b"\0")
+    digest.update(content)
+    return digest.digest()
 
 
 def forget(name: str) -> None:

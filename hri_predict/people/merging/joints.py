@@ -37,7 +37,7 @@ class Merged(NamedTuple):
         positions: (J, 3) metres, 0 where not observed.
         observed: (J,) which are.
         disputed: number of joints left out.
-        error_m: the largest error of the sensors that give a joint.
+        error_m: the largest error of the sensors that see the person.
     """
 
     positions: Floats
@@ -51,13 +51,13 @@ def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> Merged:
 
     A joint that two sensors see farther apart than ``joint_apart_m`` is not observed: it is not
     known which of them is right, and the zone becomes as wide as for a joint that is hidden.
-    Places are never averaged, so a joint is as wrong as the sensor that gives it: the error of the
-    whole body is the largest of those.
+    The error is the largest of all sensors that see a joint, not only of those that give one: two
+    bodies are taken for one person because they lie together, and by its error one of them may be
+    another person's who stands elsewhere.
     """
     order = sorted(seen, key=lambda s: (s != lead, -np.count_nonzero(seen[s].observed), s))
     first = seen[order[0]]
     positions, observed = first.positions.copy(), first.observed.copy()
-    error_m = first.error_m
     disputed = np.zeros(len(observed), np.bool_)
     for sensor in order[1:]:
         other = seen[sensor]
@@ -65,8 +65,8 @@ def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> Merged:
         disputed |= both & (norm(positions - other.positions) > joint_apart_m)
         more = other.observed & ~observed
         positions[more] = other.positions[more]
-        error_m = max(error_m, other.error_m) if more.any() else error_m
         observed |= more
     observed &= ~disputed
+    error_m = max((body.error_m for body in seen.values() if body.observed.any()), default=0.0)
     positions = np.where(observed[:, None], positions, 0.0)
     return Merged(positions, observed, int(np.count_nonzero(disputed)), error_m)

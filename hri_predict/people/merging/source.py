@@ -7,7 +7,6 @@ stamp says so. A sensor whose newest capture is older than its ``stale_s`` is si
 not wait for it, the scene names it (``Scene.doubts``), and does not vouch for the room.
 """
 
-import logging
 import threading
 from dataclasses import fields
 from pathlib import Path
@@ -25,6 +24,7 @@ from hri_predict.contracts.source import (
     live_part,
 )
 from hri_predict.people.merging.disagreement import Disagreement
+from hri_predict.people.merging.doubt_log import DoubtLog
 from hri_predict.people.merging.identities import Identities, OnePerson
 from hri_predict.people.merging.joints import leading, merged
 from hri_predict.people.merging.likeness import Seen
@@ -34,8 +34,6 @@ from hri_predict.people.ring_buffer import NEVER
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 from hri_predict.protocol.reasons import Reason
-
-log = logging.getLogger(__name__)
 
 
 class MergedSource:
@@ -69,7 +67,7 @@ class MergedSource:
         self._disagreement = Disagreement(settings.moved_m, settings.moved_s)
         self._time_ns = self._now_ns = NEVER
         self._sequence = -1
-        self._said: set[str] = set()
+        self._log = DoubtLog()
 
     def judge_by(self, people: PeopleSettings) -> None:
         """Judge the bodies of every sensor by these settings; before ``open``."""
@@ -140,7 +138,7 @@ class MergedSource:
         self._time_ns = time_ns
         self._sequence += 1
         doubts = self._doubts(views, silent)
-        self._tell(doubts)
+        self._log.note(doubts, time_ns)
         return Scene(
             stamp_ns=time_ns,
             sequence=self._sequence,
@@ -183,16 +181,6 @@ class MergedSource:
             for (one, other), apart_m in self._disagreement.apart_m().items()
         ]
         return (*found, *(doubt for view in views for doubt in view.doubts))
-
-    def _tell(self, doubts: tuple[Doubt, ...]) -> None:
-        """Log each doubt when it begins, and when all are over."""
-        # without the centimetres, which change
-        now = {d.text.split(" are ")[0]: d.text for d in doubts}
-        for key in now.keys() - self._said:
-            log.warning("source 'merged': %s", now[key])
-        if self._said and not now:
-            log.info("source 'merged': all sensors are heard and agree")
-        self._said = set(now)
 
 
 class AllLive:

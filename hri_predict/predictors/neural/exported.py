@@ -4,6 +4,8 @@ torch takes seconds to import and half a gigabyte. What it must do only once is 
 its own (``exporting``), which then ends: check the weights, export the network, and forecast some
 windows. The result is kept under a name that covers all that it depends on: weights, settings, and
 the code and versions that made it. At each start the copy still has to give torch's forecasts.
+
+Without numba, torch is imported nevertheless: it brings windows into people's own frames.
 """
 
 import hashlib
@@ -23,6 +25,7 @@ import numpy as np
 from hri_predict.base.errors import PredictorError
 from hri_predict.base.files import package_path
 from hri_predict.base.machine.cache import cached, forget
+from hri_predict.base.machine.compiled import is_compiled
 from hri_predict.base.skeleton import CANONICAL, neighbours
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import PredictorSettings
@@ -42,7 +45,7 @@ NOT_EXPORTED = 3
 _BROKEN: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, AttributeError, OSError)
 _BROKEN += (EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _LIMIT_S = 600.0  # of an export: a start as a whole has its own limit
-_VERSION = 1  # raise it when the content of what is kept changes
+_VERSION = 2  # raise it when what is kept changes, or how
 _BEGIN = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from hri_predict.predictors.neural.exporting import main; sys.exit(main(sys.argv[2]))"
@@ -153,6 +156,10 @@ class ExportedPredictor(Forecasting):
         if not differs <= AGREES_M:
             raise EngineError(f"the copy of the network differs from torch by {differs:.2g} m")
         self.engine = Computed(differs_m=differs)
+        if not is_compiled():  # torch's operations enter and leave, by default on all cores
+            import torch
+
+            torch.set_num_threads(settings.threads)
         self._warm_up(settings.name, settings.files()[0])
         for line in stored.warnings:
             log.warning("%s", line)
@@ -174,10 +181,10 @@ def exported(settings: PredictorSettings) -> ExportedPredictor:
         raise NoCopyError("it is not shipped")
     try:
         runtime()
-        key = f"{name}-{_digest(settings)}.forecasts"
+        key = _key(settings)
         for _ in range(2):
             try:
-                content = cached(key, lambda: _made(settings))
+                content = cached(key, lambda: _made(settings, key))
                 return ExportedPredictor(settings, Stored.unpacked(content))
             except (EngineError, NoCopyError, PredictorError) as error:
                 problem = error
@@ -187,8 +194,8 @@ def exported(settings: PredictorSettings) -> ExportedPredictor:
     raise NoCopyError(str(problem)) from problem
 
 
-def _digest(settings: NeuralSettings) -> str:
-    """Hash of all that the copy depends on.
+def _key(settings: NeuralSettings) -> str:
+    """Name of the copy, with a hash of all that it depends on.
 
     Raises:
         OSError: the weights cannot be read.
@@ -207,15 +214,23 @@ def _digest(settings: NeuralSettings) -> str:
         if path.stat().st_size > MAX_BYTES:
             raise OSError("larger than any weights")
         digest.update(hashlib.sha256(path.read_bytes()).digest())
-    return digest.hexdigest()[:32]
+    return f"{settings.name}-{digest.hexdigest()[:32]}.forecasts"
 
 
-def _made(settings: NeuralSettings) -> bytes:
+def _made(settings: NeuralSettings, key: str) -> bytes:
     """The copy, made in another process, whose memory is free when that has ended.
 
     Raises:
-        NoCopyError: it cannot be made; torch says why.
+        NoCopyError: it cannot be made, and torch says why; or it may not be the one of ``key``.
+        OSError: the weights cannot be read.
     """
+    content = _by_another_process(settings)
+    if _key(settings) != key:  # that process may have read other weights
+        raise NoCopyError("its files changed while it was exported")
+    return content
+
+
+def _by_another_process(settings: NeuralSettings) -> bytes:
     told = settings.model_dump(mode="json", exclude_unset=True) | {"name": settings.name}
     command = [sys.executable, "-c", _BEGIN, json.dumps(sys.path), json.dumps(told)]
     try:

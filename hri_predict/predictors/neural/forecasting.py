@@ -4,6 +4,7 @@ Networks compute in single precision about the person's own origin, which is sub
 precision, so a forecast is equally precise anywhere in the room.
 """
 
+from abc import ABC, abstractmethod
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from hri_predict.predictors.neural.windows import Entered, Histories, Singles, T
 _WARM_UP_PEOPLE = (1, 2, 16)
 
 
-class Forecasting:
+class Forecasting(ABC):
     """Base of predictors with a network; see ``contracts.predictor.Predictor``."""
 
     skeleton: Skeleton
@@ -42,9 +43,9 @@ class Forecasting:
         predicted = np.ascontiguousarray(self._ahead(entered)[:, : self.horizon_steps])
         return Forecast(leave(predicted, entered, histories, self._tables), None)
 
+    @abstractmethod
     def _ahead(self, entered: Entered) -> Singles:
         """(P, at least ``horizon_steps``, 28, 3) m in the people's own frames."""
-        raise NotImplementedError
 
     def _warm_up(self, method: str, path: Path) -> None:
         """Predict for one person, two and many, so that no tick is late.

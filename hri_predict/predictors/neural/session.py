@@ -84,13 +84,12 @@ class Session:
         """Largest difference from torch's forecast of a window, in metres; infinite for NaN.
 
         Raises:
-            EngineError: it fails.
+            EngineError: it fails, or the forecasts have different shapes.
         """
         try:
-            found = self(positions, observed)
+            apart = float(np.abs(self(positions, observed) - wanted).max())
         except Exception as error:  # the runtime's errors share no base but this
             raise EngineError(f"ONNX Runtime cannot compute it: {line_of(error)}") from error
-        apart = float(np.abs(found - wanted).max())
         return apart if np.isfinite(apart) else np.inf
 
 

@@ -10,6 +10,8 @@ from pathlib import Path
 from hri_predict.base.errors import RecordingError
 from hri_predict.recording.recording import converted_by
 
+OWN = ("time_s", "sees_room", "person")
+"""The first columns of the tables that this project writes."""
 TIMES = (
     "time_s", "time", "t", "timestamp", "timestamp_s", "seconds", "ts", "stamp", "unix_time",
     "capturetime", "capture_time",
@@ -50,6 +52,7 @@ class Columns:
         names: of all columns.
         time: column of the time, or of the frame's number; ``None``: a row is a frame.
         second_s: seconds per unit of the time; ``None``: seconds, or Unix time in any unit.
+        not_times: columns of times where a rate was given instead; they must be empty.
         sees_room: column of a flag.
         person: column that says whose joints these are.
         joints: columns of x, y and z.
@@ -61,6 +64,7 @@ class Columns:
     names: list[str]
     time: int | None
     second_s: float | None
+    not_times: list[int]
     sees_room: int | None
     person: int | None
     joints: dict[str, list[int]]
@@ -143,6 +147,7 @@ def columns_of(path: Path, header: Sequence[str], rate_hz: float | None = None) 
         names=names,
         time=time,
         second_s=second_s,
+        not_times=[] if rate_hz is None else _times(names),
         sees_room=sees_room,
         person=person,
         joints=joints,
@@ -151,18 +156,27 @@ def columns_of(path: Path, header: Sequence[str], rate_hz: float | None = None) 
     )
 
 
-def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
+def is_own_header(names: Sequence[str]) -> bool:
+    """Whether these are the columns that this project writes: in metres, z up."""
+    return [name.strip() for name in names[: len(OWN)]] == list(OWN)
+
+
+def _times(names: Sequence[str]) -> list[int]:
+    """Columns of times, the preferred first."""
     lower = [name.lower() for name in names]
-    units = [_TIME.fullmatch(name) for name in lower]
     found = [lower.index(name) for name in TIMES if name in lower]
-    found += [k for k, unit in enumerate(units) if unit]
+    return list(dict.fromkeys([*found, *(k for k, n in enumerate(lower) if _TIME.fullmatch(n))]))
+
+
+def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
+    found = _times(names)
     if not found:
         raise RecordingError(
             f"recording {path}: has no column 'time_s' (its first row begins with "
             f"{', '.join(names[:4])[:60]!r}); call the seconds that, or give the frames per "
             f"second: {converted_by(path, '--fps 30')} (if it has 30)"
         )
-    unit = units[found[0]]
+    unit = _TIME.fullmatch(names[found[0]].lower())
     return found[0], None if unit is None else SECONDS[_LONG.get(unit[1], unit[1])]
 
 

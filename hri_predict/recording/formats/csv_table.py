@@ -40,9 +40,11 @@ from hri_predict.recording.bounded import (
 from hri_predict.recording.cutting import people_of, true_times
 from hri_predict.recording.formats.cells import Numbers, RowLengths
 from hri_predict.recording.formats.csv_columns import (
+    OWN,
     SECONDS,
     Columns,
     columns_of,
+    is_own_header,
     names_joints,
     rows_of,
 )
@@ -94,16 +96,31 @@ def is_recording(path: Path) -> bool:
         RecordingError: it names joints, but not as a recording does.
         OSError: it cannot be read.
     """
+    names = _first_row(path)
+    if not names_joints(names):
+        return False
+    columns_of(path, names)
+    return True
+
+
+def is_own_table(path: Path) -> bool:
+    """Whether a table has the columns that ``write_csv`` writes, so it is in metres, z up.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    return is_own_header(_first_row(path))
+
+
+def _first_row(path: Path) -> list[str]:
+    """The names of the columns; empty if it is not a table."""
     with path.open("rb") as file:
         head = decoded(file.read(_MAX_HEAD)).replace("\r\n", "\n").replace("\r", "\n")
     try:
         _, names = next(rows_of(head)[1], (1, []))
     except csv.Error:
-        return False
-    if not names_joints(names):
-        return False
-    columns_of(path, names)
-    return True
+        return []
+    return names
 
 
 class _Table:
@@ -119,6 +136,7 @@ class _Table:
         self._sees: list[bool] = []
         self._people: list[dict[str, list[float]]] = []
         self._rows = 0
+        self._stated = ""  # a time that contradicts the rate that was given
         self._counted: Counter[str] = Counter()
 
     def take(self, number: int, row: Sequence[str]) -> None:
@@ -131,6 +149,7 @@ class _Table:
             return
         if wrong := self._lengths.wrong(row):
             raise self._wrong(number, f"{wrong}; correct it, or export the table again")
+        self._look_for_times(row)
         time = self._columns.time
         time_ns = self._time_ns(number, str(self._rows) if time is None else row[time])
         if not self._times_ns or time_ns != self._times_ns[-1]:
@@ -158,6 +177,11 @@ class _Table:
 
     def recording(self, joint_map: JointMap) -> Recording:
         """The recording of these rows."""
+        if self._stated:
+            raise RecordingError(
+                f"recording {self._path}: has times of its own ({self._stated}); leave --fps out, "
+                f"or remove that column if they are wrong"
+            )
         if len(self._times_ns) < 2:
             raise RecordingError(
                 f"recording {self._path}: has {len(self._times_ns)} times; a rate needs two or more"
@@ -236,6 +260,18 @@ class _Table:
             raise self._wrong(number, f"its time is {cell.strip()[:30]!r}, not a number of seconds")
         return round(time_s * 1e9)
 
+    def _look_for_times(self, row: Sequence[str]) -> None:
+        """Note the first time in a table whose times were to come from a rate."""
+        for column in self._columns.not_times:
+            if self._stated or not (cell := row[column].strip()):
+                continue
+            try:
+                time = self._numbers.read(cell)
+            except ValueError:
+                time = _clock_s(cell)
+            if math.isfinite(time):
+                self._stated = f"'{self._columns.names[column]}' is {cell[:30]!r}"
+
     def _hide_unsure(self, number: int, row: Sequence[str], values: list[float]) -> None:
         """Make joints unobserved that their own columns are not sure of."""
         for k, columns in self._sure:
@@ -300,7 +336,7 @@ def write_csv(path: Path, recording: Recording) -> Written:
     head = [f"{joint}_{axis}" for joint in joints for axis in "xyz"]
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(["time_s", "sees_room", "person", *head])
+        rows.writerow([*OWN, *head])
         scenes = watched(recording.scenes, WRITING, len(recording.scenes))
         for scene, ns in zip(scenes, _since(recording), strict=True):
             time = [f"{ns / 1e9:.9f}", int(scene.sees_room)]

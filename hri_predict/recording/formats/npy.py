@@ -6,6 +6,7 @@ FreeMoCap (https://github.com/freemocap/freemocap, split_and_save.py and path_ge
 with hands and, in most versions, the face after the body. Neither has names or times.
 """
 
+import tokenize
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,9 @@ from hri_predict.recording.wanted import Wanted
 POINTS = {33: "", 75: "hands", 543: "hands and face", 553: "hands and face"}
 """Number of points in an array -> the ones after MediaPipe's body, which are not used."""
 UNIT_M = 0.001
+_BROKEN: tuple[type[Exception], ...] = (ValueError, EOFError, SyntaxError, MemoryError)
+_BROKEN += (OverflowError, RecursionError, TypeError, tokenize.TokenError)
+"""Exceptions that a damaged header can raise."""
 
 
 def read_npy(path: Path, wanted: Wanted) -> Recording:
@@ -30,8 +34,8 @@ def read_npy(path: Path, wanted: Wanted) -> Recording:
         ConfigError: impossible units or axes.
     """
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, SyntaxError, MemoryError, OverflowError, RecursionError) as error:
+        array = np.lib.format.open_memmap(path, mode="r")  # np.load would open a zip, too
+    except _BROKEN as error:
         raise RecordingError(
             f"recording {path}: truncated, or not an array of numbers; copy it again"
         ) from error

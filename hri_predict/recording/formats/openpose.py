@@ -8,6 +8,7 @@ the unit of the calibration. Without ``--3d`` the latter is empty: pixels have n
 
 import json
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,6 +33,7 @@ _COCO = (
 _NAME = re.compile(r"(.*?)_?(\d{1,15})_keypoints\.json", re.DOTALL)
 _MAX_FILE = 2**22
 _MIN_SURE = 0.3
+_SHOWN = 4
 
 
 def frames_in(folder: Path) -> list[Path]:
@@ -56,9 +58,12 @@ def read_openpose(path: Path, wanted: Wanted) -> Recording:
             f"recording {path}: of .json only OpenPose's are read, NAME_000000000000_keypoints.json"
         )
     found: dict[int, Path] = {}
+    others: Counter[str] = Counter()
     for each in frames_in(path.parent):
         other = _NAME.fullmatch(each.name)
-        if other is not None and other[1] == match[1]:
+        if other is not None and other[1] != match[1]:
+            others[other[1]] += 1
+        elif other is not None:
             if int(other[2]) in found:
                 raise RecordingError(f"recording {each}: its frame is there twice; delete one")
             found[int(other[2])] = each
@@ -81,7 +86,17 @@ def read_openpose(path: Path, wanted: Wanted) -> Recording:
     recording = recording_of_one(
         files[0], "openpose", joint_map, raw, rate_hz=rate_hz, person=wanted.person
     )
-    return _timed(recording, numbers, files)
+    return noted(_timed(recording, numbers, files), _left_out(match[1], others))
+
+
+def _left_out(name: str, others: Counter[str]) -> str:
+    """Which other sequences the folder has, with the number of their frames; "" if none."""
+    shown = ", ".join(f"{other[:40]!r} ({others[other]})" for other in sorted(others)[:_SHOWN])
+    more = len(others) - _SHOWN
+    return (
+        f"of the folder only the sequence {name[:40]!r} is read, not {shown}"
+        f"{f', and {more} more' if more > 0 else ''} (name a frame of the one that you want)"
+    ) * bool(others)
 
 
 def _timed(recording: Recording, numbers: Sequence[int], files: Sequence[Path]) -> Recording:

@@ -21,7 +21,9 @@ from hri_predict.base.arrays import Floats
 MAX_BYTES = 2**28
 MAX_STEPS = 1_000_000
 """Instructions of a pickle: each may add an object. One of 3DPW's has some thousands."""
-_NUMBER = re.compile(r"[<>|=]?[biuf][1248]")
+MAX_ARGUMENTS = 4
+"""Arguments of a constructor: NumPy's have three, and a long tuple may be used again and again."""
+_NUMBER = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248])")
 _LATIN = "latin1"
 
 
@@ -44,23 +46,28 @@ class Array:
     fortran: Any = False
     data: Any = b""
 
-    def numbers(self) -> Floats:
-        """Return its numbers.
+    def numbers(self, most: int) -> Floats:
+        """Return its numbers, at most ``most`` of them: each takes eight bytes.
 
         Raises:
-            ValueError: it holds other things, or less or more than its shape says.
+            ValueError: it holds other things, or less or more than its shape says, or too many;
+                with the remedy.
         """
         if not isinstance(self.kind, _Type) or not isinstance(self.shape, tuple):
-            raise ValueError("an array without a type")
+            raise ValueError("an array without a type; copy it again")
         code = f"{self.kind.order}{self.kind.code}"
         if not _NUMBER.fullmatch(code):
-            raise ValueError(f"an array of type {self.kind.code[:8]!r}, not of numbers")
+            raise ValueError(
+                f"an array of type {self.kind.code[:8]!r}, not of numbers; copy it again"
+            )
         data = self.data.encode(_LATIN) if isinstance(self.data, str) else self.data
         sizes = [n for n in self.shape if type(n) is int and 0 <= n <= MAX_BYTES]
         kind = np.dtype(code)
         whole = len(sizes) == len(self.shape) <= 8 and isinstance(data, bytes)
         if not whole or math.prod(sizes) * kind.itemsize != len(data):
-            raise ValueError("an array whose data do not fill its shape")
+            raise ValueError("an array whose data do not fill its shape; copy it again")
+        if (count := math.prod(sizes)) > most:
+            raise ValueError(f"an array of {count} numbers, more than {most}; cut it into parts")
         order: Any = "F" if self.fortran is True else "C"
         return np.frombuffer(data, kind).reshape(sizes, order=order).astype(np.float64)
 
@@ -158,6 +165,8 @@ class _Reader(pickle._Unpickler):
         function = self.stack.pop()
         if not callable(function) or not isinstance(args, tuple):
             raise pickle.UnpicklingError("it calls what is not NumPy's")
+        if len(args) > MAX_ARGUMENTS:
+            raise pickle.UnpicklingError(f"it calls with more than {MAX_ARGUMENTS} arguments")
         self.append(function(*args))
 
     def load_build(self) -> None:

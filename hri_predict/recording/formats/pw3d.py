@@ -15,6 +15,7 @@ import numpy as np
 
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import RecordingError
+from hri_predict.recording.bounded import MAX_BYTES as MAX_JOINT_BYTES
 from hri_predict.recording.bounded import check_joints
 from hri_predict.recording.formats.amass import SMPL
 from hri_predict.recording.formats.pickled import MAX_BYTES, Array, read_pickle
@@ -63,7 +64,8 @@ def read_3dpw(path: Path, wanted: Wanted) -> Recording:
         raise RecordingError(
             f"recording {path}: holds no '{KEY}' of 3DPW, a list with an array for each person"
         )
-    bodies = [_body(path, each) for each in people]
+    most = MAX_JOINT_BYTES // 8 // len(people)  # before all: one array may stand for each of them
+    bodies = [_body(path, each, most) for each in people]
     frames = len(bodies[0])
     if any(len(body) != frames for body in bodies):
         raise RecordingError(
@@ -81,12 +83,12 @@ def read_3dpw(path: Path, wanted: Wanted) -> Recording:
     return noted(recording, what if lost.any() else "")
 
 
-def _body(path: Path, each: Any) -> Floats:
-    """(F, 24, 3) of a person."""
+def _body(path: Path, each: Any, most: int) -> Floats:
+    """(F, 24, 3) of a person, of at most ``most`` numbers."""
     try:
-        numbers = each.numbers() if isinstance(each, Array) else None
+        numbers = each.numbers(most) if isinstance(each, Array) else None
     except ValueError as error:
-        raise RecordingError(f"recording {path}: '{KEY}' has {error}; copy it again") from error
+        raise RecordingError(f"recording {path}: '{KEY}' has {error}") from error
     width = 3 * len(SMPL)
     if numbers is None or numbers.ndim != 2 or not numbers.size or numbers.shape[1] != width:
         shape = "not an array" if numbers is None else f"of shape {numbers.shape}"
@@ -102,12 +104,13 @@ def _placed(path: Path, content: Mapping[str, Any], shape: tuple[int, ...]) -> A
     flags = content.get("campose_valid")
     if flags is None:
         return np.ones(shape, np.bool_)
-    try:
-        found = [each.numbers() for each in flags if isinstance(each, Array)]
-    except (ValueError, TypeError) as error:
-        raise RecordingError(
-            f"recording {path}: 'campose_valid' is damaged; copy it again"
-        ) from error
+    found = []
+    if isinstance(flags, list | tuple) and len(flags) == shape[1]:
+        most = MAX_JOINT_BYTES // 8 // len(flags)
+        try:
+            found = [each.numbers(most) for each in flags if isinstance(each, Array)]
+        except ValueError as error:
+            raise RecordingError(f"recording {path}: 'campose_valid' has {error}") from error
     if [flag.shape for flag in found] != [shape[:1]] * shape[1]:
         raise RecordingError(
             f"recording {path}: 'campose_valid' does not have one number for each of the "

@@ -9,13 +9,14 @@ import numpy as np
 
 from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
+from hri_predict.recording.plausibility import judged
 from hri_predict.recording.recording import Recording
 
 KINDS = ("csv", "npy")
 _SHALLOW = 0.02
 """Depth of the hips' midpoint per size of the body in the picture: the origin, with rounding."""
 _MOST = 0.95
-"""Part of the frames that must be so."""
+"""Part of the judged frames that must be so."""
 _PAIRS = [[JOINTS.index(f"{side}_{part}") for side in "lr"] for part in ("hip", "shoulder")]
 
 
@@ -28,7 +29,7 @@ def check_not_picture(recording: Recording) -> None:
     if recording.kind not in KINDS:
         return
     found = []
-    for scene in recording.scenes:
+    for scene in judged(recording):
         for person in scene.people:
             raw = person.positions @ recording.joint_map.rotation
             joints, seen = recording.joint_map.map(raw, person.observed)

@@ -34,6 +34,7 @@ from hri_predict.protocol.registers import ROBOT, offset_of, robot_address, word
 from hri_predict.protocol.variables import INDEX, robot_variables
 from hri_sim.bench.rows import spread
 from hri_sim.bench.table import SecondsOption, measure, report
+from hri_sim.robot_server.process import ServerProcess
 from hri_sim.robot_server.robot import COUNTS
 from hri_sim.wires.child import child
 from hri_sim.wires.ports import free_tcp_port
@@ -93,13 +94,11 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
 def _states(protocol: str, seconds: float) -> dict[str, Any]:
     """Read the made-up robot's server, whose heartbeat is the time of its write in ms."""
     config = yaml.safe_load(data_path(f"robot_{protocol}.yaml").read_text())["links"][0]
-    command = [sys.executable, "-m", "hri_sim.robot_server", protocol, "--port", "0"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    server = ServerProcess(protocol)
     spans_ms: list[float] = []
     readings, before = 0, None
     try:
-        assert server.stdout is not None
-        config["port"] = json.loads(server.stdout.readline())["port"]
+        config["port"] = server.port
         kind = registry.load("links", config["kind"])
         wire: Any = kind.make_transport(validated(kind.settings_model, config, "the link"))
         wire.open()
@@ -115,7 +114,6 @@ def _states(protocol: str, seconds: float) -> dict[str, Any]:
         wire.close()
     finally:
         server.kill()
-        server.wait()
     return {
         "sent": readings,
         "heard": len(spans_ms),

@@ -3,10 +3,6 @@
 The server is ``hri_sim.robot_server`` in a process of its own; its arm swings.
 """
 
-import json
-import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,6 +23,7 @@ from hri_predict.robots.settings import RobotSettings
 from hri_predict.robots.tracker import RobotTracker
 from hri_sim.fault_table.link_cell import LOOK_S, LinkCase, LinkCell, run_cases
 from hri_sim.fault_table.outcome import FaultOutcome
+from hri_sim.robot_server.process import ServerProcess
 from hri_sim.wires.ports import free_tcp_port
 
 STALE_MS = 1e3 * (0.15 + 2 * LOOK_S)  # of both configurations, and until the test looks
@@ -80,8 +77,7 @@ class StateCell(LinkCell):
         self._tracker = RobotTracker(robot, model)
         self._port = free_tcp_port()
         self._server = self._started()
-        assert self._server.stdout is not None
-        json.loads(self._server.stdout.readline())  # its port: it listens
+        self._port = self._server.port  # once it listens
         self._broken = False
         self._counted: dict[str, int] = {}
 
@@ -116,29 +112,23 @@ class StateCell(LinkCell):
         self._broken = broken
         if self.case.server == "gone":
             if broken:
-                self._end()
+                self._server.kill()
             else:
                 self._server = self._started()
         elif self.case.server == "stopped":
-            self._server.send_signal(signal.SIGSTOP if broken else signal.SIGCONT)
+            self._server.hang(broken)
         else:
-            self._server.send_signal(signal.SIGUSR1)
+            self._server.toggle()
 
     def close(self) -> None:
         """End the link and the server."""
         super().close()
-        self._end()
+        self._server.kill()
 
-    def _started(self) -> "subprocess.Popen[str]":
+    def _started(self) -> ServerProcess:
         assert isinstance(self.case, StateCase)
         fault = "none" if self.case.server in ("gone", "stopped") else self.case.server
-        command = [sys.executable, "-m", "hri_sim.robot_server", self.protocol, "--fault", fault]
-        command += ["--port", str(self._port), "--after-s", "1e9"]
-        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-
-    def _end(self) -> None:
-        self._server.kill()
-        self._server.wait()
+        return ServerProcess(self.protocol, fault, self._port)
 
 
 class ModbusStateCell(StateCell):

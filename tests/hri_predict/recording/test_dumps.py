@@ -1,72 +1,28 @@
 """Dumps of trackers and data sets, in the layouts in which these publish them."""
 
-import csv
-import json
 import pickle
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hri_predict.base.errors import RecordingError
 from hri_predict.base.skeleton import JOINTS
-from hri_predict.contracts.joint_map import load_joint_map
-from hri_predict.recording import Recording, open_recording
+from hri_predict.recording import open_recording
+from hri_predict.recording.formats import pw3d
 from hri_predict.recording.formats.amass import SMPL
 from hri_predict.recording.opening import opened
-from hri_sim.people.body import Body
-
-WHO = Body(1.75)
-FRAMES = 40
-WALK = np.stack(
-    [WHO.joints(WHO.standing(np.array([2.0, 0.3 + 0.02 * k]), 0.4)) for k in range(FRAMES)]
+from tests.hri_predict.recording.dumps import (
+    FRAMES,
+    KINECT2,
+    OPTICAL,
+    WALK,
+    Y_UP,
+    mediapipe,
+    of_tracker,
+    refused,
+    stands,
+    table,
 )
-"""(F, 21, 3) metres, z up."""
-OPTICAL = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
-"""From forward, left, up to a camera's x right, y down, z away."""
-Y_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-KINECT2 = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
-
-
-def of_tracker(name: str, walk: np.ndarray = WALK) -> tuple[list[str], np.ndarray]:
-    """Names and (F, J, 3) of a tracker's joints; those that it has in addition are at the neck."""
-    joint_map = load_joint_map(name)
-    joints = np.repeat(walk[:, [JOINTS.index("neck")]], len(joint_map.source_joints), axis=1)
-    for row, weights in enumerate(joint_map.weights):
-        for column in np.flatnonzero(weights):
-            if weights[column] == 1 or JOINTS[row] == "head":
-                joints[:, column] = walk[:, row]
-    return list(joint_map.source_joints), joints
-
-
-def table(path: Path, head: list[str], rows: Sequence[Sequence[object]]) -> Path:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        csv.writer(file).writerows([head, *rows])
-    return path
-
-
-def stands(recording: Recording) -> None:
-    """All frames are there, and show the same body upright, in metres."""
-    assert len(recording.scenes) == FRAMES
-    canonical, seen = recording.joint_map.map(
-        np.stack([s.people[0].positions for s in recording.scenes]),
-        np.stack([s.people[0].observed for s in recording.scenes]),
-    )
-    used = [JOINTS.index(name) for name in ("l_wrist", "r_knee", "l_ankle")]
-    assert seen[:, used].all()
-    waist = canonical[:, [JOINTS.index("waist")]]
-    heights = (canonical - waist)[:, used, 2]
-    true = (WALK - WALK[:, [JOINTS.index("waist")]])[:, used, 2]
-    np.testing.assert_allclose(heights, true, atol=0.02)  # midpoints of hips are not the waist
-
-
-def refused(path: Path, **options: Any) -> str:
-    with pytest.raises(RecordingError) as caught:
-        open_recording(path, any_joints=True, **options)
-    assert "\n" not in str(caught.value)
-    return str(caught.value)
 
 
 # Azure Kinect: samples of recorders write k4abt_joint_id_t's names, mm, and a confidence level.
@@ -104,16 +60,6 @@ def test_what_the_user_says_holds(tmp_path):
     np.testing.assert_array_equal(recording.joint_map.rotation, np.eye(3))
 
 
-def mediapipe(path: Path, joints: np.ndarray) -> Path:
-    """x, y, z and visibility of each landmark, a row for each frame, as scripts write results."""
-    names = load_joint_map("mediapipe33").source_joints
-    head = ["frame"]
-    head += [f"{name.upper()}_{c}" for name in names for c in ("x", "y", "z", "visibility")]
-    sure = np.full((*joints.shape[:2], 1), 0.9)
-    cells = np.concatenate([joints, sure], axis=-1).reshape(FRAMES, -1)
-    return table(path, head, [[k, *row] for k, row in enumerate(cells)])
-
-
 # MediaPipe: pose_world_landmarks are metres about the hips; pose_landmarks are those of a picture.
 def test_mediapipes_landmarks_hold_no_place(tmp_path):
     _, joints = of_tracker("mediapipe33")
@@ -144,6 +90,39 @@ def test_mediapipe_placed_by_a_depth_camera(tmp_path):
 def test_an_absurd_rate_is_refused(tmp_path, rate_hz):
     path = table(tmp_path / "a.csv", ["a_x", "a_y", "a_z"], [[1, 2, 3], [1, 2, 3]])
     assert "--fps gives" in refused(path, rate_hz=rate_hz)
+
+
+@pytest.mark.parametrize("time", ["0.5", "0,5", "12:00:01", "2024-01-01T12:00:01Z", "0"])
+@pytest.mark.parametrize("name", ["time_s", "Timestamp", "capture time (ms)"])
+def test_a_rate_never_contradicts_the_times_of_a_table(tmp_path, name, time):
+    head = ["frame", name, "a_x", "a_y", "a_z"]
+    empty = [[k, cell, 1, 2, 3] for k, cell in enumerate(["", "nan", " ", "n/a"])]
+    path = table(tmp_path / "a.csv", head, empty)
+    assert open_recording(path, any_joints=True, rate_hz=30.0).rate_hz == 30.0
+    table(path, head, [*empty, [9, time, 1, 2, 3]])
+    assert f"has times of its own ('{name}' is '{time}'); leave --fps" in refused(path, rate_hz=30)
+    table(path, head, [*empty, [9, time, 1, "left", 3]])
+    assert "row 6: column 4" in refused(path, rate_hz=30.0)
+
+
+def test_a_damaged_file_is_said_before_an_option_that_it_does_not_need(tmp_path):
+    path = tmp_path / "a.npz"
+    path.write_bytes(b"PK\x03\x04")
+    assert "truncated" in refused(path, rate_hz=30.0)
+    np.savez(path, positions=np.ones((3, 1, 3)), parents=[-1], joint_names=["a"], fps=30)
+    assert "leave --fps out" in refused(path, rate_hz=30.0)
+
+
+def test_a_table_of_our_own_is_never_turned(tmp_path):
+    """Its units and axes are known: a person who lies there is not one who stands."""
+    names, joints = of_tracker("azure_kinect32")
+    rows = [[k / 30, 1, 1, *row] for k, row in enumerate((joints @ OPTICAL.T).reshape(FRAMES, -1))]
+    coordinates = [f"{name}_{c}" for name in names for c in "xyz"]
+    own = table(tmp_path / "own.csv", ["time_s", "sees_room", "person", *coordinates], rows)
+    recording = open_recording(own)
+    np.testing.assert_array_equal(recording.joint_map.rotation, np.eye(3))
+    other = table(tmp_path / "other.csv", ["time", "sees_room", "person", *coordinates], rows)
+    stands(open_recording(other))
 
 
 def test_several_people_without_times_need_frames(tmp_path):
@@ -189,63 +168,16 @@ def test_freemocaps_arrays(tmp_path, points):
     assert "not an array of numbers" in refused(tmp_path / "c.npy", rate_hz=30.0)
 
 
-def openpose(folder: Path, layout: str, scale: float = 1.0) -> Path:
-    names, joints = of_tracker("body25")
-    if layout == "COCO":
-        joints = joints[:, [k for k, name in enumerate(names) if k < 8 or 8 < k < 19]]
-    camera = np.concatenate([joints @ OPTICAL.T * scale, np.ones((*joints.shape[:2], 1))], axis=-1)
-    folder.mkdir()
-    for k, row in enumerate(camera):
-        person = {
-            "person_id": [-1],
-            "pose_keypoints_2d": row[:, [0, 1, 3]].ravel().tolist(),
-            "face_keypoints_2d": [],
-            "hand_left_keypoints_2d": [],
-            "pose_keypoints_3d": row.ravel().tolist(),
-        }
-        name = folder / f"walk_{k:012}_keypoints.json"
-        name.write_text(json.dumps({"version": 1.3, "people": [person]}))
-    return folder
-
-
-@pytest.mark.parametrize(("layout", "scale"), [("BODY_25", 1.0), ("COCO", 1000.0)])
-def test_a_folder_of_openpose(tmp_path, layout, scale):
-    folder = openpose(tmp_path / "json", layout, scale)
-    recording = open_recording(folder, rate_hz=30.0)
-    stands(recording)
-    assert len(recording.parts) == FRAMES
-    assert "--fps 30" in refused(folder)
-    first = sorted(folder.iterdir())[0]
-    before = recording.digest
-    first.write_text('{"version": 1.3, "people": []}')
-    (folder / "walk_000000000005_keypoints.json").unlink()
-    again = open_recording(first, rate_hz=30.0)
-    assert not again.scenes[0].people[0].observed.any()
-    assert again.scenes[5].stamp_ns == round(6e9 / 30)
-    assert "1 frames are missing" in again.note
-    assert again.digest != before
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"pose_keypoints_3d": []}, "2-D pixels alone"),
-        ({"pose_keypoints_3d": [1.0, 2.0]}, "x, y, z and c of 25 joints"),
-        ({"pose_keypoints_3d": ["1"] * 100}, "x, y, z and c of 25 joints"),
-        ({"pose_keypoints_3d": [10**400] * 100}, "a number is too large"),
-        ([], "has no 'people'"),
-    ],
-)
-def test_openposes_pixels_and_damaged_frames(tmp_path, change, message):
-    folder = openpose(tmp_path / "json", "BODY_25")
-    first = sorted(folder.iterdir())[0]
-    content = json.loads(first.read_text())
-    first.write_text(json.dumps({"people": [content["people"][0] | change]} if change else change))
-    assert message in refused(folder, rate_hz=30.0)
-    first.write_text("[" * 100_000)
-    assert "not JSON" in refused(folder, rate_hz=30.0)
-    first.write_text(json.dumps({"people": content["people"] * 2}))
-    assert "shows 2 people" in refused(folder, rate_hz=30.0)
+def test_an_archive_or_a_pickle_named_as_an_array_is_refused(tmp_path):
+    path = tmp_path / "a.npy"
+    with path.open("wb") as file:
+        np.savez(file, a=np.zeros((FRAMES, 33, 3)))
+    assert "not an array of numbers" in refused(path, rate_hz=30.0)
+    path.write_bytes(pickle.dumps(np.zeros((FRAMES, 33, 3))))
+    assert "not an array of numbers" in refused(path, rate_hz=30.0)
+    np.save(path, np.zeros((FRAMES, 33, 3)))
+    path.write_bytes(path.read_bytes()[:-1])
+    assert "truncated" in refused(path, rate_hz=30.0)
 
 
 # 3DPW: dictionaries of Python 2 with NumPy's arrays; protocol 2 is the most that Python 2 writes.
@@ -289,6 +221,21 @@ def test_another_pickle_is_refused(tmp_path):
         assert "3DPW" in refused(path)
     path.write_bytes(pickle.dumps({"jointPositions": [np.zeros((3, 72)), np.zeros((4, 72))]}))
     assert "3, 4 frames" in refused(path)
+
+
+def test_one_array_of_3dpw_is_not_unpacked_for_each_person(tmp_path, monkeypatch):
+    """A pickle names one array any number of times; a byte of it becomes eight."""
+    path = tmp_path / "a.pkl"
+    frames = 100
+    monkeypatch.setattr(pw3d, "MAX_JOINT_BYTES", 8 * 72 * 10 * frames)
+    body = np.zeros((frames, 72), np.int8)
+    path.write_bytes(pickle.dumps({"jointPositions": [body] * 10}))
+    open_recording(path, any_joints=True)
+    path.write_bytes(pickle.dumps({"jointPositions": [body] * 11}))
+    assert "cut it into parts" in refused(path)
+    for flags in ([np.ones(frames)] * 100_000, [np.ones(frames + 1)], np.ones(frames), "1", 1):
+        path.write_bytes(pickle.dumps({"jointPositions": [body], "campose_valid": flags}))
+        assert "'campose_valid'" in refused(path)
 
 
 # AMASS as distributed (amass.is.tue.mpg.de): SMPL+H's *_poses.npz, and SMPL-X's *_stageii.npz.

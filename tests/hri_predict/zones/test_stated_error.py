@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hri_predict.zones.body_zones import _grown
 from tests.hri_predict.lost_person import lost_person
 from tests.hri_predict.zones import test_toward
 from tests.hri_predict.zones.test_body_zones import NOW_NS, body, builder
@@ -58,3 +59,12 @@ def test_no_error_is_an_error_of_zero_to_the_last_bit(calibrated):
         assert one.tobytes() == other.tobytes()
     if calibrated:
         assert exact.toward.extra.tobytes() == stated.toward.extra.tobytes()
+
+
+def test_without_errors_no_memory_is_taken():
+    """A tick of a source without errors, which most are, costs what it did before."""
+    found = zones(calibrated=False, errors_m=None).zones.capsules
+    assert _grown(found, np.zeros(3)) is found
+    radius = found.radius.copy()
+    assert _grown(found, np.array([0.0, 0.1, 0.0])).radius is not found.radius
+    np.testing.assert_array_equal(found.radius, radius)

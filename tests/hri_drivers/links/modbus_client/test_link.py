@@ -13,7 +13,8 @@ from hri_predict.base.errors import LinkError
 from hri_predict.protocol.messages import RobotMode
 from hri_predict.protocol.wire import StateShape
 from hri_predict.robots.settings import RobotSettings
-from tests.hri_drivers.links.polled.servers import Server, made, states
+from hri_sim.robot_server.process import ServerProcess
+from tests.hri_drivers.links.polled.servers import made, states
 from tests.hri_drivers.links.rtde.rtde_robot import eventually
 
 pytestmark = pytest.mark.realtime
@@ -26,17 +27,17 @@ def started():
 
     def start(what):
         opened.append(what)
-        if not isinstance(what, Server):
+        if not isinstance(what, ServerProcess):
             what.start()
         return what
 
     yield start
     for each in reversed(opened):
-        each.kill() if isinstance(each, Server) else each.stop()
+        each.kill() if isinstance(each, ServerProcess) else each.stop()
 
 
 def test_states_come_in_and_their_counter_advances(started):
-    link = started(made("modbus", started(Server("modbus")).port))
+    link = started(made("modbus", started(ServerProcess("modbus")).port))
     found = states(link, 20)
     counters = [state.counter for state in found]
     assert all(b - a in (0, 1) for a, b in pairwise(counters))
@@ -47,7 +48,7 @@ def test_states_come_in_and_their_counter_advances(started):
 
 
 def test_a_heartbeat_that_stands_still_is_not_a_new_state(started):
-    server = started(Server("modbus", "frozen"))
+    server = started(ServerProcess("modbus", "frozen"))
     link = started(made("modbus", server.port))
     states(link, 5)
     server.toggle()
@@ -57,7 +58,7 @@ def test_a_heartbeat_that_stands_still_is_not_a_new_state(started):
 
 
 def test_a_position_that_is_not_a_number_is_counted_and_said(started):
-    server = started(Server("modbus", "not a number"))
+    server = started(ServerProcess("modbus", "not a number"))
     link = started(made("modbus", server.port))
     states(link, 5)
     server.toggle()
@@ -67,18 +68,18 @@ def test_a_position_that_is_not_a_number_is_counted_and_said(started):
 
 
 def test_a_server_that_is_restarted_is_connected_again(started):
-    server = started(Server("modbus"))
+    server = started(ServerProcess("modbus"))
     link = started(made("modbus", server.port))
     before = states(link, 3)[-1].counter
     server.kill()
     eventually(lambda: not link.connected)
-    started(Server("modbus", port=server.port))
+    started(ServerProcess("modbus", port=server.port))
     eventually(lambda: any(state.counter > before for state in states(link, 1)))
     assert link.counters.reconnects >= 1
 
 
 def test_registers_that_are_not_there_are_said_at_the_start(started):
-    server = started(Server("modbus"))
+    server = started(ServerProcess("modbus"))
     link = made("modbus", server.port, {"heartbeat": 90}, wait_for_device=False)
     with pytest.raises(LinkError, match=r"holding registers 90 to 125 .*correct the addresses"):
         link.start()

@@ -8,7 +8,8 @@ pytest.importorskip("asyncua", reason="asyncua is not installed: the link cannot
 from hri_drivers.links.opcua_client.link import OpcUaClientSettings
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.messages import RobotMode
-from tests.hri_drivers.links.polled.servers import Server, made, states
+from hri_sim.robot_server.process import ServerProcess
+from tests.hri_drivers.links.polled.servers import made, states
 from tests.hri_drivers.links.rtde.rtde_robot import eventually
 
 pytestmark = [pytest.mark.realtime, pytest.mark.long]  # its server takes seconds to start
@@ -16,7 +17,7 @@ pytestmark = [pytest.mark.realtime, pytest.mark.long]  # its server takes second
 
 @pytest.fixture(scope="module")
 def server():
-    started = Server("opcua", "wrong type")
+    started = ServerProcess("opcua", "wrong type")
     yield started
     started.kill()
 
@@ -54,14 +55,14 @@ def test_a_node_that_is_not_there_is_said_at_the_start(server):
 
 
 def test_a_server_that_ends_is_connected_again():
-    first = Server("opcua")
+    first = ServerProcess("opcua")
     link = made("opcua", first.port)
     link.start()
     try:
         before = states(link, 3)[-1].counter
         first.kill()
         eventually(lambda: not link.connected)
-        second = Server("opcua", port=first.port)
+        second = ServerProcess("opcua", port=first.port)
         try:
             eventually(lambda: any(state.counter > before for state in states(link, 1)))
         finally:

@@ -1,9 +1,5 @@
-"""The made-up robot's server as a process of its own."""
+"""Links to the robot's server of ``hri_sim``, which runs as a process of its own."""
 
-import json
-import signal
-import subprocess
-import sys
 from typing import Any
 
 import yaml
@@ -16,24 +12,6 @@ from tests.hri_drivers.links.rtde.rtde_robot import eventually
 
 PATIENT = {"reply_timeout_s": 2.0, "max_state_age_s": 1.0, "wait_for_device": True}
 """A machine with much else to do answers late."""
-
-
-class Server:
-    """``python -m hri_sim.robot_server``; the fault begins and ends with ``toggle``."""
-
-    def __init__(self, protocol: str, fault: str = "none", port: int = 0) -> None:
-        command = [sys.executable, "-m", "hri_sim.robot_server", protocol, "--fault", fault]
-        command += ["--port", str(port), "--after-s", "1e9"]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self._process.stdout is not None
-        self.port: int = json.loads(self._process.stdout.readline())["port"]
-
-    def toggle(self) -> None:
-        self._process.send_signal(signal.SIGUSR1)
-
-    def kill(self) -> None:
-        self._process.kill()
-        self._process.wait()
 
 
 def made(protocol: str, port: int, state: dict[str, Any] | None = None, **changes: Any) -> Any:

@@ -45,6 +45,37 @@ def test_what_is_damaged_is_made_anew_and_told(folder, caplog, damage):
     assert make.times == 2
 
 
+def test_a_file_under_another_name_is_made_anew(folder):
+    make = Made()
+    cached("a", lambda: b"another's")
+    (folder / "a").rename(folder / "b")
+    assert cached("b", make) == b"content"
+    assert make.times == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no such owner here")
+def test_a_file_of_another_user_is_made_anew(folder, monkeypatch, caplog):
+    make = Made()
+    cached("a", make)
+    if os.geteuid() == 0:
+        os.chown(folder / "a", 12345, -1)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    assert cached("a", make) == b"content"
+    assert make.times == 2
+    assert "belongs to another user" in caplog.text
+
+
+def test_a_file_of_root_is_read(folder, monkeypatch):
+    make = Made()
+    cached("a", make)
+    if os.geteuid() != 0:
+        pytest.skip("needs a file of root")
+    monkeypatch.setattr(os, "geteuid", lambda: 12345)
+    cached("a", make)
+    assert make.times == 1
+
+
 @pytest.mark.parametrize(
     "put",
     [

@@ -33,9 +33,16 @@ def test_each_joint_is_one_sensors_own_and_never_a_contradicted_one(a, b, seen_a
 
 @pytest.mark.parametrize(
     ("seen_first", "seen_second", "error_m"),
-    [(slice(None), slice(None), 0.2), (slice(2, None), slice(None), 0.9)],
+    [
+        (slice(None), slice(None), 0.9),
+        (slice(2, None), slice(None), 0.9),
+        (slice(None), slice(0), 0.2),
+        (slice(0), slice(0), 0.0),
+    ],
 )
-def test_the_error_is_that_of_the_worst_sensor_that_gives_a_joint(seen_first, seen_second, error_m):
+def test_the_error_is_that_of_the_worst_sensor_that_sees_the_person(
+    seen_first, seen_second, error_m
+):
     first, second = np.zeros((2, J), np.bool_)
     first[seen_first], second[seen_second] = True, True
     places = np.ones((J, 3))

@@ -13,6 +13,7 @@ import torch
 from torch import nn
 
 from hri_predict.base.errors import ConfigError, PredictorError
+from hri_predict.base.machine.cache import cached, forget
 from hri_predict.contracts import registry
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.engine import engine_for
@@ -193,14 +194,14 @@ def test_a_random_adversary_does_not_make_another_copy(folder):
 
 def test_a_copy_of_something_else_is_made_anew(folder):
     """What lies in the cache under the right name may be the code's of yesterday."""
-    engine_for(Leaning(lean=0.5).eval(), "auto", 1)
-    (other,) = folder.iterdir()
-    content = other.read_bytes()
-    other.unlink()
+    other = engine_for(Leaning(lean=0.5).eval(), "auto", 1)
+    forget(next(folder.iterdir()).name)
     engine_for(Leaning().eval(), "auto", 1)
     (kept,) = folder.iterdir()
     right = kept.read_bytes()
-    kept.write_bytes(content)
+    forget(kept.name)
+    cached(kept.name, lambda: other.model)
+    assert kept.read_bytes() != right
     engine = engine_for(Leaning().eval(), "auto", 1)
     assert engine.name == "onnxruntime"
     assert engine.differs_m < ROUNDING_M

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
 from hri_predict.predictors.building import predictor_of
 from hri_predict.predictors.neural import exported, exporting
 from hri_predict.predictors.neural.exported import ExportedPredictor, NoCopyError, Stored
-from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed")
 
@@ -47,7 +48,7 @@ def counted(monkeypatch, content):
         calls.append(settings)
         return content
 
-    monkeypatch.setattr(exported, "_made", make)
+    monkeypatch.setattr(exported, "_by_another_process", make)
     return calls
 
 
@@ -77,6 +78,33 @@ def test_it_is_made_once_and_warns_each_time(made, caplog):
     assert caplog.messages.count("far beyond") == 2
 
 
+def test_a_copy_fails_as_any_predictor_does(made, monkeypatch):
+    def broken(settings):
+        raise ZeroDivisionError("in a kernel")
+
+    monkeypatch.setattr(exported, "exported", broken)
+    with pytest.raises(ConfigError, match="predictor 'sinn' cannot be built: ZeroDivisionError"):
+        predictor_of(settings_of())
+
+
+def test_probes_of_another_shape_do_not_end_the_start(monkeypatch, made, stored):
+    short = [(p, o, w[:, :-1]) for p, o, w in stored.probes]
+    counted(monkeypatch, replace(stored, probes=short).packed())
+    with pytest.raises(NoCopyError, match="cannot compute it"):
+        exported.exported(settings_of())
+
+
+def test_without_numba_torch_has_the_threads_of_the_settings(made, monkeypatch):
+    before = torch.get_num_threads()
+    monkeypatch.setattr(exported, "is_compiled", lambda: False)
+    try:
+        torch.set_num_threads(3)
+        exported.exported(settings_of(threads=2))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
 @pytest.mark.long
 def test_other_settings_or_weights_have_their_own_copy(made, tmp_path):
     exported.exported(settings_of())
@@ -89,14 +117,14 @@ def test_other_settings_or_weights_have_their_own_copy(made, tmp_path):
     assert len(made) == 3
 
 
-@pytest.mark.long
-def test_a_copy_that_disagrees_with_torch_does_not_compute(monkeypatch, made, stored):
+def test_a_copy_that_disagrees_with_torch_does_not_compute(monkeypatch, made, stored, by_torch):
     moved = [(p, o, w + np.float32(0.01)) for p, o, w in stored.probes]
     calls = counted(monkeypatch, replace(stored, probes=moved).packed())
     with pytest.raises(NoCopyError, match=r"differs from torch by 0\.01"):
         exported.exported(settings_of())
     assert len(calls) == 2
-    assert isinstance(predictor_of(settings_of()), NeuralPredictor)
+    monkeypatch.setattr(registry, "load", lambda kind, name: lambda settings: by_torch)
+    assert predictor_of(settings_of()) is by_torch
 
 
 def test_damaged_copies_are_made_again(made, stored, tmp_path):
@@ -108,6 +136,29 @@ def test_damaged_copies_are_made_again(made, stored, tmp_path):
     for content in (b"", b"PK", stored.packed()[:-500], stored.packed()[500:]):
         with pytest.raises(NoCopyError):
             Stored.unpacked(content)
+
+
+def test_the_copy_of_another_predictor_is_not_its_own(made, tmp_path):
+    """It agrees with itself: only its name says what it is a copy of."""
+    exported.exported(settings_of())
+    (kept,) = tmp_path.glob("sinn-*.forecasts")
+    kept.rename(tmp_path / exported._key(settings_of(horizon_s=0.4)))
+    exported.exported(settings_of(horizon_s=0.4))
+    assert len(made) == 2
+
+
+def test_weights_that_change_during_the_export_have_no_copy(made, monkeypatch, stored, tmp_path):
+    weights = tmp_path / "own.safetensors"
+    weights.write_bytes(settings_of().files()[0].read_bytes())
+
+    def make(settings):
+        weights.write_bytes(weights.read_bytes() + b" ")
+        return stored.packed()
+
+    monkeypatch.setattr(exported, "_by_another_process", make)
+    with pytest.raises(NoCopyError, match="changed while it was exported"):
+        exported.exported(settings_of(weights=str(weights)))
+    assert not list(tmp_path.glob("*.forecasts"))
 
 
 @pytest.mark.parametrize(

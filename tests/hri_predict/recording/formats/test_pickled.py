@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from hri_predict.recording.formats.pickled import MAX_STEPS, Array, read_pickle
 
+ENOUGH = 10**6
 NUMBERS = {
     "a": [np.arange(6.0).reshape(2, 3), np.asfortranarray(np.arange(6, dtype=">f4").reshape(3, 2))],
     "b": ("text", "\xe9", b"\xff", None, True, -3, 10**30, 2.5, np.float64(3)),
@@ -32,7 +33,7 @@ class Calls:
 def test_arrays_and_containers_of_every_protocol(protocol):
     found = read_pickle(pickle.dumps(NUMBERS, protocol=protocol))
     for array, true in zip(found["a"], NUMBERS["a"], strict=True):
-        np.testing.assert_array_equal(array.numbers(), true)
+        np.testing.assert_array_equal(array.numbers(ENOUGH), true)
     assert found["b"][:8] == NUMBERS["b"][:8]
 
 
@@ -94,20 +95,48 @@ def test_one_text_is_not_unpacked_again_and_again():
 )
 def test_an_array_without_a_type_has_no_numbers(array):
     with pytest.raises(ValueError, match="without a type"):
-        array.numbers()
+        array.numbers(ENOUGH)
 
 
 @pytest.mark.parametrize("values", [np.array([{}], object), np.array(["a"]), np.array([1j])])
 def test_arrays_of_other_things_have_no_numbers(values):
     with pytest.raises(ValueError, match="not of numbers"):
-        read_pickle(pickle.dumps([values]))[0].numbers()
+        read_pickle(pickle.dumps([values]))[0].numbers(ENOUGH)
+
+
+@pytest.mark.parametrize("code", ["b2", "b8", "f1", "i3", "u16", "V8", "M8"])
+def test_types_that_numpy_does_not_have_are_no_numbers(code):
+    data = pickle.dumps([np.zeros(6)], protocol=2).replace(
+        b"X\x02\0\0\0f8", b"X" + struct.pack("<I", len(code)) + code.encode()
+    )
+    with pytest.raises(ValueError, match="not of numbers"):
+        read_pickle(data)[0].numbers(ENOUGH)
+
+
+@pytest.mark.parametrize("kind", ["?", "i1", "u1", "<i2", ">u4", "<i8", "f2", "<f4", ">f8"])
+def test_all_numbers_of_numpy_are_read(kind):
+    true = np.array([[0, 1, 1]], kind)
+    (found,) = read_pickle(pickle.dumps([true], protocol=2))
+    np.testing.assert_array_equal(found.numbers(3), true)
+    with pytest.raises(ValueError, match="cut it into parts"):
+        found.numbers(2)
+
+
+def test_a_long_tuple_is_not_unpacked_again_and_again():
+    arguments = b"(" + b"N" * 100_000 + b"tq\x000"
+    call = b"h\x01h\x00R0"
+    data = (
+        b"\x80\x02" + arguments + b"cnumpy.core.multiarray\nscalar\nq\x010" + call * 100_000 + b"."
+    )
+    with pytest.raises(ValueError, match="more than 4 arguments"):
+        read_pickle(data)
 
 
 def test_an_array_larger_than_its_data_has_no_numbers():
     data = pickle.dumps([np.zeros((2, 3))], protocol=2)
     for shape in (b"K\x02K\x04\x86", b"K\x02J\xff\xff\xff\xff\x86"):
         with pytest.raises(ValueError, match="do not fill its shape"):
-            read_pickle(data.replace(b"K\x02K\x03\x86", shape))[0].numbers()
+            read_pickle(data.replace(b"K\x02K\x03\x86", shape))[0].numbers(ENOUGH)
 
 
 _GOOD = [pickle.dumps(NUMBERS, protocol=protocol) for protocol in range(5)]
@@ -146,4 +175,4 @@ def _read(data: bytes) -> None:
     for array in arrays if isinstance(arrays, list | tuple) else ():
         if isinstance(array, Array):
             with contextlib.suppress(ValueError):
-                assert array.numbers().dtype == np.float64
+                assert array.numbers(ENOUGH).dtype == np.float64
