@@ -237,9 +237,13 @@ def _print(summary: dict[str, Any]) -> None:
     latency = summary["latency_ms"]
     print(
         f"pictures: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
-        f"{summary['skipped']} skipped for --max-fps, {summary['interruptions']} interruptions"
+        f"{summary['skipped']} skipped for --max-fps, {summary['late']} too late for the order, "
+        f"{summary['interruptions']} interruptions"
     )
-    print(f"scenes: {summary['scenes']} sent, {summary['unsent']} datagrams refused by the system")
+    print(
+        f"scenes: {summary['scenes']} sent, {summary['unsent']} datagrams refused by the system, "
+        f"the clock was set {summary['clock_steps']} times"
+    )
     print(f"people: {summary['ids']} ids, {summary['most_people']} at once at most")
     for what in ("unplaced", "without_view"):
         for why, count in summary[what].items():

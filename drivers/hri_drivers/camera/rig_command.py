@@ -96,10 +96,10 @@ def cameras(
         open_input(each, rate_hz=fps, loop=False, latency_s=None, size=size_of(size, each))
         for each in sources
     ]
-    at_s, at_ns = time.monotonic(), time.time_ns()
+    at_s = time.monotonic()
     for each in inputs:
         if isinstance(each, Video):
-            each.begin(at_s, at_ns)
+            each.begin(at_s)
     eyes = [
         Eye(source, Newest(each), finder, camera)
         for source, each, finder, camera in zip(sources, inputs, finders, known, strict=True)
