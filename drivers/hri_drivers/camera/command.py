@@ -237,16 +237,24 @@ def _print(summary: dict[str, Any]) -> None:
     latency = summary["latency_ms"]
     print(
         f"pictures: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
-        f"{summary['skipped']} skipped for --max-fps, {summary['interruptions']} interruptions"
+        f"{summary['skipped']} skipped for --max-fps, {summary['late']} too late for the order, "
+        f"{summary['interruptions']} interruptions"
     )
-    print(f"scenes: {summary['scenes']} sent, {summary['unsent']} datagrams refused by the system")
+    print(
+        f"scenes: {summary['scenes']} sent, {summary['unsent']} datagrams refused by the system, "
+        f"the clock was set {summary['clock_steps']} times"
+    )
     print(f"people: {summary['ids']} ids, {summary['most_people']} at once at most")
     for what in ("unplaced", "without_view"):
         for why, count in summary[what].items():
             print(f"  {what.replace('_', ' ')}: {why}: {count}")
     if latency["p50"] is not None:
         print(
-            f"latency from exposure to scene: {latency['p50']:.0f} ms in the middle (p50), "
-            f"{latency['p99']:.0f} ms (p99), by {summary['stamps']}; processor time for a picture: "
-            f"{summary['processor_ms']:.0f} ms"
+            f"latency from exposure to scene: {latency['least']:.0f} ms at least, "
+            f"{latency['p50']:.0f} ms in the middle (p50), {latency['p99']:.0f} ms (p99), by "
+            f"{summary['stamps']}; processor time for a picture: {summary['processor_ms']:.0f} ms"
+        )
+        print(
+            f"the node needs source.min_latency_s: {latency['least'] / 1e3:.3f}, or every age is "
+            f"too small by what is missing"
         )

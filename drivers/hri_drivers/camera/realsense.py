@@ -18,6 +18,8 @@ DEFAULT_HZ = 30.0
 LATENCY_S = 0.06
 """From the exposure to the arrival of aligned pictures, where the device gives no time of ours."""
 MAX_AGE_S = 1.0
+MAX_APART_S = 0.05
+"""From the exposure of the colour picture to that of its depth: a person walks 8 cm."""
 FACTORY_FOCAL_ERROR = 0.01
 """Of the intrinsics by which the device was calibrated in the factory."""
 
@@ -45,6 +47,7 @@ class RealSense:
         self._rs = _package() if package is None else package
         self._rate_hz, self._size = round(rate_hz or DEFAULT_HZ), size
         self._number = 0
+        self._is_believed = False
         self._pipeline: Any = None
         self.stamps = ""
         try:
@@ -64,12 +67,13 @@ class RealSense:
             raise SourceError(f"RealSense: it delivers no picture ({error})") from None
         if not colour or not depth:
             raise SourceError("RealSense: a picture came without its depth")
+        exposed_ns = self._exposed(colour, depth)
         self._number += 1
         raw = np.asanyarray(depth.get_data())
         metres: Float32 = raw.astype(np.float32) * np.float32(self._metres_per_unit)
         metres[raw == 0] = np.nan
         pixels = np.array(np.asanyarray(colour.get_data()), np.uint8)
-        return Image(pixels, self._exposed(colour), self._number, metres)
+        return Image(pixels, exposed_ns, self._number, metres)
 
     def close(self) -> None:
         """See ``Input``."""
@@ -93,14 +97,28 @@ class RealSense:
         stream = profile.get_stream(rs.stream.color).as_video_stream_profile()
         return _camera(rs, stream.get_intrinsics())
 
-    def _exposed(self, frame: Any) -> int:
-        """Return the time of the exposure, nanoseconds of UTC."""
-        now_ns, domain = time.time_ns(), self._rs.timestamp_domain
-        if frame.get_frame_timestamp_domain() in (domain.system_time, domain.global_time):
-            stamp_ns = round(frame.get_timestamp() * 1e6)
-            if 0 <= now_ns - stamp_ns <= MAX_AGE_S * 1e9:
-                self.stamps = "the device's time stamps"
-                return stamp_ns
+    def _exposed(self, colour: Any, depth: Any) -> int:
+        """Return the time of the earlier exposure of the two, by the monotonic clock.
+
+        Raises:
+            SourceError: the two pictures are not of one moment.
+        """
+        now_ns, utc_ms = time.monotonic_ns(), time.time_ns() / 1e6
+        domain = self._rs.timestamp_domain
+        of = colour.get_frame_timestamp_domain()
+        if depth.get_frame_timestamp_domain() != of:
+            raise SourceError("RealSense: a picture and its depth are stamped by different clocks")
+        stamps_ms = colour.get_timestamp(), depth.get_timestamp()
+        if not max(stamps_ms) - min(stamps_ms) <= 1e3 * MAX_APART_S:  # NaN, too
+            raise SourceError(
+                f"RealSense: a picture and its depth are more than {1e3 * MAX_APART_S:.0f} ms apart"
+            )
+        age_ms = utc_ms - min(stamps_ms)
+        is_ours = of in (domain.system_time, domain.global_time) and age_ms >= 0
+        self._is_believed = is_ours and (self._is_believed or age_ms <= 1e3 * MAX_AGE_S)
+        if self._is_believed:
+            self.stamps = "the device's time stamps"
+            return now_ns - round(age_ms * 1e6)
         self.stamps = f"arrival less {LATENCY_S:g} s, since the device gives no time"
         return now_ns - round(LATENCY_S * 1e9)
 

@@ -17,7 +17,7 @@ class Image:
 
     Attributes:
         pixels: (H, W, 3), BGR.
-        exposed_ns: time of the exposure by ``time.time_ns``, as well as it is known.
+        exposed_ns: time of the exposure by ``time.monotonic_ns``, as well as it is known.
         number: counts up by one for each picture that the device delivered.
         depth: (H, W) metres of an RGB-D camera, or None.
     """

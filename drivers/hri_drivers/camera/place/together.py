@@ -53,7 +53,7 @@ class View:
 
     Attributes:
         camera: with its pose in the room, of pictures of this size.
-        exposed_ns: time of the exposure, of one clock for all cameras.
+        exposed_ns: time of the exposure, by one clock for all cameras.
         seen: the people in it.
     """
 
