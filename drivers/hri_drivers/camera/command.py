@@ -30,8 +30,8 @@ def camera(
         str | None,
         typer.Argument(
             metavar="INPUT",
-            help="A camera's number (0) or device, 'realsense', a video, a picture, or a folder of "
-            "pictures.",
+            help="A camera's number (0) or device, 'realsense', 'oak', 'kinect', a video, a "
+            "picture, or a folder of pictures.",
         ),
     ] = None,
     fetch_model: Annotated[
@@ -104,13 +104,13 @@ def camera(
             f"opencv-python-headless"
         ) from error
     from hri_drivers.camera import preview as drawing
+    from hri_drivers.camera.depth_camera import DepthCamera
     from hri_drivers.camera.images import open_input
     from hri_drivers.camera.network import package
     from hri_drivers.camera.newest import Newest
     from hri_drivers.camera.pipeline import Pipeline
     from hri_drivers.camera.place.camera import read_camera
     from hri_drivers.camera.placing import Placer
-    from hri_drivers.camera.realsense import RealSense
     from hri_drivers.camera.sending import Sender
     from hri_drivers.sources.scene_stream.key_file import read_key
     from hri_predict.contracts.joint_map import load_joint_map
@@ -139,10 +139,10 @@ def camera(
     pictures = open_input(
         source, rate_hz=fps, loop=loop, latency_s=latency, size=size_of(size, source)
     )
-    if known is None and field_of_view is None and isinstance(pictures, RealSense):
+    if known is None and field_of_view is None and isinstance(pictures, DepthCamera):
         known = pictures.camera
     placer = Placer(known, field_of_view, height)
-    finder = finder_of(model, variant, people, threads, flat=isinstance(pictures, RealSense))
+    finder = finder_of(model, variant, people, threads, flat=isinstance(pictures, DepthCamera))
     sender = Sender(host, port, load_joint_map(finder.layout).source_joints, key)
     pipeline = Pipeline(Newest(pictures), finder, placer, sender=sender, max_hz=max_fps)
     _run(pipeline, seconds, once)
@@ -223,9 +223,9 @@ def size_of(size: str | None, source: str) -> tuple[int, int]:
     """Return width and height of ``--size``."""
     if size is None:
         return 640, 480
-    from hri_drivers.camera.images import REALSENSE, is_device
+    from hri_drivers.camera.images import DEPTH_CAMERAS, is_device
 
-    if not (is_device(source) or source == REALSENSE):
+    if not (is_device(source) or source in DEPTH_CAMERAS):
         without_effect({"--size": size}, f"on {source}: only on a camera")
     found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", size)
     if found is None:

@@ -8,6 +8,7 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,7 +20,8 @@ from hri_predict.base.errors import ConfigError, SourceError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 MIN_SIDE, MAX_SIDE = 64, 8192
-REALSENSE = "realsense"
+DEPTH_CAMERAS = {"realsense": "RealSense", "oak": "Oak", "kinect": "Kinect"}
+"""Modules of this folder, and their classes."""
 DEPTH = ".depth.png"
 """NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
@@ -75,13 +77,13 @@ def open_input(
         cv2.utils.logging.LOG_LEVEL_SILENT
     )  # its warnings name no remedy; ours do
     path = Path(text)
-    if text == REALSENSE and not path.exists():
-        from hri_drivers.camera.realsense import RealSense
-
+    if text in DEPTH_CAMERAS and not path.exists():
         for flag, given in (("--loop", loop), ("--latency", latency_s is not None)):
             if given:
-                raise ConfigError(f"{flag}: has no effect on a RealSense; leave it out")
-        return RealSense(rate_hz=rate_hz, size=size)
+                raise ConfigError(f"{flag}: has no effect on a depth camera; leave it out")
+        module = import_module(f"hri_drivers.camera.{text}")
+        opened: Input = getattr(module, DEPTH_CAMERAS[text])(rate_hz=rate_hz, size=size)
+        return opened
     if not text:
         raise ConfigError("input: empty; give a camera's number such as 0, or a file")
     if is_device(text) and loop:
