@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hri_drivers.camera.place.camera import Camera
-from hri_drivers.camera.seen import Float32, Image
+from hri_drivers.camera.seen import Float32, Image, Stamped
 from hri_predict.base.errors import ConfigError, SourceError
 
 TIMEOUT_MS = 1000
@@ -73,7 +73,8 @@ class RealSense:
         metres: Float32 = raw.astype(np.float32) * np.float32(self._metres_per_unit)
         metres[raw == 0] = np.nan
         pixels = np.array(np.asanyarray(colour.get_data()), np.uint8)
-        return Image(pixels, exposed_ns, self._number, metres)
+        stamped: Stamped = "by the device" if self._is_believed else "on arrival"
+        return Image(pixels, exposed_ns, self._number, metres, stamped)
 
     def close(self) -> None:
         """See ``Input``."""
