@@ -165,7 +165,7 @@ class Rig:
             self._sent(number, each)
             for number, each in zip(self._ids.assign(people), people, strict=True)
         )
-        why = None if is_whole else "more people than are followed"
+        why = None if is_whole else "there may be more people than are followed"
         if not people:
             why = "no person in the pictures"
         elif any(isinstance(each.placed, Unplaced) for each in people):
