@@ -192,6 +192,11 @@ def finder_of(
                 f"model {path}: it finds joints in the picture only, and one camera then cannot "
                 f"say how far away a person is; name an output with metres as people.world"
             )
+        if described.room_for == 1:
+            warn(
+                f"model {path}: it looks for one person, so a second one is not noticed: scenes "
+                f"never say that the room is seen, and the advice stays unknown"
+            )
         return described
     if path.suffix.lower() in (".onnx", ".tflite"):
         raise ConfigError(

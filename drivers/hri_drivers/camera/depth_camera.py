@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hri_drivers.camera.place.camera import Camera
-from hri_drivers.camera.seen import Float32, Image
+from hri_drivers.camera.seen import Float32, Image, Stamped
 from hri_predict.base.errors import ConfigError, SourceError
 
 TIMEOUT_MS = 1000
@@ -41,6 +41,7 @@ class DepthCamera:
     module: ClassVar[str]
     """The maker's package, by the name under which it is imported and installed."""
     stamps = "the device's time stamps"
+    stamped: Stamped = "by the device"
     metres_per_unit = 0.001
     _is_open = False
 
@@ -67,7 +68,7 @@ class DepthCamera:
         self._number += 1
         metres: Float32 = raw.astype(np.float32) * np.float32(self.metres_per_unit)
         metres[raw == 0] = np.nan
-        return Image(np.array(pixels, np.uint8), exposed_ns, self._number, metres)
+        return Image(np.array(pixels, np.uint8), exposed_ns, self._number, metres, self.stamped)
 
     def close(self) -> None:
         """See ``Input``."""

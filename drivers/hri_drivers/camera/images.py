@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from hri_drivers.camera.place.by_depth import read_depth
-from hri_drivers.camera.seen import Image, UInt8
+from hri_drivers.camera.seen import Image, Stamped, UInt8
 from hri_predict.base.errors import ConfigError, SourceError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
@@ -182,7 +182,8 @@ class Webcam:
             raise SourceError(f"camera {self._name}: it delivers no picture; is it unplugged?")
         now_ns = time.monotonic_ns()
         self._number += 1
-        return Image(checked(pixels, f"camera {self._name}"), self._time(now_ns), self._number)
+        pixels = checked(pixels, f"camera {self._name}")
+        return Image(pixels, self._time(now_ns), self._number, stamped=self._stamped())
 
     def close(self) -> None:
         """See ``Input``."""
@@ -203,6 +204,9 @@ class Webcam:
         if self._rate_hz is not None:
             device.set(cv2.CAP_PROP_FPS, self._rate_hz)
         return device
+
+    def _stamped(self) -> Stamped:
+        return "by the device" if self._is_believed else "on arrival"
 
     def _time(self, now_ns: int) -> int:
         import cv2
@@ -266,7 +270,8 @@ class Video:
         (pixels, at_s), self._ahead = self._ahead, None
         time.sleep(max(0.0, self._start + at_s - time.monotonic()))
         self._number += 1
-        image = Image(pixels, round(1e9 * (self._start + at_s)), self._number)
+        exposed_ns = round(1e9 * (self._start + at_s))
+        image = Image(pixels, exposed_ns, self._number, stamped="by the file")
         self._ahead = self._next()
         return image
 
@@ -336,7 +341,7 @@ class Pictures:
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = max(time.monotonic(), self._next) + self._period_s
         self._number += 1
-        return Image(pixels, time.monotonic_ns(), self._number, depth)
+        return Image(pixels, time.monotonic_ns(), self._number, depth, "by the file")
 
     def close(self) -> None:
         """See ``Input``."""

@@ -129,7 +129,7 @@ class Pipeline:
         self.counts.most_people = max(self.counts.most_people, len(seen))
         placed = tuple(self._placer.place(each, image) for each in seen)
         if not finding.is_whole:
-            self.counts.blind["more people than are followed"] += 1
+            self.counts.blind["there may be more people than are followed"] += 1
         elif not placed:
             self.counts.blind["no person in the picture"] += 1
         self._send(placed, sees_room=finding.is_whole and bool(placed), stamp_ns=image.exposed_ns)

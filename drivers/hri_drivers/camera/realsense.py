@@ -76,7 +76,8 @@ class RealSense(DepthCamera):
         is_ours = of in (domain.system_time, domain.global_time) and age_ms >= 0
         self._is_believed = is_ours and (self._is_believed or age_ms <= 1e3 * MAX_AGE_S)
         if self._is_believed:
-            self.stamps = "the device's time stamps"
+            self.stamps, self.stamped = "the device's time stamps", "by the device"
             return now_ns - round(age_ms * 1e6)
+        self.stamped = "on arrival"
         self.stamps = f"arrival less {LATENCY_S:g} s, since the device gives no time"
         return now_ns - round(LATENCY_S * 1e9)

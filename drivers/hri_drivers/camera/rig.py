@@ -74,7 +74,8 @@ class Rig:
     """Finds, places and sends the people that several cameras see at one moment.
 
     A scene *sees the room* only if all pictures show something, at least one person is in them, and
-    all who were found could be placed.
+    all who were found could be placed. Pictures whose times are known in different ways are not of
+    one moment, whatever their times say.
 
     Args:
         eyes: two or more cameras; people are sent in the axes of the first one.
@@ -135,6 +136,10 @@ class Rig:
     def take(self, images: Sequence[Image]) -> None:
         """Process pictures of one moment."""
         self.scenes += 1
+        if len({image.stamped for image in images}) > 1:
+            kinds = (f"{e.name} {i.stamped}" for e, i in zip(self._eyes, images, strict=True))
+            self._blind(f"pictures are stamped differently ({', '.join(kinds)})")
+            return
         for eye, image in zip(self._eyes, images, strict=True):
             wrong = hides(image.pixels) or eye.frozen.judge(image)
             if wrong is not None:
@@ -160,7 +165,7 @@ class Rig:
             self._sent(number, each)
             for number, each in zip(self._ids.assign(people), people, strict=True)
         )
-        why = None if is_whole else "more people than are followed"
+        why = None if is_whole else "there may be more people than are followed"
         if not people:
             why = "no person in the pictures"
         elif any(isinstance(each.placed, Unplaced) for each in people):
