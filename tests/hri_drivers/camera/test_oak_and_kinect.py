@@ -198,6 +198,7 @@ def test_an_oaks_pictures_have_depth_in_metres_and_its_own_lens(oak):
     np.testing.assert_array_equal(image.pixels, PIXELS)
     np.testing.assert_allclose(image.depth[0, :3], [np.nan, np.nan, 1.5])  # too far: no depth
     assert (image.number, device.read().number) == (1, 2)
+    assert image.stamped == "by the device"
     np.testing.assert_allclose(device.camera.matrix, MATRIX)
     assert device.camera.size == SIZE
     device.close()
@@ -218,6 +219,7 @@ def test_a_kinects_pictures_have_depth_in_metres_and_its_own_lens():
     np.testing.assert_array_equal(image.pixels, PIXELS)
     np.testing.assert_allclose(image.depth[0, :3], [np.nan, 6.0, 1.5])
     assert device.camera.size == (1280, 720)
+    assert image.stamped == "on arrival"  # its latency is assumed
     assert device.camera.distortion.tolist() == (np.arange(8) / 1000).tolist()
     assert package.asked["camera_fps"] is package.FPS.FPS_30
 
