@@ -32,7 +32,7 @@ class SourceSettings(Settings):
         0.0,
         ge=0,
         le=2,
-        description="least delay from capture to stamp, which the node cannot measure",
+        description="least delay from capture to arrival, which the node cannot measure",
     )
     clock_wander_s: float = Field(
         0.1,

@@ -30,8 +30,8 @@ def camera(
         str | None,
         typer.Argument(
             metavar="INPUT",
-            help="A camera's number (0) or device, 'realsense', a video, a picture, or a folder of "
-            "pictures.",
+            help="A camera's number (0) or device, 'realsense', 'oak', 'kinect', a video, a "
+            "picture, or a folder of pictures.",
         ),
     ] = None,
     fetch_model: Annotated[
@@ -104,13 +104,13 @@ def camera(
             f"opencv-python-headless"
         ) from error
     from hri_drivers.camera import preview as drawing
+    from hri_drivers.camera.depth_camera import DepthCamera
     from hri_drivers.camera.images import open_input
     from hri_drivers.camera.network import package
     from hri_drivers.camera.newest import Newest
     from hri_drivers.camera.pipeline import Pipeline
     from hri_drivers.camera.place.camera import read_camera
     from hri_drivers.camera.placing import Placer
-    from hri_drivers.camera.realsense import RealSense
     from hri_drivers.camera.sending import Sender
     from hri_drivers.sources.scene_stream.key_file import read_key
     from hri_predict.contracts.joint_map import load_joint_map
@@ -139,10 +139,10 @@ def camera(
     pictures = open_input(
         source, rate_hz=fps, loop=loop, latency_s=latency, size=size_of(size, source)
     )
-    if known is None and field_of_view is None and isinstance(pictures, RealSense):
+    if known is None and field_of_view is None and isinstance(pictures, DepthCamera):
         known = pictures.camera
     placer = Placer(known, field_of_view, height)
-    finder = finder_of(model, variant, people, threads, flat=isinstance(pictures, RealSense))
+    finder = finder_of(model, variant, people, threads, flat=isinstance(pictures, DepthCamera))
     sender = Sender(host, port, load_joint_map(finder.layout).source_joints, key)
     pipeline = Pipeline(Newest(pictures), finder, placer, sender=sender, max_hz=max_fps)
     _run(pipeline, seconds, once)
@@ -192,6 +192,11 @@ def finder_of(
                 f"model {path}: it finds joints in the picture only, and one camera then cannot "
                 f"say how far away a person is; name an output with metres as people.world"
             )
+        if described.room_for == 1:
+            warn(
+                f"model {path}: it looks for one person, so a second one is not noticed: scenes "
+                f"never say that the room is seen, and the advice stays unknown"
+            )
         return described
     if path.suffix.lower() in (".onnx", ".tflite"):
         raise ConfigError(
@@ -223,9 +228,9 @@ def size_of(size: str | None, source: str) -> tuple[int, int]:
     """Return width and height of ``--size``."""
     if size is None:
         return 640, 480
-    from hri_drivers.camera.images import REALSENSE, is_device
+    from hri_drivers.camera.images import DEPTH_CAMERAS, is_device
 
-    if not (is_device(source) or source == REALSENSE):
+    if not (is_device(source) or source in DEPTH_CAMERAS):
         without_effect({"--size": size}, f"on {source}: only on a camera")
     found = re.fullmatch(r"(\d{2,4})x(\d{2,4})", size)
     if found is None:
@@ -237,16 +242,24 @@ def _print(summary: dict[str, Any]) -> None:
     latency = summary["latency_ms"]
     print(
         f"pictures: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
-        f"{summary['skipped']} skipped for --max-fps, {summary['interruptions']} interruptions"
+        f"{summary['skipped']} skipped for --max-fps, {summary['late']} too late for the order, "
+        f"{summary['interruptions']} interruptions"
     )
-    print(f"scenes: {summary['scenes']} sent, {summary['unsent']} datagrams refused by the system")
+    print(
+        f"scenes: {summary['scenes']} sent, {summary['unsent']} datagrams refused by the system, "
+        f"the clock was set {summary['clock_steps']} times"
+    )
     print(f"people: {summary['ids']} ids, {summary['most_people']} at once at most")
     for what in ("unplaced", "without_view"):
         for why, count in summary[what].items():
             print(f"  {what.replace('_', ' ')}: {why}: {count}")
     if latency["p50"] is not None:
         print(
-            f"latency from exposure to scene: {latency['p50']:.0f} ms in the middle (p50), "
-            f"{latency['p99']:.0f} ms (p99), by {summary['stamps']}; processor time for a picture: "
-            f"{summary['processor_ms']:.0f} ms"
+            f"latency from exposure to scene: {latency['least']:.0f} ms at least, "
+            f"{latency['p50']:.0f} ms in the middle (p50), {latency['p99']:.0f} ms (p99), by "
+            f"{summary['stamps']}; processor time for a picture: {summary['processor_ms']:.0f} ms"
+        )
+        print(
+            f"the node needs source.min_latency_s: {latency['least'] / 1e3:.3f}, or every age is "
+            f"too small by what is missing"
         )

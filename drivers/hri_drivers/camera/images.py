@@ -8,18 +8,20 @@ import os
 import re
 import time
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from hri_drivers.camera.place.by_depth import read_depth
-from hri_drivers.camera.seen import Image, UInt8
+from hri_drivers.camera.seen import Image, Stamped, UInt8
 from hri_predict.base.errors import ConfigError, SourceError
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm")
 MIN_SIDE, MAX_SIDE = 64, 8192
-REALSENSE = "realsense"
+DEPTH_CAMERAS = {"realsense": "RealSense", "oak": "Oak", "kinect": "Kinect"}
+"""Modules of this folder, and their classes."""
 DEPTH = ".depth.png"
 """NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
@@ -75,13 +77,13 @@ def open_input(
         cv2.utils.logging.LOG_LEVEL_SILENT
     )  # its warnings name no remedy; ours do
     path = Path(text)
-    if text == REALSENSE and not path.exists():
-        from hri_drivers.camera.realsense import RealSense
-
+    if text in DEPTH_CAMERAS and not path.exists():
         for flag, given in (("--loop", loop), ("--latency", latency_s is not None)):
             if given:
-                raise ConfigError(f"{flag}: has no effect on a RealSense; leave it out")
-        return RealSense(rate_hz=rate_hz, size=size)
+                raise ConfigError(f"{flag}: has no effect on a depth camera; leave it out")
+        module = import_module(f"hri_drivers.camera.{text}")
+        opened: Input = getattr(module, DEPTH_CAMERAS[text])(rate_hz=rate_hz, size=size)
+        return opened
     if not text:
         raise ConfigError("input: empty; give a camera's number such as 0, or a file")
     if is_device(text) and loop:
@@ -109,21 +111,23 @@ def is_device(text: str) -> bool:
     return bool(re.fullmatch("[0-9]{1,4}", text)) or text.startswith("/dev/")
 
 
-def exposed(now_ns: int, monotonic_ms: float, device_ms: float) -> int | None:
+def exposed(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
     """Return the time of an exposure by the device's time stamp; None if it cannot be that.
 
     The driver of a Linux webcam (V4L2) stamps a picture by the monotonic clock, in milliseconds
     (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems give something else, or 0.
 
     Args:
-        now_ns: time of the arrival, nanoseconds of UTC.
-        monotonic_ms: the same by the monotonic clock.
+        now_ns: time of the arrival, nanoseconds of the monotonic clock.
         device_ms: the device's time stamp.
+        is_believed: whether the stamp before was a time of this clock. A picture may then be of
+            any age: one that a driver kept while it stalled must not pass for a new one.
     """
-    age_ms = monotonic_ms - device_ms
-    if not (device_ms > 0 and 0 <= age_ms <= 1e3 * MAX_DEVICE_AGE_S):
+    if not 0 < device_ms <= now_ns / 1e6:  # NaN, too
         return None
-    return now_ns - round(age_ms * 1e6)
+    stamp_ns = min(round(device_ms * 1e6), now_ns)
+    is_recent = now_ns - stamp_ns <= 1e9 * MAX_DEVICE_AGE_S
+    return stamp_ns if is_believed or is_recent else None
 
 
 class Webcam:
@@ -158,6 +162,7 @@ class Webcam:
         self._capture = capture or cv2.VideoCapture
         self._number = 0
         self._last_ms = 0.0
+        self._is_believed = False
         self.stamps = ""
         try:
             self._device: Any = self._open()
@@ -175,11 +180,10 @@ class Webcam:
         if pixels is None:
             self.close()
             raise SourceError(f"camera {self._name}: it delivers no picture; is it unplugged?")
-        now_ns, now_ms = time.time_ns(), time.monotonic_ns() / 1e6
+        now_ns = time.monotonic_ns()
         self._number += 1
-        return Image(
-            checked(pixels, f"camera {self._name}"), self._time(now_ns, now_ms), self._number
-        )
+        pixels = checked(pixels, f"camera {self._name}")
+        return Image(pixels, self._time(now_ns), self._number, stamped=self._stamped())
 
     def close(self) -> None:
         """See ``Input``."""
@@ -201,12 +205,17 @@ class Webcam:
             device.set(cv2.CAP_PROP_FPS, self._rate_hz)
         return device
 
-    def _time(self, now_ns: int, now_ms: float) -> int:
+    def _stamped(self) -> Stamped:
+        return "by the device" if self._is_believed else "on arrival"
+
+    def _time(self, now_ns: int) -> int:
         import cv2
 
         device_ms = float(self._device.get(cv2.CAP_PROP_POS_MSEC))
-        stamped = exposed(now_ns, now_ms, device_ms) if device_ms > self._last_ms else None
-        self._last_ms = device_ms
+        stamped = None
+        if device_ms > self._last_ms:
+            stamped = exposed(now_ns, device_ms, is_believed=self._is_believed)
+        self._last_ms, self._is_believed = device_ms, stamped is not None
         if stamped is not None:
             self.stamps = "the device's time stamps"
             return stamped
@@ -240,30 +249,29 @@ class Video:
         self._number, self._at_s = 0, 0.0
         self._own_s: float | None = None
         self._start: float | None = None
-        self._start_ns = 0
         self._ahead = self._next()
         if self._ahead is None:
             raise ConfigError(f"input {path}: not a video that can be read; give another file")
 
-    def begin(self, at_s: float, at_ns: int) -> None:
+    def begin(self, at_s: float) -> None:
         """Let the first picture be of this time, so that several videos begin together.
 
         Args:
             at_s: by ``time.monotonic``.
-            at_ns: the same time by ``time.time_ns``.
         """
-        self._start, self._start_ns = at_s, at_ns
+        self._start = at_s
 
     def read(self) -> Image | None:
         """See ``Input``."""
         if self._ahead is None:
             return None
         if self._start is None:
-            self._start, self._start_ns = time.monotonic(), time.time_ns()
+            self._start = time.monotonic()
         (pixels, at_s), self._ahead = self._ahead, None
         time.sleep(max(0.0, self._start + at_s - time.monotonic()))
         self._number += 1
-        image = Image(pixels, self._start_ns + round(1e9 * at_s), self._number)
+        exposed_ns = round(1e9 * (self._start + at_s))
+        image = Image(pixels, exposed_ns, self._number, stamped="by the file")
         self._ahead = self._next()
         return image
 
@@ -333,7 +341,7 @@ class Pictures:
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = max(time.monotonic(), self._next) + self._period_s
         self._number += 1
-        return Image(pixels, time.time_ns(), self._number, depth)
+        return Image(pixels, time.monotonic_ns(), self._number, depth, "by the file")
 
     def close(self) -> None:
         """See ``Input``."""

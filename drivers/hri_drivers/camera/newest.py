@@ -55,7 +55,7 @@ class Newest:
             if image is None and self._failure is not None:
                 raise self._failure
             if image is not None and self._input.waits:
-                return replace(image, exposed_ns=time.time_ns())
+                return replace(image, exposed_ns=time.monotonic_ns())
             return image
 
     def close(self, timeout_s: float = 1.0) -> None:

@@ -2,11 +2,9 @@
 
 import sys
 import time
-from collections import Counter, deque
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
 
 from hri_drivers.camera.faults import FrozenWatch, hides
 from hri_drivers.camera.network.found import Finder, Finding
@@ -14,15 +12,13 @@ from hri_drivers.camera.newest import Newest
 from hri_drivers.camera.placing import Placer
 from hri_drivers.camera.seen import Image, Seen
 from hri_drivers.camera.sending import Sender
+from hri_drivers.camera.times import BLIND_PERIOD_S, SceneTimes
 from hri_drivers.camera.tracking import Tracker
 from hri_drivers.sources.sent import SentPerson
 
 SILENT_S, MAX_SILENT_S, INTERVALS = 0.2, 2.0, 2.5
 """Without a picture for this long the node is sent scenes that say so; for longer, up to the
 maximum, if pictures come so seldom: after this many of their intervals."""
-BLIND_PERIOD_S = 0.05
-"""Between two of them."""
-_KEPT = 100_000  # latencies; an hour at 30 Hz
 
 
 @dataclass(slots=True)
@@ -35,7 +31,6 @@ class Counts:
         blind: scenes without a view of the room, by the reason.
         most_people: in one picture.
         processor_s: processor time of the whole process while it ran.
-        latencies_ns: from exposure to the scene that was sent, of the last 100 000 pictures.
     """
 
     pictures: int = 0
@@ -43,7 +38,6 @@ class Counts:
     blind: Counter[str] = field(default_factory=Counter)
     most_people: int = 0
     processor_s: float = 0.0
-    latencies_ns: deque[int] = field(default_factory=lambda: deque(maxlen=_KEPT))
 
 
 class Pipeline:
@@ -74,6 +68,7 @@ class Pipeline:
         self._due_ns = 0
         self._tracker = Tracker()
         self._frozen = FrozenWatch()
+        self._times = SceneTimes()
         self._dropped = 0
         self._said: str | None = None
         self.counts = Counts()
@@ -101,7 +96,7 @@ class Pipeline:
             elif self._newest.ended:
                 return
             elif now - heard > silent_s or self._newest.trouble is not None:
-                self._blind(self._newest.trouble or "no picture comes", time.time_ns())
+                self._blind(self._newest.trouble or "no picture comes")
 
     def close(self) -> None:
         """Close the input."""
@@ -115,7 +110,7 @@ class Pipeline:
     def take(self, image: Image) -> None:
         """Process one picture."""
         self.counts.pictures += 1
-        if image.exposed_ns < self._due_ns - self._period_ns // 4:
+        if self._period_ns and image.exposed_ns < self._due_ns - self._period_ns // 4:
             self.counts.skipped += 1
             return
         is_late = image.exposed_ns - self._due_ns >= self._period_ns
@@ -123,7 +118,9 @@ class Pipeline:
         wrong = hides(image.pixels) or self._frozen.judge(image)
         if wrong is not None:
             self.last = image, []
-            self._blind(wrong, image.exposed_ns)
+            self._blind(wrong)
+            return
+        if not self._times.admit(image.exposed_ns):
             return
         self._say(None)
         finding = self._finder.find(image.pixels)
@@ -132,30 +129,30 @@ class Pipeline:
         self.counts.most_people = max(self.counts.most_people, len(seen))
         placed = tuple(self._placer.place(each, image) for each in seen)
         if not finding.is_whole:
-            self.counts.blind["more people than are followed"] += 1
+            self.counts.blind["there may be more people than are followed"] += 1
         elif not placed:
             self.counts.blind["no person in the picture"] += 1
         self._send(placed, sees_room=finding.is_whole and bool(placed), stamp_ns=image.exposed_ns)
-        self.counts.latencies_ns.append(time.time_ns() - image.exposed_ns)
+        self._times.looked_at(image.exposed_ns)
 
     def summary(self) -> dict[str, Any]:
         """Return the counts for the user."""
         counts, sender = self.counts, self._sender
-        latency = np.array(counts.latencies_ns, np.float64) / 1e6
-        looked = counts.pictures - counts.skipped
-        p50, p99 = np.percentile(latency, (50, 99)) if len(latency) else (None, None)
+        looked = counts.pictures - counts.skipped - self._times.late
         return {
             "pictures": counts.pictures,
             "dropped": self._newest.dropped,
             "skipped": counts.skipped,
+            "late": self._times.late,
             "interruptions": self._newest.interruptions,
             "scenes": sender.scenes if sender is not None else 0,
             "unsent": sender.unsent if sender is not None else 0,
+            "clock_steps": sender.clock_steps if sender is not None else 0,
             "without_view": dict(counts.blind),
             "ids": self._tracker.given,
             "most_people": counts.most_people,
             "unplaced": dict(self._placer.unplaced),
-            "latency_ms": {"p50": p50, "p99": p99},
+            "latency_ms": self._times.summary(),
             "processor_ms": 1e3 * counts.processor_s / looked if looked else None,
             "stamps": self._newest.stamps,
         }
@@ -167,11 +164,11 @@ class Pipeline:
             for number, found in zip(ids, finding.people, strict=True)
         ]
 
-    def _blind(self, why: str, stamp_ns: int) -> None:
+    def _blind(self, why: str) -> None:
         """Send that the room is not seen, and say why."""
         self._say(why)
         self.counts.blind[why] += 1
-        self._send((), sees_room=False, stamp_ns=stamp_ns)
+        self._send((), sees_room=False, stamp_ns=self._times.blind_ns())
 
     def _send(self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int) -> None:
         missed = self._newest.dropped - self._dropped

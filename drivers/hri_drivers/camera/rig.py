@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,14 +17,13 @@ from hri_drivers.camera.place.placed import Unplaced
 from hri_drivers.camera.place.together import APART_NS, Together, View, place_together
 from hri_drivers.camera.seen import Image, Seen
 from hri_drivers.camera.sending import Sender
+from hri_drivers.camera.times import BLIND_PERIOD_S, SceneTimes
 from hri_drivers.camera.tracking import MAX_ID, Tracker
 from hri_drivers.sources.sent import SentPerson
 
 SILENT_S = 0.2
 """Without pictures of one moment for this long the node is sent scenes that say so."""
-BLIND_PERIOD_S = 0.05
 _WAIT_S = 0.005
-_KEPT = 100_000
 
 
 @dataclass(slots=True, eq=False)
@@ -75,7 +74,8 @@ class Rig:
     """Finds, places and sends the people that several cameras see at one moment.
 
     A scene *sees the room* only if all pictures show something, at least one person is in them, and
-    all who were found could be placed.
+    all who were found could be placed. Pictures whose times are known in different ways are not of
+    one moment, whatever their times say.
 
     Args:
         eyes: two or more cameras; people are sent in the axes of the first one.
@@ -95,7 +95,7 @@ class Rig:
         self.scenes = self.unpaired = 0
         self.blind: Counter[str] = Counter()
         self.unplaced: Counter[str] = Counter()
-        self.latencies_ns: deque[int] = deque(maxlen=_KEPT)
+        self._times = SceneTimes()
 
     def run(self, seconds: float | None = None) -> None:
         """Go on until an input ends, or for some seconds."""
@@ -111,7 +111,7 @@ class Rig:
                 return
             elif now - heard > SILENT_S:
                 heard = now - SILENT_S + BLIND_PERIOD_S
-                self._blind(self._trouble(), time.time_ns())
+                self._blind(self._trouble())
 
     def close(self) -> None:
         """Close the inputs."""
@@ -136,12 +136,18 @@ class Rig:
     def take(self, images: Sequence[Image]) -> None:
         """Process pictures of one moment."""
         self.scenes += 1
-        stamp_ns = min(image.exposed_ns for image in images)
+        if len({image.stamped for image in images}) > 1:
+            kinds = (f"{e.name} {i.stamped}" for e, i in zip(self._eyes, images, strict=True))
+            self._blind(f"pictures are stamped differently ({', '.join(kinds)})")
+            return
         for eye, image in zip(self._eyes, images, strict=True):
             wrong = hides(image.pixels) or eye.frozen.judge(image)
             if wrong is not None:
-                self._blind(f"{eye.name}: {wrong}", stamp_ns)
+                self._blind(f"{eye.name}: {wrong}")
                 return
+        stamp_ns = min(image.exposed_ns for image in images)
+        if not self._times.admit(stamp_ns):
+            return
         self._say(None)
         views, is_whole = [], True
         for eye, image in zip(self._eyes, images, strict=True):
@@ -159,7 +165,7 @@ class Rig:
             self._sent(number, each)
             for number, each in zip(self._ids.assign(people), people, strict=True)
         )
-        why = None if is_whole else "more people than are followed"
+        why = None if is_whole else "there may be more people than are followed"
         if not people:
             why = "no person in the pictures"
         elif any(isinstance(each.placed, Unplaced) for each in people):
@@ -167,20 +173,20 @@ class Rig:
         if why is not None:
             self.blind[why] += 1
         self._send(sent, sees_room=why is None, stamp_ns=stamp_ns)
-        self.latencies_ns.append(time.time_ns() - stamp_ns)
+        self._times.looked_at(stamp_ns)
 
     def summary(self) -> dict[str, Any]:
         """Return the counts for the user."""
-        latency = np.array(self.latencies_ns, np.float64) / 1e6
-        p50, p99 = np.percentile(latency, (50, 99)) if len(latency) else (None, None)
         return {
             "scenes": self.scenes,
             "unpaired": self.unpaired,
             "dropped": {eye.name: eye.newest.dropped for eye in self._eyes},
+            "late": self._times.late,
             "unsent": self._sender.unsent if self._sender is not None else 0,
+            "clock_steps": self._sender.clock_steps if self._sender is not None else 0,
             "without_view": dict(self.blind),
             "unplaced": dict(self.unplaced),
-            "latency_ms": {"p50": p50, "p99": p99},
+            "latency_ms": self._times.summary(),
             "stamps": {eye.name: eye.newest.stamps for eye in self._eyes},
         }
 
@@ -197,10 +203,10 @@ class Rig:
         wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
         return "; ".join(wrong) or "no pictures of one moment come"
 
-    def _blind(self, why: str, stamp_ns: int) -> None:
+    def _blind(self, why: str) -> None:
         self._say(why)
         self.blind[why] += 1
-        self._send((), sees_room=False, stamp_ns=stamp_ns)
+        self._send((), sees_room=False, stamp_ns=self._times.blind_ns())
 
     def _send(self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int) -> None:
         if self._sender is not None:

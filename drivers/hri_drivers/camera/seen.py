@@ -1,6 +1,7 @@
 """The data that the camera's parts exchange: one picture, and one person in one picture."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from hri_predict.base.arrays import Floats
 
 UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
+Stamped = Literal["by the device", "on arrival", "by the file"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,15 +19,18 @@ class Image:
 
     Attributes:
         pixels: (H, W, 3), BGR.
-        exposed_ns: time of the exposure by ``time.time_ns``, as well as it is known.
+        exposed_ns: time of the exposure by ``time.monotonic_ns``, as well as it is known.
         number: counts up by one for each picture that the device delivered.
         depth: (H, W) metres of an RGB-D camera, or None.
+        stamped: how the time of the exposure is known. Times of different kinds differ by what no
+            one knows: the latency of the camera that does not stamp.
     """
 
     pixels: UInt8
     exposed_ns: int
     number: int
     depth: Float32 | None = None
+    stamped: Stamped = "by the device"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

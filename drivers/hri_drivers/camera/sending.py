@@ -2,6 +2,7 @@
 
 import ipaddress
 import socket
+import sys
 import time
 from collections.abc import Sequence
 
@@ -10,6 +11,9 @@ from hri_drivers.sources.scene_stream.key_file import Key
 from hri_drivers.sources.sent import SentPerson, SentScene
 from hri_drivers.sources.udp_receiver import is_loopback
 from hri_predict.base.errors import ConfigError
+
+STEP_NS = 50_000_000
+"""By more than this from one scene to the next no clock is slewed: it was set."""
 
 
 class Sender:
@@ -24,6 +28,8 @@ class Sender:
     Attributes:
         scenes: number of scenes that were sent.
         unsent: number of datagrams that the system refused.
+        clock_steps: number of times that this machine's UTC was set. The pictures' own times do not
+            follow it; the node sees that the sender's clock jumped.
 
     Raises:
         ConfigError: the host is not an IP address, or needs a key.
@@ -48,7 +54,8 @@ class Sender:
         self._key = key
         self._session = time.time_ns()
         self._sequence = 0
-        self.scenes = self.unsent = 0
+        self._ahead_ns = _utc_ahead_ns()
+        self.scenes = self.unsent = self.clock_steps = 0
 
     def send(
         self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int, missed: int = 0
@@ -58,12 +65,12 @@ class Sender:
         Args:
             people: in the units and axes of the joint map.
             sees_room: see ``hri_predict.contracts.scene.Scene``.
-            stamp_ns: time of the exposure, nanoseconds of UTC.
+            stamp_ns: time of the exposure by ``time.monotonic_ns``; UTC is sent.
             missed: captures since the scene before for which no scene was sent.
         """
         self._sequence += missed
         scene = SentScene(
-            stamp_ns=stamp_ns,
+            stamp_ns=self._utc(stamp_ns),
             sequence=self._sequence,
             sees_room=sees_room,
             people=people,
@@ -80,3 +87,27 @@ class Sender:
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+    def _utc(self, monotonic_ns: int) -> int:
+        """Return a time of the monotonic clock as nanoseconds of UTC; say if UTC was set."""
+        ahead_ns = _utc_ahead_ns()
+        step_ns = ahead_ns - self._ahead_ns
+        if abs(step_ns) > STEP_NS:
+            self.clock_steps += 1
+            way = "forward" if step_ns > 0 else "back"
+            print(
+                f"camera: this machine's clock was set {way} by {abs(step_ns) / 1e9:.3g} s",
+                file=sys.stderr,
+                flush=True,
+            )
+        self._ahead_ns = ahead_ns
+        return monotonic_ns + ahead_ns
+
+
+def _utc_ahead_ns() -> int:
+    """Return UTC minus the monotonic clock, by the quickest of a few pairs of readings."""
+    readings = []
+    for _ in range(3):
+        before_ns, utc_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+        readings.append((after_ns - before_ns, utc_ns - before_ns))
+    return min(readings)[1]

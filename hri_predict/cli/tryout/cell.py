@@ -65,14 +65,22 @@ def with_person(robot: Place) -> Config:
     return _checked(data)
 
 
-def with_camera(robot: Place, port: int, key_file: Path) -> Config:
+def with_camera(robot: Place, port: int, key_file: Path, *, repeats: bool = False) -> Config:
     """Return the shipped ``camera.yaml``, heard at a port of this machine, with the demo's robot.
 
-    It asks less of a computer, which also looks at pictures, than the demo's rate and predictor.
+    Its rate and predictor take less of the computer than the demo's: the computer also looks at
+    pictures.
+
+    Args:
+        robot: where the robot stands.
+        port: UDP port of the source.
+        key_file: with the source's key.
+        repeats: whether the input is a video that begins again: the same joints then come again,
+            which of a camera means that it is frozen.
     """
     data: dict[str, Any] = read_yaml(data_path("camera.yaml"), "configuration")
     data |= {key: value for key, value in _demo(robot).items() if key in ("robots", "links")}
-    data["source"] |= {"port": port, "key_file": str(key_file)}
+    data["source"] |= {"port": port, "key_file": str(key_file), "declares_noise": not repeats}
     for link in data["links"]:
         link["simulate"]["acknowledge_after_s"] = ACKNOWLEDGED_S
     return _checked(data)

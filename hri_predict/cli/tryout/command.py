@@ -24,6 +24,7 @@ from hri_predict.viewing.screen import ScreenSettings, check_port
 BESIDE_THE_VIEW = Place(3.0, -1.5)
 """The robot's place before a camera, which is at the room's origin and looks along x."""
 FIRST_CAMERA = "0"
+AGAIN = "--loop"
 SLOWER = ["--max-fps", "15"]
 """The rate of ``camera.yaml``: two cores also compute forecasts meanwhile."""
 MAX_SECONDS = 1e6
@@ -79,7 +80,7 @@ def try_it(
     options = Options(duration_s=seconds)
     if not person:
         asked = [camera] if camera is not None else []
-        asked = [str(video), "--loop"] if video is not None else asked
+        asked = [str(video), AGAIN] if video is not None else asked
         words = [*(asked or [FIRST_CAMERA]), *SLOWER, *(more or [])]
         try:
             return _with_camera(words, place, options, shown)
@@ -112,7 +113,9 @@ def _with_camera(
             process.wait()
         except SourceError as error:
             raise _NotStarted(str(error)) from None
-        config = with_camera(place or BESIDE_THE_VIEW, process.port, process.key_file)
+        config = with_camera(
+            place or BESIDE_THE_VIEW, process.port, process.key_file, repeats=AGAIN in words
+        )
         go(config, options, False, shown, stop=stop)
         if process.process.poll():
             raise SourceError(process.reason())

@@ -26,13 +26,20 @@ onnx = pytest.importorskip("onnx")
 
 @pytest.fixture
 def model(tmp_path) -> Path:
-    """A network that has the same standing person, with landmarks in metres, in every picture."""
+    """A network that has the same standing person, with landmarks in metres, in every picture.
+
+    It has room for a second one.
+    """
     random = np.random.default_rng(3)
     world = random.uniform(-0.5, 0.5, (33, 3)) * [0.5, 1.7, 0.3]
     depth = world[:, 2] + 3.0
     focal = 0.5 / np.tan(np.radians(32))  # of a width of 1
     pixels = np.column_stack([world[:, :2] / depth[:, None] * focal + 0.5, np.full(33, 0.9)])
-    tensors = {"joints": pixels.reshape(1, 99), "metres": world.reshape(1, 99)}
+    nobody = np.zeros((33, 3))
+    tensors = {
+        "joints": np.stack([pixels, nobody]).reshape(2, 99),
+        "metres": np.stack([world, nobody]).reshape(2, 99),
+    }
     helper = onnx.helper
     nodes = [
         helper.make_node("ReduceMean", ["picture"], ["mean"], keepdims=0),
@@ -146,6 +153,21 @@ def test_a_kept_package_that_changed_is_refused(picture, tmp_path, monkeypatch):
     monkeypatch.setattr(package, "read", lambda *_: (b"detector", b"landmarks", "0" * 64))
     with pytest.raises(HriPredictError, match="damaged, or exchanged since it was fetched; run"):
         call(picture)
+
+
+def test_a_network_of_one_person_never_sees_the_room(picture, tmp_path, capsys, model):
+    net = onnx.load(tmp_path / "net.onnx")
+    for tensor in net.graph.initializer:
+        if tensor.dims:
+            first = onnx.numpy_helper.to_array(tensor)[:1]
+            tensor.CopyFrom(onnx.numpy_helper.from_array(first, tensor.name))
+    for output in net.graph.output:
+        output.type.tensor_type.shape.dim[0].dim_value = 1
+    onnx.save(net, tmp_path / "net.onnx")
+    call(picture, "--model", model, "--json")
+    said = capsys.readouterr()
+    assert "looks for one person" in said.err
+    assert json.loads(said.out)["without_view"] == {"there may be more people than are followed": 1}
 
 
 def test_a_network_without_metres_cannot_place_a_person(model, picture):

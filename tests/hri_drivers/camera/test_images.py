@@ -64,8 +64,8 @@ def webcam(device, latency_s=None):
 @pytest.mark.parametrize(
     ("device_ms", "expected"),
     [
-        (9_980.0, 10**18 - 20 * MS),
-        (10_000.0, 10**18),
+        (9_980.0, 9_980 * MS),
+        (10_000.0, 10_000 * MS),
         (10_001.0, None),  # of the future
         (8_000.0, None),  # older than any camera's queue
         (0.0, None),  # the backend knows none
@@ -73,26 +73,42 @@ def webcam(device, latency_s=None):
     ],
 )
 def test_a_device_stamp_counts_only_if_it_can_be_one_of_our_clock(device_ms, expected):
-    assert exposed(10**18, 10_000.0, device_ms) == expected
+    assert exposed(10_000 * MS, device_ms) == expected
+
+
+@pytest.mark.parametrize(("device_ms", "expected"), [(6_000.0, 6_000 * MS), (10_001.0, None)])
+def test_of_a_clock_that_is_known_to_be_ours_an_old_stamp_counts_too(device_ms, expected):
+    assert exposed(10_000 * MS, device_ms, is_believed=True) == expected
 
 
 @pytest.fixture
 def at_10_s(monkeypatch):
-    """The clocks stand: the monotonic one at 10 s, UTC at 10^18 ns."""
-    clock = SimpleNamespace(time_ns=lambda: 10**18, monotonic_ns=lambda: 10 * 10**9)
+    """The monotonic clock stands at 10 s."""
+    clock = SimpleNamespace(monotonic_ns=lambda: 10_000 * MS)
     monkeypatch.setattr(images, "time", clock)
 
 
 def test_a_camera_with_time_stamps_is_believed(at_10_s):
     camera = webcam(Device(stamp_ms=lambda: 9_800.0))
-    assert camera.read().exposed_ns == 10**18 - 200 * MS
+    assert camera.read().exposed_ns == 9_800 * MS
     assert camera.stamps == "the device's time stamps"
+
+
+def test_a_picture_that_the_driver_kept_while_it_stalled_is_old(monkeypatch):
+    clock = SimpleNamespace(monotonic_ns=lambda: 10_000 * MS)
+    monkeypatch.setattr(images, "time", clock)
+    stamps = iter([9_980.0, 10_013.0, 14_980.0])
+    camera = webcam(Device(stamp_ms=lambda: next(stamps)))
+    camera.read()
+    clock.monotonic_ns = lambda: 15_000 * MS
+    assert camera.read().exposed_ns == 10_013 * MS  # exposed before the stall of 5 s
+    assert camera.read().exposed_ns == 14_980 * MS
 
 
 @pytest.mark.parametrize(("latency_s", "late_ms"), [(None, 1000 * images.LATENCY_S), (0.2, 200)])
 def test_a_camera_without_time_stamps_counts_as_late(at_10_s, latency_s, late_ms):
     camera = webcam(Device(), latency_s)
-    assert camera.read().exposed_ns == 10**18 - round(late_ms * MS)
+    assert camera.read().exposed_ns == 10_000 * MS - round(late_ms * MS)
     assert f"{late_ms / 1000:g} s" in camera.stamps
 
 

@@ -1,5 +1,6 @@
 """From pictures to scenes: what the node is sent."""
 
+import time
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ class Given:
 class Sent:
     """A sender that keeps what it is given."""
 
-    scenes = unsent = 0
+    scenes = unsent = clock_steps = 0
 
     def __init__(self):
         self.kept = []
@@ -103,9 +104,10 @@ def test_a_person_without_a_place_is_still_in_the_scene():
 @pytest.mark.parametrize("value", [0, 255])
 def test_a_picture_that_shows_nothing_is_not_looked_at(value, capsys):
     line, sent = pipeline([one(), one()])
-    line.take(image(1, 0, np.full((480, 640, 3), value, np.uint8)))
-    line.take(image(2, 33 * MS, np.full((480, 640, 3), value, np.uint8)))
-    line.take(image(3, 66 * MS))
+    now_ns = time.monotonic_ns()
+    line.take(image(1, now_ns, np.full((480, 640, 3), value, np.uint8)))
+    line.take(image(2, now_ns + 33 * MS, np.full((480, 640, 3), value, np.uint8)))
+    line.take(image(3, now_ns + 66 * MS))
     assert sent.views == [(0, False), (0, False), (1, True)]
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 2  # each change once
@@ -160,10 +162,42 @@ def test_once_is_one_picture():
 
 
 def test_the_summary_says_how_old_scenes_were():
-    import time
-
     line, _ = pipeline([one()] * 3)
     for k in range(3):
-        line.take(image(k + 1, time.time_ns() - 80 * MS))
+        line.take(image(k + 1, time.monotonic_ns() - 80 * MS))
     latency = line.summary()["latency_ms"]
-    assert 80 <= latency["p50"] <= latency["p99"]
+    assert 80 <= latency["least"] <= latency["p50"] <= latency["p99"]
+
+
+def test_a_scene_without_a_picture_is_as_old_as_one_with_a_picture():
+    dark = np.zeros((480, 640, 3), np.uint8)
+    line, sent = pipeline([one()] * 2)
+    began_ns = time.monotonic_ns()
+    line.take(image(1, began_ns - 300 * MS))
+    line.take(image(2, began_ns - 10 * MS, dark))
+    line.take(image(3, began_ns - 5 * MS, dark))
+    passed_ns = time.monotonic_ns() - began_ns
+    stamps = [stamp_ns for _, _, stamp_ns, _ in sent.kept]
+    assert stamps == sorted(set(stamps))
+    assert all(stamp_ns <= began_ns - 300 * MS + passed_ns for stamp_ns in stamps)
+
+
+def test_a_picture_that_is_older_than_a_scene_is_counted_and_left_out():
+    line, sent = pipeline([one()] * 2)
+    line.take(image(1, 100 * MS))
+    line.take(image(2, 90 * MS))
+    line.take(image(3, 133 * MS))
+    assert [stamp_ns for _, _, stamp_ns, _ in sent.kept] == [100 * MS, 133 * MS]
+    assert line.summary()["late"] == 1
+
+
+@pytest.mark.parametrize("step_s", [-3600, 3600])
+def test_pictures_go_on_when_the_clock_of_the_machine_is_set(step_s, monkeypatch):
+    line, sent = pipeline([one()] * 4, max_hz=60)
+    real, began_ns = time.time_ns, time.monotonic_ns()
+    for k in range(4):
+        if k == 2:
+            monkeypatch.setattr(time, "time_ns", lambda: real() + step_s * 10**9)
+        line.take(image(k + 1, began_ns + 20 * k * MS))
+    assert sent.views == [(1, True)] * 4
+    assert {person.id for people, _, _, _ in sent.kept for person in people} == {1}

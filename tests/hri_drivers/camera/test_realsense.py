@@ -10,6 +10,10 @@ import pytest
 from hri_drivers.camera.realsense import LATENCY_S, RealSense
 from hri_predict.base.errors import ConfigError, SourceError
 
+MS = 1_000_000
+MARGIN_NS = 10 * MS
+"""Of a busy machine, between two readings of clocks."""
+
 
 class Frame:
     def __init__(self, data, stamp_ms, domain):
@@ -33,8 +37,9 @@ class Package:
     distortion = SimpleNamespace(brown_conrady="brown")
     timestamp_domain = SimpleNamespace(system_time=1, global_time=2, hardware_clock=0)
 
-    def __init__(self, *, is_there=True, domain=2):
-        self.is_there, self.domain = is_there, domain
+    def __init__(self, *, is_there=True, domain=2, depth_domain=None, ages_ms=(25, 25)):
+        self.is_there, self.domain, self.ages_ms = is_there, domain, ages_ms
+        self.depth_domain = domain if depth_domain is None else depth_domain
         self.started = self.stopped = 0
 
     def config(self):
@@ -68,11 +73,11 @@ class Package:
     def _wait(self, timeout_ms):
         if not self.is_there:
             raise RuntimeError("Frame didn't arrive within 1000")
-        stamp_ms = time.time_ns() / 1e6 - 25
+        colour_ms, depth_ms = (time.time_ns() / 1e6 - age_ms for age_ms in self.ages_ms)
         depth = np.array([[0, 1500]], np.uint16)
         return SimpleNamespace(
-            get_color_frame=lambda: Frame(np.zeros((1, 2, 3), np.uint8), stamp_ms, self.domain),
-            get_depth_frame=lambda: Frame(depth, stamp_ms, self.domain),
+            get_color_frame=lambda: Frame(np.zeros((1, 2, 3), np.uint8), colour_ms, self.domain),
+            get_depth_frame=lambda: Frame(depth, depth_ms, self.depth_domain),
         )
 
 
@@ -92,10 +97,38 @@ def test_pictures_have_depth_in_metres_and_the_factorys_intrinsics():
 @pytest.mark.parametrize(("domain", "late_s"), [(2, 0.025), (1, 0.025), (0, LATENCY_S)])
 def test_only_a_time_of_this_machine_counts(domain, late_s):
     device = opened(Package(domain=domain))
-    before_ns = time.time_ns()
-    exposed_ns = device.read().exposed_ns
-    after_ns = time.time_ns()
-    assert before_ns - 1e6 <= exposed_ns + late_s * 1e9 <= after_ns + 1e6
+    assert late_s * 1e9 == pytest.approx(age_ns(device), abs=MARGIN_NS)
+
+
+@pytest.mark.parametrize("ages_ms", [(25, 60), (60, 25)])
+def test_the_earlier_of_colour_and_depth_counts(ages_ms):
+    assert age_ns(opened(Package(ages_ms=ages_ms))) == pytest.approx(60 * MS, abs=MARGIN_NS)
+
+
+def test_depth_of_another_moment_or_clock_is_not_used():
+    package = Package(ages_ms=(25, 80))
+    device = opened(package)
+    with pytest.raises(SourceError, match="more than 50 ms apart"):
+        device.read()
+    package.ages_ms, package.depth_domain = (25, 25), 0
+    with pytest.raises(SourceError, match="different clocks"):
+        device.read()
+    package.depth_domain = package.domain
+    assert device.read().number == 1
+
+
+def test_pictures_that_were_kept_while_the_device_stalled_are_old():
+    package = Package()
+    device = opened(package)
+    device.read()
+    package.ages_ms = (3_000, 3_000)
+    assert age_ns(device) == pytest.approx(3_000 * MS, abs=MARGIN_NS)
+
+
+def age_ns(device):
+    """Return how old a picture is at its arrival, with up to the time that reading takes."""
+    before_ns = time.monotonic_ns()
+    return before_ns - device.read().exposed_ns
 
 
 def test_an_unplugged_device_is_an_interruption_and_is_opened_again():

@@ -1,5 +1,7 @@
 """Several cameras: pictures of one moment, common ids, and what the node is sent."""
 
+import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +39,7 @@ class Next:
 
 
 class Sent:
-    unsent = 0
+    unsent = clock_steps = 0
 
     def __init__(self):
         self.kept: list[Any] = []
@@ -127,8 +129,20 @@ def test_one_covered_camera_blinds_all(capsys):
     cameras, sent = rig([], [])
     one, _ = pictures(1)
     cameras.take([one, image(2, 33_000_000, np.zeros((SIZE[1], SIZE[0], 3), np.uint8))])
-    assert sent.kept == [((), False, 33_000_000)]
+    assert [(people, sees_room) for people, sees_room, _ in sent.kept] == [((), False)]
     assert "right: the picture is dark" in capsys.readouterr().err
+
+
+def test_pictures_whose_times_are_known_differently_are_not_of_one_moment(capsys):
+    body = standing(3, 1.5)
+    cameras, sent = rig([seen_by(LEFT, [body])], [seen_by(RIGHT, [body])])
+    left, right = pictures(1)
+    cameras.take([left, replace(right, stamped="on arrival")])
+    assert [(people, sees_room) for people, sees_room, _ in sent.kept] == [((), False)]
+    assert "left by the device, right on arrival" in capsys.readouterr().err
+    both = [replace(each, stamped="on arrival") for each in pictures(2, time.monotonic_ns())]
+    cameras.take(both)
+    assert sent.kept[-1][1]
 
 
 @pytest.mark.parametrize(("late_ns", "unpaired"), [(APART_NS, 0), (APART_NS + 1, 1)])

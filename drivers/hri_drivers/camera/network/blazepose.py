@@ -20,8 +20,9 @@ from hri_predict.base.errors import ConfigError
 MAX_PEOPLE = 4
 DETECT_EVERY = 3
 """Pictures from one run of the detector to the next, while all people are followed."""
-SAME_PLACE = 0.15
-"""Hips nearer than this part of a square's side belong to one person."""
+SAME_PLACE, SAME_SIZE = 0.15, 0.5
+"""Hips nearer than this part of the smaller square's side belong to one person, if that square is
+at least this part of the larger one. Otherwise it is another person, before or behind."""
 
 _Followed = tuple[Found, Roi]
 
@@ -95,6 +96,7 @@ class BlazePose:
             if roi is None or any(_same(roi, other) for other in known):
                 continue
             if len(known) > self._people:
+                self._is_whole = False  # even if two of them turn out to be one person
                 break  # there are more than enough; the rest would only take time
             person = self._look(pixels, roi)
             if person is not None:
@@ -104,8 +106,9 @@ class BlazePose:
 
 
 def _same(a: Roi, b: Roi) -> bool:
+    small, large = sorted((a.size, b.size))
     apart = np.hypot(a.x - b.x, a.y - b.y)
-    return bool(apart < SAME_PLACE * max(a.size, b.size))
+    return bool(apart < SAME_PLACE * small and small >= SAME_SIZE * large)
 
 
 def _tensor(crop: UInt8) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:

@@ -34,6 +34,13 @@ class DescribedNetwork:
         people: maximum number of people.
         threads: maximum number of threads.
 
+    Attributes:
+        layout: see ``Finder``.
+        has_world: whether it gives landmarks in metres.
+        room_for: number of people that the network's output has room for; 0 if that depends on the
+            picture. When all of it is taken there may be more people than were found: of a network
+            that looks for one person, whenever it found one.
+
     Raises:
         ConfigError: the description or the network is wrong, or they do not fit.
     """
@@ -51,7 +58,9 @@ class DescribedNetwork:
         world = self._about.people.world
         self._world_at = None if world is None else self._index(world, 0)
         self.has_world = world is not None
-        self.find(np.zeros((self._side, self._side, 3), np.uint8))  # a mistake shows now
+        nothing = np.zeros((self._side, self._side, 3), np.uint8)
+        _, _, sure, _ = self._outputs(nothing)  # a mistake shows now
+        self.room_for = len(sure)
 
     def find(self, pixels: UInt8) -> Finding:
         """See ``Finder``.
@@ -60,7 +69,22 @@ class DescribedNetwork:
             ConfigError: the outputs have another form than the description says.
         """
         square = whole(pixels)
-        outputs = self._net.run(self._tensor(square.crop(pixels, self._side)))
+        places, scores, sure, worlds = self._outputs(square.crop(pixels, self._side))
+        likely = np.flatnonzero(sure >= self._about.people.least)
+        is_full = len(likely) > MAX_CANDIDATES or 0 < self.room_for <= len(likely)
+        likely = likely[np.argsort(-sure[likely], kind="stable")][:MAX_CANDIDATES]
+        found = [
+            self._found((places[k], scores[k], None if worlds is None else worlds[k]), sure[k],
+                        square, pixels)
+            for k in likely
+        ]  # fmt: skip
+        people = distinct([each for each in found if np.isfinite(each.pixels).any()])
+        is_whole = len(people) <= self._people and not is_full
+        return Finding(tuple(people[: self._people]), is_whole)
+
+    def _outputs(self, crop: UInt8) -> tuple[Floats, Floats, Floats, Floats | None]:
+        """Return what the network says of a square picture: places, scores, people's, metres."""
+        outputs = self._net.run(self._tensor(crop))
         try:
             if self._about.joints.heatmaps:
                 places, scores, sure = self._peaks(outputs[self._at])
@@ -73,15 +97,7 @@ class DescribedNetwork:
                 f"{outputs[self._at].shape} does not fit the description ({error}); correct "
                 f"'people' or 'joints'"
             ) from error
-        likely = np.flatnonzero(sure >= self._about.people.least)
-        likely = likely[np.argsort(-sure[likely], kind="stable")][:MAX_CANDIDATES]
-        found = [
-            self._found((places[k], scores[k], None if worlds is None else worlds[k]), sure[k],
-                        square, pixels)
-            for k in likely
-        ]  # fmt: skip
-        people = distinct([each for each in found if np.isfinite(each.pixels).any()])
-        return Finding(tuple(people[: self._people]), len(people) <= self._people)
+        return places, scores, sure, worlds
 
     def _check(self) -> None:
         values = self._about.joints.values

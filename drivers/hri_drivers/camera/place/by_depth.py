@@ -86,7 +86,8 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
     distance = float(np.linalg.norm(middle))
     if not NEAREST_M <= distance <= FARTHEST_M:
         return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
-    aside = camera.focal_error * math.hypot(middle[0], middle[1])
+    # of a wrong focal length the joint farthest from the optical axis is off the most
+    aside = camera.focal_error * float(np.hypot(points[known, 0], points[known, 1]).max())
     error_m = math.hypot(ERROR_M, ERROR_SHARE * distance) + aside
     return Placed(np.where(known[:, None], points, np.nan), known, error_m)
 

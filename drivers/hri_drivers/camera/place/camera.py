@@ -3,8 +3,8 @@
 A camera's own axes are x to the right, y down, z away from it. Its pose in the room is that of the
 axes of REP-103 (x away from it, y left, z up), as of every other source: ``room_from_source``.
 
-The distortion is OpenCV's: k1, k2, p1, p2, k3 (OpenCV documentation, "Camera Calibration and 3D
-Reconstruction").
+The distortion is OpenCV's: k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV documentation, "Camera
+Calibration and 3D Reconstruction").
 """
 
 import math
@@ -43,7 +43,7 @@ class Camera:
     Attributes:
         matrix: (3, 3) intrinsics, pixels.
         size: width and height of the pictures that they are of, pixels.
-        distortion: (5,) k1, k2, p1, p2, k3.
+        distortion: (5,) k1, k2, p1, p2, k3; or (8,), with k4, k5, k6.
         focal_error: the focal length is known within this fraction, in 99 % of cameras.
         pose: of the camera's axes by REP-103 in the room; None if not known.
     """
@@ -226,10 +226,13 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 def _distort(ideal: Floats, distortion: Floats) -> Floats:
     """Distort (..., 2) ideal x / z and y / z."""
-    k1, k2, p1, p2, k3 = distortion
+    k1, k2, p1, p2, k3, *below = distortion
     x, y = ideal[..., 0], ideal[..., 1]
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    if below:
+        k4, k5, k6 = below
+        radial = radial / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     return np.stack(
         [
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),

@@ -53,7 +53,7 @@ class View:
 
     Attributes:
         camera: with its pose in the room, of pictures of this size.
-        exposed_ns: time of the exposure, of one clock for all cameras.
+        exposed_ns: time of the exposure, by one clock for all cameras.
         seen: the people in it.
     """
 
@@ -263,8 +263,13 @@ def _placed(
     distances = [float(np.linalg.norm(middle - m[:3, 3])) for m in to_room]
     if not (min(distances) >= NEAREST_M and max(distances) <= FARTHEST_M):
         return Unplaced(f"not between {NEAREST_M:g} and {FARTHEST_M:g} m away")
-    miss = float(np.median(body.misses[observed]) / np.median(body.sines[observed]))
+    # what moves a ray aside moves the place where it meets another one by more, along that one
+    stretch = 1.0 / float(np.median(body.sines[observed]))
+    miss = float(np.median(body.misses[observed]))
     focal = max(v.camera.focal_error * d for v, d in zip(views, distances, strict=True))
-    error_m = math.hypot(LANDMARK_ERROR_M, SIGMAS_99 * miss, focal) + WALK_M_S * apart_ns * 1e-9
+    walked = WALK_M_S * apart_ns * 1e-9
+    error_m = (
+        math.hypot(LANDMARK_ERROR_M, SIGMAS_99 * miss * stretch, focal * stretch) + walked * stretch
+    )
     points = transform(np.asarray(np.linalg.inv(to_room[0]), np.float64), body.points)
     return Placed(points, observed, error_m)

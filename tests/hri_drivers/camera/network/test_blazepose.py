@@ -6,6 +6,7 @@ import pytest
 from hri_predict.base.errors import ConfigError
 from tests.hri_drivers.camera.pictures import textured
 
+from hri_drivers.camera.network import blazepose  # isort: skip
 from hri_drivers.camera.network.blazepose import DETECT_EVERY, BlazePose  # isort: skip
 from hri_drivers.camera.network.detector import ANCHORS, SIDE  # isort: skip
 from hri_drivers.camera.network.runtime import Net  # isort: skip
@@ -16,10 +17,11 @@ BUILT = 1
 
 
 class Scene:
-    """Two networks that see people at places of the picture, 0..1."""
+    """Two networks that see people at places of the picture, 0..1, of a size in it."""
 
-    def __init__(self, places: list[float]) -> None:
+    def __init__(self, places: list[float], edges: list[float] | None = None) -> None:
         self.places = places
+        self.edges = edges
         self.detections = self.looks = 0
         self.absent = False
 
@@ -28,9 +30,10 @@ class Scene:
             self.detections += 1
             boxes = np.zeros((1, 2254, 12), np.float32)
             scores = np.full((1, 2254, 1), -9.0, np.float32)
-            for k, x in enumerate(self.places):
+            edges = [30.0] * len(self.places) if self.edges is None else self.edges
+            for k, (x, edge) in enumerate(zip(self.places, edges, strict=True)):
                 offset = (np.array([x, 0.5]) - ANCHORS[k]) * SIDE
-                boxes[0, k] = [*offset, 9, 9, *offset, *(offset - [0, 30]), *offset, *offset]
+                boxes[0, k] = [*offset, 9, 9, *offset, *(offset - [0, edge]), *offset, *offset]
                 scores[0, k] = 3.0
             return [boxes, scores]
 
@@ -96,6 +99,22 @@ def test_a_person_who_is_lost_is_looked_for_in_the_same_picture():
 def test_one_person_is_not_two():
     scene = Scene([0.5, 0.51])
     assert len(scene.network().find(PICTURE).people) == 1
+
+
+def test_a_small_person_behind_the_hips_of_a_large_one_is_another():
+    scene = Scene([0.5, 0.55], edges=[90, 9])
+    assert len(scene.network().find(PICTURE).people) == 2
+    scene = Scene([0.5, 0.55], edges=[90, 80])
+    assert len(scene.network().find(PICTURE).people) == 1
+
+
+def test_a_search_that_ended_early_is_not_the_whole_picture(monkeypatch):
+    """Of three bodies two are one person; who else was detected, no one looked at."""
+    monkeypatch.setattr(blazepose, "distinct", lambda people: people[:2])
+    scene = Scene([0.1, 0.3, 0.5, 0.7])
+    finding = scene.network(people=2).find(PICTURE)
+    assert len(finding.people) == 2
+    assert not finding.is_whole
 
 
 def test_more_people_than_are_followed_are_reported():

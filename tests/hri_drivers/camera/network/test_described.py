@@ -75,7 +75,9 @@ def test_heat_maps_of_a_real_picture(tmp_path):
     picture = np.zeros((480, 640, 3), np.uint8)
     cv2.circle(picture, (200, 120), 40, (0, 0, 255), -1)  # red, in BGR
     cv2.circle(picture, (480, 380), 40, (255, 0, 0), -1)
-    (person,) = network.find(picture).people
+    finding = network.find(picture)
+    assert not finding.is_whole  # maps of one person show no second one
+    (person,) = finding.people
     np.testing.assert_allclose(person.pixels[0::2], [[200, 120]] * 9, atol=WITHIN)
     np.testing.assert_allclose(person.pixels[1::2], [[480, 380]] * 8, atol=WITHIN)
     assert person.world is None
@@ -112,6 +114,20 @@ def test_people_in_columns_with_scores_of_their_own(tmp_path):
         .find(np.zeros((640, 640, 3), np.uint8))
         .is_whole
     )
+
+
+def test_when_all_of_the_output_is_taken_there_may_be_more_people(tmp_path):
+    nothing = np.zeros((640, 640, 3), np.uint8)
+    people = {"along": "columns", "first": 5, "score": 4}
+    for rows, is_whole in (
+        ([row(10, 12, 0.9)], False),  # a network that looks for one person
+        ([row(10, 12, 0.9), row(40, 12, 0.6)], False),
+        ([row(10, 12, 0.9), row(40, 12, 0.1)], True),
+        ([row(10, 12, 0.1)], True),
+    ):
+        fixed_rows(tmp_path / "net.onnx", np.array(rows).T[np.newaxis])
+        finding = describe(tmp_path, input=NCHW, people=people).find(nothing)
+        assert finding.is_whole == is_whole
 
 
 def test_fractions_in_another_order_as_movenet_has_them(tmp_path):

@@ -1,5 +1,7 @@
 """Depth pictures: the joints' depth, what stands behind and before them, and missing pixels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -87,6 +89,24 @@ def test_a_patch_of_many_depths_has_no_surface():
     noise = np.random.default_rng(1).uniform(0.2, 14, depth.shape).astype(np.float32)
     found = place_by_depth(seen, noise, CAMERA)
     assert isinstance(found, Unplaced) or np.count_nonzero(found.observed) < 33
+
+
+def test_the_stated_error_holds_what_a_wrong_focal_length_does_to_every_joint():
+    """Also to a person in the middle of the picture, whose head and feet are not there."""
+    body = person() + np.array([0.0, 0.0, 2.8])
+    pixels = CAMERA.project(body)
+    depth = np.full((480, 640), 2.8 - SKIN_M, np.float32)
+    seen = Seen(1, "mediapipe33", pixels, np.ones(33), None)
+    wrong = replace(CAMERA, matrix=CAMERA.matrix / [[1.36], [1.36], [1.0]])
+    wrong.matrix[:2, 2] = CAMERA.matrix[:2, 2]
+    exact = place_by_depth(seen, depth, replace(CAMERA, focal_error=0.0))
+    off = place_by_depth(seen, depth, replace(wrong, focal_error=0.36))
+    assert isinstance(exact, Placed)
+    assert isinstance(off, Placed)
+    assert exact.observed.all()
+    assert off.observed.all()
+    moved = np.linalg.norm(off.positions - exact.positions, axis=1).max()
+    assert moved <= off.error_m - exact.error_m + 0.01
 
 
 def test_a_depth_picture_of_another_size_is_refused():

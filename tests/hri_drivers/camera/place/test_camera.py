@@ -18,18 +18,49 @@ BENT = Camera(
 )
 
 
-def test_rays_lead_back_to_their_pixels():
-    x, y = np.meshgrid(np.linspace(0, 639, 9), np.linspace(0, 479, 7))
+KINECTS = replace(  # an Azure Kinect's colours at 1280 x 720, by its SDK
+    BENT,
+    matrix=np.array([[611.795, 0, 639.304], [0, 611.927, 365.853], [0, 0, 1]]),
+    size=(1280, 720),
+    distortion=np.array(
+        [
+            0.3301213,
+            -2.4893966,
+            -1.617824e-4,
+            -1.294453e-4,
+            1.4536709,
+            0.2089121,
+            -2.3029151,
+            1.3751276,
+        ]
+    ),
+)
+
+
+@pytest.mark.parametrize("camera", [BENT, KINECTS])
+def test_rays_lead_back_to_their_pixels(camera):
+    x, y = np.meshgrid(
+        *(np.linspace(0, n - 1, k) for n, k in zip(camera.size, (9, 7), strict=True))
+    )
     pixels = np.stack([x, y], axis=-1)
-    points = np.concatenate([BENT.rays(pixels), np.ones((7, 9, 1))], axis=-1)
-    np.testing.assert_allclose(BENT.project(points * 3), pixels, atol=1e-3)  # 1e-6 of the focal
+    points = np.concatenate([camera.rays(pixels), np.ones((7, 9, 1))], axis=-1)
+    np.testing.assert_allclose(camera.project(points * 3), pixels, atol=1e-3)  # 1e-6 of the focal
 
 
-def test_the_distortion_is_opencvs():
+@pytest.mark.parametrize("camera", [BENT, KINECTS])
+def test_the_distortion_is_opencvs(camera):
     cv2 = pytest.importorskip("cv2", reason="pip install 'hri-predict[camera]'")
     points = np.random.default_rng(1).uniform([-1, -1, 2], [1, 1, 4], (50, 3))
-    theirs, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), BENT.matrix, BENT.distortion)
-    np.testing.assert_allclose(BENT.project(points), theirs[:, 0], atol=1e-9)
+    theirs, _ = cv2.projectPoints(
+        points, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion
+    )
+    np.testing.assert_allclose(camera.project(points), theirs[:, 0], atol=1e-9)
+
+
+def test_a_kinects_points_lie_where_its_sdk_shows_them():
+    points = np.array([[0.8, 0.4, 3.0], [-1.5, -0.7, 3.0]])
+    theirs = [[803.949, 448.188], [325.807, 219.504]]  # k4a_calibration_3d_to_2d
+    np.testing.assert_allclose(KINECTS.project(points), theirs, atol=0.01)
 
 
 def test_a_pixel_outside_or_that_the_distortion_cannot_reach_has_no_ray():

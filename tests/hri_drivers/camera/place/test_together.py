@@ -8,7 +8,13 @@ import pytest
 
 from hri_drivers.camera.place.camera import OPTICAL_FROM_REP103, Camera, guessed_camera
 from hri_drivers.camera.place.placed import Placed, Unplaced
-from hri_drivers.camera.place.together import APART_NS, View, place_together
+from hri_drivers.camera.place.together import (
+    APART_NS,
+    LANDMARK_ERROR_M,
+    WALK_M_S,
+    View,
+    place_together,
+)
 from hri_drivers.camera.seen import Seen
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import transform
@@ -82,6 +88,33 @@ def test_the_stated_error_holds_that_of_noisy_pixels():
         assert isinstance(found.placed, Placed)
         off = np.median(room(LEFT, found.placed) - body[found.placed.observed], axis=0)
         assert np.linalg.norm(off) < found.placed.error_m < 0.5
+
+
+@pytest.mark.parametrize("cameras", [(LEFT, RIGHT), (camera(0, 0, 10), camera(0, 0.6, 0))])
+@pytest.mark.parametrize("direction", [(1, 0), (0, 1), (1, 1), (-1, 1)])
+def test_the_stated_error_holds_what_a_person_walks_between_the_pictures(cameras, direction):
+    """The rays meet at neither place, and the less they cross the farther away."""
+    before, walked = standing(3, 1.0), WALK_M_S * APART_NS * 1e-9
+    way = np.array([*direction, 0.0]) / np.linalg.norm(direction)
+    moved = [
+        View(cameras[0], 0, seen(cameras[0], [before])),
+        View(cameras[1], APART_NS, seen(cameras[1], [before + walked * way])),
+    ]
+    (found,) = place_together(moved)
+    assert isinstance(found.placed, Placed)
+    off = np.median(room(cameras[0], found.placed) - before[found.placed.observed], axis=0)
+    assert np.linalg.norm(off) < found.placed.error_m - LANDMARK_ERROR_M
+
+
+def test_cameras_that_look_nearly_alike_state_a_larger_error():
+    errors = []
+    for apart_m in (3.0, 1.0, 0.5):
+        (found,) = place_together(
+            views([standing(4, 0)], (camera(0, apart_m / 2, 0), camera(0, -apart_m / 2, 0)))
+        )
+        assert isinstance(found.placed, Placed)
+        errors.append(found.placed.error_m - LANDMARK_ERROR_M)
+    assert errors[0] < errors[1] / 2 < errors[2] / 3  # of the focal length alone
 
 
 def test_a_joint_on_which_the_cameras_disagree_is_not_observed():

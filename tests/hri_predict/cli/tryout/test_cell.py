@@ -72,6 +72,9 @@ def test_a_camera_is_heard_on_this_machine_alone_and_by_its_key(tmp_path):
     assert source["key_file"] == str(tmp_path / "camera.key")
     camera = configuration.load(configuration.shipped("camera.yaml"))
     assert source == camera.source.model_dump() | {"port": 4711, "key_file": source["key_file"]}
+    assert source["declares_noise"]
+    again = with_camera(Place(1.5, 0.9, 0.5), 4711, key(tmp_path), repeats=True)
+    assert not again.source.model_dump()["declares_noise"]
     assert (cell.node.people, cell.predictor) == (camera.node.people, camera.predictor)
     pose = cell.node.robots[0].room_from_robot
     assert pose is not None

@@ -80,6 +80,8 @@ def test_the_camera_gets_its_input_and_the_options_after_two_dashes(
     result = started(monkeypatch, says + SENDS + UNTIL_INPUT_ENDS, *words)
     assert result.exception is None
     assert f"camera: {handed_on}\n" in result.stderr
+    ((config, _),) = runs
+    assert config.source.declares_noise == ("--loop" not in handed_on)  # it plays the same again
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,62 @@
+"""Times of the scenes that one program sends: in order, and none of the future."""
+
+import time
+from collections import deque
+
+import numpy as np
+
+BLIND_PERIOD_S = 0.05
+"""Between two scenes that only say that the room is not seen."""
+UNKNOWN_LATENCY_NS = 100_000_000
+"""Assumed before the first picture was looked at."""
+_KEPT = 100_000  # latencies; an hour at 30 Hz
+
+
+class SceneTimes:
+    """Decides which pictures are in time, and the time of a scene without a picture.
+
+    A scene without a picture is as old as one with a picture would be. If it were new, the node
+    would take it for the fastest scene, and all pictures after it for late: the node estimates a
+    sender's clock by the scene that came through fastest.
+
+    Attributes:
+        late: number of pictures that were refused because a newer scene had been sent.
+    """
+
+    def __init__(self) -> None:
+        self.late = 0
+        self._newest_ns: int | None = None
+        self._latencies_ns: deque[int] = deque(maxlen=_KEPT)
+
+    def admit(self, exposed_ns: int) -> bool:
+        """Return whether a picture is newer than all scenes; if so, a scene of it is sent next.
+
+        Args:
+            exposed_ns: by ``time.monotonic_ns``.
+        """
+        if self._newest_ns is not None and exposed_ns <= self._newest_ns:
+            self.late += 1
+            return False
+        self._newest_ns = exposed_ns
+        return True
+
+    def blind_ns(self) -> int:
+        """Return the time of a scene without a picture that is sent now."""
+        latency_ns = self._latencies_ns[-1] if self._latencies_ns else UNKNOWN_LATENCY_NS
+        stamp_ns = time.monotonic_ns() - latency_ns
+        if self._newest_ns is not None:
+            stamp_ns = max(stamp_ns, self._newest_ns + 1)
+        self._newest_ns = stamp_ns
+        return stamp_ns
+
+    def looked_at(self, exposed_ns: int) -> None:
+        """Note that the scene of a picture was sent now."""
+        self._latencies_ns.append(time.monotonic_ns() - exposed_ns)
+
+    def summary(self) -> dict[str, float | None]:
+        """Return the time from exposure to scene in milliseconds: least, p50, p99."""
+        if not self._latencies_ns:
+            return dict.fromkeys(("least", "p50", "p99"))
+        latency = np.array(self._latencies_ns, np.float64) / 1e6
+        p50, p99 = np.percentile(latency, (50, 99))
+        return {"least": float(latency.min()), "p50": float(p50), "p99": float(p99)}
