@@ -64,6 +64,7 @@ def test_an_archive_with_another_list_is_refused(text, message):
 @pytest.mark.parametrize(
     "content",
     [b"", b"no archive", tgz(other__txt=b"x"), tgz(**WHOLE)[:60], tgz(**WHOLE)[:-30] + b"damaged"],
+    ids=["empty", "text", "without it", "cut", "damaged"],  # the bytes hold the time
 )
 def test_a_damaged_package_is_one_line(content, tmp_path):
     path = tmp_path / "pose.tgz"
