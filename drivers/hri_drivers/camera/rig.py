@@ -111,12 +111,18 @@ class Rig:
                 return
             elif now - heard > SILENT_S:
                 heard = now - SILENT_S + BLIND_PERIOD_S
-                self._blind(self._trouble())
+                self._blind(self.trouble)
 
     def close(self) -> None:
         """Close the inputs."""
         for eye in self._eyes:
             eye.newest.close()
+
+    @property
+    def trouble(self) -> str:
+        """The reason that no pictures of one moment come now."""
+        wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
+        return "; ".join(wrong) or "no pictures of one moment come"
 
     def together(self) -> list[Image] | None:
         """Return the newest pictures of one moment, one of each camera; None if there are none."""
@@ -198,10 +204,6 @@ class Rig:
             joints = next(len(seen.pixels) for seen in person.seen if seen is not None)
             return SentPerson(number, np.full((joints, 3), np.nan), np.zeros(joints, np.bool_))
         return SentPerson(number, placed.positions, placed.observed, placed.error_m)
-
-    def _trouble(self) -> str:
-        wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
-        return "; ".join(wrong) or "no pictures of one moment come"
 
     def _blind(self, why: str) -> None:
         self._say(why)
