@@ -23,6 +23,9 @@ from hri_drivers.sources.sent import SentPerson
 
 SILENT_S = 0.2
 """Without pictures of one moment for this long the node is sent scenes that say so."""
+REMEMBERED = 1000
+"""Ids of all cameras' trackers that are kept, the newest ones: of 4 cameras that each follow 4
+people, those of some seconds even if every picture brings new ids."""
 _WAIT_S = 0.005
 
 
@@ -62,12 +65,22 @@ class CommonIds:
         for person in people:
             members = [(v, seen.id) for v, seen in enumerate(person.seen) if seen is not None]
             known = [self._of[m] for m in members if m in self._of and self._of[m] not in found]
-            if not known:
-                self._given += 1
-                known = [(self._given - 1) % MAX_ID + 1]
-            found.append(known[0])
-            self._of |= dict.fromkeys(members, known[0])
+            number = known[0] if known else self._new(found)
+            found.append(number)
+            for member in members:
+                self._of.pop(member, None)  # so that it counts as the newest
+                self._of[member] = number
+        for member in list(self._of)[:-REMEMBERED]:
+            del self._of[member]
         return found
+
+    def _new(self, taken: Sequence[int]) -> int:
+        in_use = {*taken, *self._of.values()}
+        while True:
+            self._given += 1
+            number = (self._given - 1) % MAX_ID + 1
+            if number not in in_use:
+                return number
 
 
 class Rig:
