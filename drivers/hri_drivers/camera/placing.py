@@ -42,6 +42,10 @@ class Placer:
         self._camera: Camera | None = None
         self.unplaced: Counter[str] = Counter()
 
+    def calibrate(self, camera: Camera) -> None:
+        """Use the intrinsics that a device states of itself."""
+        self._given, self._camera = camera, None
+
     def place(self, seen: Seen, image: Image) -> SentPerson:
         """Return a person in metres; one whose place is not known has no observed joint.
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hri_drivers.camera.place.placed import MIN_VISIBILITY
 from hri_drivers.camera.seen import Image, Seen
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.joint_map import load_joint_map
@@ -25,7 +26,6 @@ BONES = [
     ("right_ear", "nose"),
 ]
 _COLOURS = ((0, 200, 255), (255, 160, 0), (80, 220, 80), (220, 100, 255))
-VISIBLE = 0.5
 
 
 def check(path: Path) -> None:
@@ -55,7 +55,7 @@ def write(path: Path, image: Image, people: list[Seen]) -> None:
         names = {name: k for k, name in enumerate(load_joint_map(seen.layout).source_joints)}
         known = np.isfinite(seen.pixels).all(axis=1)
         at = [(int(x), int(y)) for x, y in np.nan_to_num(seen.pixels)]
-        shown = known & (seen.visibility >= VISIBLE)
+        shown = known & (seen.visibility >= MIN_VISIBILITY)
         for a, b in BONES:
             i, j = names.get(a), names.get(b)
             if i is not None and j is not None and shown[i] and shown[j]:

@@ -23,6 +23,9 @@ from hri_drivers.sources.sent import SentPerson
 
 SILENT_S = 0.2
 """Without pictures of one moment for this long the node is sent scenes that say so."""
+REMEMBERED = 1000
+"""Ids of all cameras' trackers that are kept, the newest ones: of 4 cameras that each follow 4
+people, those of some seconds even if every picture brings new ids."""
 _WAIT_S = 0.005
 
 
@@ -62,12 +65,22 @@ class CommonIds:
         for person in people:
             members = [(v, seen.id) for v, seen in enumerate(person.seen) if seen is not None]
             known = [self._of[m] for m in members if m in self._of and self._of[m] not in found]
-            if not known:
-                self._given += 1
-                known = [(self._given - 1) % MAX_ID + 1]
-            found.append(known[0])
-            self._of |= dict.fromkeys(members, known[0])
+            number = known[0] if known else self._new(found)
+            found.append(number)
+            for member in members:
+                self._of.pop(member, None)  # so that it counts as the newest
+                self._of[member] = number
+        for member in list(self._of)[:-REMEMBERED]:
+            del self._of[member]
         return found
+
+    def _new(self, taken: Sequence[int]) -> int:
+        in_use = {*taken, *self._of.values()}
+        while True:
+            self._given += 1
+            number = (self._given - 1) % MAX_ID + 1
+            if number not in in_use:
+                return number
 
 
 class Rig:
@@ -111,12 +124,18 @@ class Rig:
                 return
             elif now - heard > SILENT_S:
                 heard = now - SILENT_S + BLIND_PERIOD_S
-                self._blind(self._trouble())
+                self._blind(self.trouble)
 
     def close(self) -> None:
         """Close the inputs."""
         for eye in self._eyes:
             eye.newest.close()
+
+    @property
+    def trouble(self) -> str:
+        """The reason that no pictures of one moment come now."""
+        wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
+        return "; ".join(wrong) or "no pictures of one moment come"
 
     def together(self) -> list[Image] | None:
         """Return the newest pictures of one moment, one of each camera; None if there are none."""
@@ -198,10 +217,6 @@ class Rig:
             joints = next(len(seen.pixels) for seen in person.seen if seen is not None)
             return SentPerson(number, np.full((joints, 3), np.nan), np.zeros(joints, np.bool_))
         return SentPerson(number, placed.positions, placed.observed, placed.error_m)
-
-    def _trouble(self) -> str:
-        wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
-        return "; ".join(wrong) or "no pictures of one moment come"
 
     def _blind(self, why: str) -> None:
         self._say(why)

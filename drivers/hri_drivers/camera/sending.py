@@ -36,17 +36,7 @@ class Sender:
     """
 
     def __init__(self, host: str, port: int, joints: Sequence[str], key: Key | None = None) -> None:
-        try:
-            address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
-        except ValueError:
-            raise ConfigError(
-                f"--host {host}: not an IP address; give one such as 127.0.0.1"
-            ) from None
-        if key is None and not is_loopback(str(address)):
-            raise ConfigError(
-                f"--host {host}: on a network scenes need --key-file, a copy of the node's "
-                f"source.key_file"
-            )
+        address = address_of(host, key)
         family = socket.AF_INET6 if address.version == 6 else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._address = (str(address), port)
@@ -102,6 +92,24 @@ class Sender:
             )
         self._ahead_ns = ahead_ns
         return monotonic_ns + ahead_ns
+
+
+def address_of(host: str, key: Key | None) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """Return the address to which scenes may be sent.
+
+    Raises:
+        ConfigError: the host is not an IP address, or needs a key.
+    """
+    try:
+        address = ipaddress.ip_address("127.0.0.1" if host == "localhost" else host)
+    except ValueError:
+        raise ConfigError(f"--host {host}: not an IP address; give one such as 127.0.0.1") from None
+    if key is None and not is_loopback(str(address)):
+        raise ConfigError(
+            f"--host {host}: on a network scenes need --key-file, a copy of the node's "
+            f"source.key_file"
+        )
+    return address
 
 
 def _utc_ahead_ns() -> int:

@@ -43,10 +43,10 @@ OperatorUrl = Annotated[
 
 
 def published(operator: int | None, urls: list[str] | None) -> tuple[str, ...]:
-    """The addresses of ``--operator-url``.
+    """Return the addresses of ``--operator-url``.
 
     Raises:
-        ConfigError: one is wrong, or there is no page.
+        ConfigError: an address is not valid, or ``--operator`` was not given.
     """
     if operator is None:
         without_effect({"--operator-url": urls}, "without --operator")
@@ -90,7 +90,7 @@ def screens(
 
 
 def addresses(shown: Feed | None) -> str:
-    """The screens' addresses, for the last line of the terminal."""
+    """Return the line with the screens' addresses, which stands below the terminal's view."""
     places = [] if shown is None else [f"{k}: {v}" for k, v in shown.addresses.items()]
     return "  ".join([*places, "Ctrl-C ends it"] if places else [])
 

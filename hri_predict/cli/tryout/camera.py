@@ -26,9 +26,9 @@ _KEY_BYTES = 32
 
 
 class Camera:
-    """The process of ``hri-predict camera`` until it is closed; use it as a context manager.
+    """The process of ``hri-predict camera``, ended when the context manager is left.
 
-    A key of its own, which ends with it, protects what it sends.
+    Its scenes are authenticated by a key that is created for this process and deleted with it.
 
     Args:
         arguments: of the command, besides host, port and key.
@@ -62,10 +62,11 @@ class Camera:
         self._reader.start()
 
     def wait(self) -> None:
-        """Wait for the first scene; from then on the port is free for the node.
+        """Wait for the first scene; afterwards the port is free for the node.
 
         Raises:
-            SourceError: the process ended before, or sends nothing; the line is its own reason.
+            SourceError: the process ended first, and the message is its own error; or it sent
+                nothing for ``START_S``.
         """
         end_s = time.monotonic() + START_S
         with self._probe:
@@ -76,7 +77,7 @@ class Camera:
                     raise SourceError(f"the camera sent nothing in {START_S:.0f} s")
 
     def reason(self) -> str:
-        """Why the process ended: its error if it named one, else the end of its traceback."""
+        """Return why the process ended: the error that it printed, or its traceback's last line."""
         self._reader.join(END_S)
         lines = [line for line in self._lines if line]
         errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
@@ -87,7 +88,7 @@ class Camera:
         return f"{status}: {lines[-1]}" if faulty else f"{status} without a reason"
 
     def _read(self) -> None:
-        """Keep what the process says; pass on all but its error and its libraries' chatter."""
+        """Keep the last lines of the process; print all but errors and its libraries' messages."""
         assert self.process.stderr is not None
         for line in self.process.stderr:
             text = "".join(c for c in line.decode("utf-8", "replace") if c.isprintable()).strip()

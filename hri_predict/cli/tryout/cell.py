@@ -14,7 +14,8 @@ from hri_predict.run.config import Config, checked
 FARTHEST_M = 20.0
 """Maximum distance of the robot from the room's origin, along x and along y."""
 ACKNOWLEDGED_S = 4.0
-"""The simulated controllers acknowledge a lost person after this time: there is no button."""
+"""Time after which the simulated controllers acknowledge a lost person, as a user would by a
+button."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,19 +27,19 @@ class Place:
     yaw: float = 0.0
 
     def moved(self, point: list[float]) -> list[float]:
-        """A point [x, y] of the robot's frame, in the room's."""
+        """Return a point [x, y] of the robot's frame in the room's frame."""
         x, y = point
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return [self.x + c * x - s * y, self.y + s * x + c * y]
 
     def pose(self) -> dict[str, list[float]]:
-        """As a block of the configuration."""
+        """Return the block ``room_from_robot`` of a configuration."""
         turn = [0.0, 0.0, math.sin(self.yaw / 2), math.cos(self.yaw / 2)]
         return {"xyz": [self.x, self.y, 0.0], "quaternion_xyzw": turn}
 
 
 def place_of(text: str) -> Place:
-    """The place that ``--robot`` names.
+    """Return the place that ``--robot`` states.
 
     Raises:
         ConfigError: it is not two or three numbers, or too far away.
@@ -57,7 +58,7 @@ def place_of(text: str) -> Place:
 
 
 def with_person(robot: Place) -> Config:
-    """Return the demo's cell, moved as a whole: its person walks up to the robot wherever it is."""
+    """Return the demo's cell with the robot at ``robot``; exits and person move with it."""
     data = _demo(robot)
     data["source"]["room_from_source"] = robot.pose()
     for region in data["people"]["exits"]:

@@ -22,7 +22,7 @@ from hri_predict.viewing.feed import VIEWER, Feed, check_viser
 from hri_predict.viewing.screen import ScreenSettings, check_port
 
 BESIDE_THE_VIEW = Place(3.0, -1.5)
-"""The robot's place before a camera, which is at the room's origin and looks along x."""
+"""Default place of the robot; the camera is at the room's origin and looks along x."""
 FIRST_CAMERA = "0"
 AGAIN = "--loop"
 SLOWER = ["--max-fps", "15"]
@@ -39,7 +39,7 @@ def try_it(
     ] = None,
     *,
     video: Annotated[
-        Path | None, typer.Option(help="Play this video file in place of a camera.")
+        Path | None, typer.Option(help="Play this video file instead of a camera.")
     ] = None,
     camera: Annotated[
         str | None, typer.Option(help="The camera, as 'hri-predict camera' names it: 0, 1, ...")
@@ -86,13 +86,14 @@ def try_it(
             return _with_camera(words, place, options, shown)
         except _NotStarted as error:
             if asked or more:
-                raise SourceError(str(error)) from None
+                played = "" if video is not None else "--video FILE plays a video, "
+                raise SourceError(f"{error}; {played}--person shows the demo's person") from None
             print(f"no camera: {error}; here is the demo's person", file=sys.stderr)
     return go(with_person(place or Place(0.0, 0.0)), options, False, shown)
 
 
 class _NotStarted(Exception):
-    """The camera's process ended before its first scene."""
+    """The camera's process sent no scene."""
 
 
 def _with_camera(
@@ -104,7 +105,7 @@ def _with_camera(
     """Run the node with a camera's people until either ends.
 
     Raises:
-        _NotStarted: the camera's process did not come to its first scene.
+        _NotStarted: the camera's process ended, or its time ran out, before the first scene.
         SourceError: it ended later, before the node.
     """
     stop = threading.Event()
@@ -122,7 +123,7 @@ def _with_camera(
 
 
 def open_page(url: str) -> None:
-    """Open a page in the user's browser, if there is a display; it says nothing here."""
+    """Open a page in the user's browser, without output, if there is a display."""
     if sys.platform not in ("darwin", "win32") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):

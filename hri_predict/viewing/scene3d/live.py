@@ -136,7 +136,7 @@ class LiveView:
         self._stage.draw(picture, ahead_s, known=not stale or not is_now)
 
     def _stale(self, now_s: float, newest_s: float, shown_s: float | None) -> str:
-        """Why the picture is not of now; "" if it is."""
+        """Return why the picture is not current; "" if it is."""
         if self._kept.ended:
             return "the node ended"
         if now_s - newest_s > SILENT_S:

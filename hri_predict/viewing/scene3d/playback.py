@@ -121,7 +121,7 @@ class Playback:
         self._stage.draw(picture, ahead_s)
 
     def _show_nothing(self, why: str) -> None:
-        """Say why there is no picture, and let the last one stand in grey."""
+        """Show why there is no picture; the last one stays, greyed out."""
         if self._shown == why:
             return
         self._shown = why

@@ -9,12 +9,14 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import typer
 import yaml
 
+from hri_drivers.camera import command, images, options
 from hri_drivers.camera.command import camera
 from hri_drivers.camera.network import package
 from hri_drivers.sources.scene_stream.codec import decode_body, open_datagram
@@ -22,6 +24,8 @@ from hri_predict.base.errors import HriPredictError
 from tests.hri_drivers.camera.pictures import cv2, textured, write_video
 
 onnx = pytest.importorskip("onnx")
+
+CALIBRATED = {"width": 640, "height": 480, "focal": [500, 500], "centre": [320, 240]}
 
 
 @pytest.fixture
@@ -103,10 +107,46 @@ def test_a_person_in_a_picture_reaches_the_node(model, picture, tmp_path, capsys
 
 def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_path):
     path = tmp_path / "camera.yaml"
-    about = {"width": 640, "height": 480, "focal": [500, 500], "centre": [320, 240]}
-    path.write_text(yaml.safe_dump(about))
+    path.write_text(yaml.safe_dump(CALIBRATED))
     with pytest.raises(HriPredictError, match="calibrate again with pictures of this size"):
         call(picture, "--model", model, "--calibration", path)
+
+
+class Opened(Exception):
+    """The camera would be open now."""
+
+
+def test_the_network_is_loaded_before_the_camera_and_the_size_is_that_of_its_file(
+    model, tmp_path, monkeypatch
+):
+    """Pictures of an open camera would grow old meanwhile."""
+    path, done = tmp_path / "camera.yaml", []
+    path.write_text(yaml.safe_dump(CALIBRATED | {"width": 800, "height": 600}))
+
+    def network(*_, **__):
+        done.append("network")
+        return SimpleNamespace(layout="mediapipe33")
+
+    def device(*_, size, **__):
+        done.append(size)
+        raise Opened
+
+    monkeypatch.setattr(command, "finder_of", network)
+    monkeypatch.setattr(images, "Webcam", device)
+    with pytest.raises(Opened):
+        call("0", "--model", model, "--calibration", path)
+    with pytest.raises(Opened):
+        call("0", "--model", model)
+    assert done == ["network", (800, 600), "network", (640, 480)]
+
+
+def test_an_opencv_that_cannot_be_loaded_is_one_line(monkeypatch):
+    def fails(name):
+        raise ImportError("libGL.so.1: cannot open shared object file")
+
+    monkeypatch.setattr(options.importlib, "import_module", fails)
+    with pytest.raises(HriPredictError, match=r"libGL.*opencv-python-headless"):
+        call("0")
 
 
 @pytest.mark.parametrize(
@@ -124,6 +164,10 @@ def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_
         (["PICTURE", "--key-file", "none.key"], "none.key: cannot be read"),
         (["PICTURE", "--size", "640x480"], "--size: has no effect on"),
         (["0", "--size", "huge"], "--size huge"),
+        (["0", "--size", "640x360", "--calibration", "CAMERA"], "give --size 640x480 if the"),
+        (["", "--model", "none.yaml"], "input: empty; give a camera's number"),
+        (["none.mp4", "--model", "none.yaml"], "input none.mp4: no such file"),
+        (["PICTURE", "--model", "none.yaml", "--host", "robot"], "not an IP address"),
         (["PICTURE", "--model", "net.onnx"], "describe the network in a .yaml file"),
         (["PICTURE", "--variant", "full"], "--variant: has no effect"),
         (["PICTURE", "--fetch-model"], "INPUT, --model: have no effect with --fetch-model"),
@@ -131,7 +175,10 @@ def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_
 )
 def test_a_mistake_is_one_line(arguments, message, model, picture, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    given = [str(picture) if a == "PICTURE" else a for a in arguments]
+    path = tmp_path / "camera.yaml"
+    path.write_text(yaml.safe_dump(CALIBRATED))
+    named = {"PICTURE": str(picture), "CAMERA": str(path)}
+    given = [named.get(a, a) for a in arguments]
     if "--model" not in given:
         given += ["--model", str(model)]
     with pytest.raises(HriPredictError) as caught:
@@ -223,8 +270,9 @@ def test_nothing_is_connected_but_the_node(model, tmp_path):
     }
 
 
-def test_a_video_list_cannot_make_it_connect(tmp_path, model):
-    """A playlist is a text that names addresses; FFmpeg would open them."""
+def test_a_video_list_cannot_make_it_connect(tmp_path, model, monkeypatch):
+    """A playlist is a text that names addresses; FFmpeg opens them if its environment permits."""
+    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", "protocol_whitelist;file,http,tcp")
     with socket.socket() as server:
         server.bind(("127.0.0.1", 0))
         server.listen()

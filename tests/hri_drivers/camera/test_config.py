@@ -4,8 +4,8 @@ import time
 
 import numpy as np
 
-from hri_drivers.camera.images import LATENCY_S
 from hri_drivers.camera.sending import Sender
+from hri_drivers.camera.webcam import LATENCY_S
 from hri_drivers.sources.scene_stream.udp_source import UdpSource
 from hri_drivers.sources.sent import SentPerson
 from hri_predict.contracts.joint_map import load_joint_map

@@ -9,8 +9,10 @@ from hri_drivers.camera.seen import Image
 from hri_predict.base.errors import ConfigError, SourceError
 from tests.hri_drivers.camera.pictures import cv2, textured, write_video
 
-from hri_drivers.camera import images  # isort: skip
-from hri_drivers.camera.images import Webcam, checked, exposed, open_input  # isort: skip
+from hri_drivers.camera import webcam as webcams  # isort: skip
+from hri_drivers.camera.images import open_input  # isort: skip
+from hri_drivers.camera.pixels import checked  # isort: skip
+from hri_drivers.camera.webcam import Webcam, exposed  # isort: skip
 
 MS = 1_000_000
 SIZE = (640, 480)
@@ -85,7 +87,7 @@ def test_of_a_clock_that_is_known_to_be_ours_an_old_stamp_counts_too(device_ms, 
 def at_10_s(monkeypatch):
     """The monotonic clock stands at 10 s."""
     clock = SimpleNamespace(monotonic_ns=lambda: 10_000 * MS)
-    monkeypatch.setattr(images, "time", clock)
+    monkeypatch.setattr(webcams, "time", clock)
 
 
 def test_a_camera_with_time_stamps_is_believed(at_10_s):
@@ -96,7 +98,7 @@ def test_a_camera_with_time_stamps_is_believed(at_10_s):
 
 def test_a_picture_that_the_driver_kept_while_it_stalled_is_old(monkeypatch):
     clock = SimpleNamespace(monotonic_ns=lambda: 10_000 * MS)
-    monkeypatch.setattr(images, "time", clock)
+    monkeypatch.setattr(webcams, "time", clock)
     stamps = iter([9_980.0, 10_013.0, 14_980.0])
     camera = webcam(Device(stamp_ms=lambda: next(stamps)))
     camera.read()
@@ -105,7 +107,7 @@ def test_a_picture_that_the_driver_kept_while_it_stalled_is_old(monkeypatch):
     assert camera.read().exposed_ns == 14_980 * MS
 
 
-@pytest.mark.parametrize(("latency_s", "late_ms"), [(None, 1000 * images.LATENCY_S), (0.2, 200)])
+@pytest.mark.parametrize(("latency_s", "late_ms"), [(None, 1000 * webcams.LATENCY_S), (0.2, 200)])
 def test_a_camera_without_time_stamps_counts_as_late(at_10_s, latency_s, late_ms):
     camera = webcam(Device(), latency_s)
     assert camera.read().exposed_ns == 10_000 * MS - round(late_ms * MS)

@@ -320,5 +320,5 @@ def test_a_missing_package_is_one_line(text, monkeypatch):
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ConfigError, match=r"pip install (pyrealsense2|depthai|pyk4a)$"):
         open_input(text, rate_hz=None, loop=False, latency_s=None, size=SIZE)
-    with pytest.raises(ConfigError, match="--loop: has no effect on a depth camera"):
+    with pytest.raises(ConfigError, match="--loop: has no effect on camera"):
         open_input(text, rate_hz=None, loop=True, latency_s=None, size=SIZE)

@@ -2,18 +2,21 @@
 
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hri_drivers.camera.place.together import APART_NS
+from hri_drivers.camera.place.together import APART_NS, Together
 from hri_predict.base.geometry import transform
 from tests.hri_drivers.camera.pictures import Script, image, textured
 from tests.hri_drivers.camera.place.test_together import LEFT, RIGHT, standing
 
 from hri_drivers.camera.network.found import Finding, Found  # isort: skip
-from hri_drivers.camera.rig import Eye, Rig  # isort: skip
+from hri_drivers.camera.place.placed import Unplaced  # isort: skip
+from hri_drivers.camera.rig import REMEMBERED, CommonIds, Eye, Rig  # isort: skip
+from hri_drivers.camera.tracking import MAX_ID  # isort: skip
 from hri_predict.base.arrays import Floats  # isort: skip
 
 SIZE = LEFT.size
@@ -100,6 +103,26 @@ def test_two_people_keep_their_ids_when_cameras_list_them_otherwise():
         of.append(near)
     assert of[0] == of[1] == of[2]
     assert len(of[0]) == 2
+
+
+def bodies_of(*members: tuple[int, int]) -> Together:
+    """Return a person whom cameras' trackers gave these ids: (camera, id)."""
+    of = dict(members)
+    return Together(
+        tuple(SimpleNamespace(id=of[v]) if v in of else None for v in (0, 1)),  # type: ignore[misc]
+        Unplaced("the test's"),
+    )
+
+
+def test_ids_of_people_who_left_are_forgotten_and_those_in_use_not_given_again():
+    ids = CommonIds()
+    (stays,) = ids.assign([bodies_of((0, 1), (1, 1))])
+    ids._given = MAX_ID - 500
+    for number in range(2, 2 * REMEMBERED):  # the ids begin again meanwhile
+        found = ids.assign([bodies_of((0, 1)), bodies_of((1, number))])
+        assert found[0] == stays
+        assert found[1] != stays
+    assert len(ids._of) <= REMEMBERED
 
 
 def test_a_person_that_one_camera_sees_is_sent_without_a_place():

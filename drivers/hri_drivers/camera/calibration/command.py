@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
+from hri_drivers.camera.options import need_cv2
 from hri_predict.base.errors import ConfigError
-from hri_predict.cli.common import JsonOption, need_extra
+from hri_predict.cli.common import JsonOption
 from hri_predict.cli.register.points import point_from
 from hri_predict.cli.register.write import lines_to_paste
 
@@ -31,7 +32,7 @@ def draw_board(
 
     Example: hri-predict camera-calibration board --out board.png
     """
-    need_extra("cv2", "camera")
+    need_cv2()
     from hri_drivers.camera.calibration.board import Board, write_sheet
 
     write_sheet(out, Board(columns, rows, square))
@@ -58,7 +59,7 @@ def solve(
 
     Example: hri-predict camera-calibration solve --images pictures --square 0.025
     """
-    need_extra("cv2", "camera")
+    need_cv2()
     from hri_drivers.camera.calibration.board import Board
     from hri_drivers.camera.calibration.solving import calibrate, pictures_of
     from hri_drivers.camera.place.camera import write_camera
@@ -121,7 +122,7 @@ def pose(
     Example: hri-predict camera-calibration pose --camera camera.yaml --image board.jpg
     --square 0.025 --at 1.2,0.4,0.8 --turned 90
     """
-    need_extra("cv2", "camera")
+    need_cv2()
     from hri_drivers.camera.calibration.board import Board
     from hri_drivers.camera.calibration.solving import pose_of, read_gray, room_from_board
     from hri_drivers.camera.place.camera import read_camera, write_camera

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 
 from hri_drivers.camera.calibration.board import Board, find
+from hri_drivers.camera.pixels import read_picture
 from hri_drivers.camera.place.camera import OPTICAL_FROM_REP103, Camera
-from hri_drivers.camera.place.pictures import read_picture
+from hri_drivers.camera.place.placed import SIGMAS_99
 from hri_drivers.camera.seen import UInt8
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
@@ -32,7 +33,6 @@ MIN_TILT_DEG = 15.0
 """Boards that all stand parallel to the picture leave focal length and distance undistinguished."""
 MAX_ERROR_PX, MAX_VIEW_RATIO = 1.5, 3.0
 MIN_FOCAL_ERROR, MAX_FOCAL_ERROR = 0.005, 0.05
-SIGMAS_99 = 2.58
 MAX_POSE_ERROR_PX = 3.0
 TWOFOLD = 1.5
 """A board far away fits two tilts; the better one fits by this factor better."""

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from hri_drivers.camera.pixels import read_picture
 from hri_drivers.camera.place.bones import Bones, bones_of
 from hri_drivers.camera.place.camera import Camera
-from hri_drivers.camera.place.pictures import read_picture
 from hri_drivers.camera.place.placed import (
     FARTHEST_M,
     MIN_VISIBILITY,

@@ -99,7 +99,8 @@ class Camera:
         if abs(height - scale * self.size[1]) > 1.0:
             raise ConfigError(
                 f"the camera was calibrated with pictures of {self.size[0]} x {self.size[1]}, and "
-                f"these are {width} x {height}: calibrate again with pictures of this size"
+                f"these are {width} x {height}: give --size {self.size[0]}x{self.size[1]} if the "
+                f"camera has that size, or calibrate again with pictures of this size"
             )
         matrix = self.matrix.copy()
         matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5  # pixel centres are whole numbers

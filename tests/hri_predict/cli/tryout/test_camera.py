@@ -27,6 +27,9 @@ KILLED = (
 )
 FAULTY = "raise ValueError('a fault of ours')"
 HANGS = "\nimport time\nwhile True: time.sleep(60)\n"
+AT_ONCE_S, PATIENT_S = 0.1, 60.0
+"""A process that never ends by itself is not waited for; any other one has the time that a busy
+machine needs."""
 
 
 class Started(Camera):
@@ -40,7 +43,7 @@ class Started(Camera):
 @pytest.fixture
 def process(monkeypatch, request):
     monkeypatch.setattr(cameras, "COMMAND", [sys.executable, "-c", request.param])
-    monkeypatch.setattr(cameras, "END_S", 1.0)
+    monkeypatch.setattr(cameras, "END_S", AT_ONCE_S if HANGS in request.param else PATIENT_S)
     with Started(threading.Event()) as made:
         yield made
 
@@ -63,7 +66,7 @@ def test_after_the_first_scene_the_port_is_the_nodes(process, capfd):
 def test_a_camera_that_fails_says_why_in_one_line(process, capfd):
     with pytest.raises(SourceError, match=r"^camera 0: none found$"):
         process.wait()
-    assert process.ended.wait(60.0)
+    assert process.ended.wait(PATIENT_S)
     assert "none found" not in capfd.readouterr().err  # it is the caller's to say
 
 
@@ -83,7 +86,7 @@ def test_a_process_that_names_no_error_is_one_line(process, said):
 @pytest.mark.parametrize("process", [SENDS], indirect=True)
 def test_a_camera_that_ends_later_ends_the_run(process):
     process.wait()
-    assert process.ended.wait(60.0)
+    assert process.ended.wait(PATIENT_S)
 
 
 @pytest.mark.parametrize("process", [HANGS], indirect=True)

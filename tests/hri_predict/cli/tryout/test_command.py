@@ -89,19 +89,21 @@ def test_the_camera_gets_its_input_and_the_options_after_two_dashes(
 )
 def test_an_input_that_was_asked_for_is_not_replaced(runs, monkeypatch, words):
     result = started(monkeypatch, FAILS, *words)
-    assert str(result.exception) == "camera 0: none found"
+    video = [] if "--video" in words else ["--video FILE plays a video"]
+    remedies = [*video, "--person shows the demo's person"]
+    assert str(result.exception) == f"camera 0: none found; {', '.join(remedies)}"
     assert runs == []
 
 
 def test_a_camera_that_ended_meanwhile_is_the_reason_of_the_end(monkeypatch):
-    """As when it is unplugged: the node stops, and the last line says why."""
+    """The node stops, and the last line says why."""
     waited = []
     monkeypatch.setattr(command, "go", lambda *args, stop: waited.append(stop.wait(60.0)))
     result = started(
-        monkeypatch, SENDS + "\nprint('error: camera 0: unplugged', file=sys.stderr); exit(2)"
+        monkeypatch, SENDS + "\nprint('error: camera 0: a fault', file=sys.stderr); exit(2)"
     )
     assert waited == [True]
-    assert str(result.exception) == "camera 0: unplugged"
+    assert str(result.exception) == "camera 0: a fault"
 
 
 def test_a_video_that_ended_is_not_a_mistake(runs, monkeypatch):

@@ -1,0 +1,133 @@
+"""A camera of this machine, and the time at which each of its pictures was exposed."""
+
+import re
+import time
+from collections.abc import Callable
+from typing import Any
+
+from hri_drivers.camera.pixels import checked, next_of
+from hri_drivers.camera.seen import Image, Stamped
+from hri_predict.base.errors import ConfigError, SourceError
+
+LATENCY_S = 0.05
+"""From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
+exposure (up to 33 ms), read-out and transfer. A picture that is older than believed is the
+dangerous error, so this is on the large side."""
+MAX_DEVICE_AGE_S = 1.0
+
+
+def is_device(text: str) -> bool:
+    """Return whether an input is a camera of this machine, by its number or path."""
+    return bool(re.fullmatch("[0-9]{1,4}", text)) or text.startswith("/dev/")
+
+
+def exposed(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
+    """Return the time of an exposure by the device's time stamp; None if it cannot be that.
+
+    The driver of a Linux webcam (V4L2) stamps a picture by the monotonic clock, in milliseconds
+    (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems give something else, or 0.
+
+    Args:
+        now_ns: time of the arrival, nanoseconds of the monotonic clock.
+        device_ms: the device's time stamp.
+        is_believed: whether the stamp before was a time of this clock. A picture may then be of
+            any age: one that a driver kept while it stalled must not pass for a new one.
+    """
+    if not 0 < device_ms <= now_ns / 1e6:  # NaN, too
+        return None
+    stamp_ns = min(round(device_ms * 1e6), now_ns)
+    is_recent = now_ns - stamp_ns <= 1e9 * MAX_DEVICE_AGE_S
+    return stamp_ns if is_believed or is_recent else None
+
+
+class Webcam:
+    """A camera of this machine. One that is lost is opened again.
+
+    Args:
+        name: its number, or the path of its device.
+        rate_hz: pictures per second to ask for; None: as it likes.
+        latency_s: see ``open_input``.
+        size: width and height to ask for.
+        capture: opens a device, as ``cv2.VideoCapture``.
+
+    Raises:
+        ConfigError: it does not open.
+    """
+
+    waits = False
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        rate_hz: float | None,
+        latency_s: float | None,
+        size: tuple[int, int],
+        capture: Callable[[int | str], Any] | None = None,
+    ) -> None:
+        import cv2
+
+        self._name, self._rate_hz, self._size = name, rate_hz, size
+        self._latency_ns = round(1e9 * (LATENCY_S if latency_s is None else latency_s))
+        self._capture = capture or cv2.VideoCapture
+        self._number = 0
+        self._last_ms = 0.0
+        self._is_believed = False
+        self.stamps = ""
+        try:
+            self._device: Any = self._open()
+        except SourceError as error:
+            raise ConfigError(
+                f"{error}; is it plugged in, and used by no other program? Give another number, "
+                f"or a video file"
+            ) from None
+
+    def read(self) -> Image | None:
+        """See ``Input``."""
+        if self._device is None:
+            self._device = self._open()
+        pixels = next_of(self._device)
+        if pixels is None:
+            self.close()
+            raise SourceError(f"camera {self._name}: it delivers no picture; is it unplugged?")
+        now_ns = time.monotonic_ns()
+        self._number += 1
+        pixels = checked(pixels, f"camera {self._name}")
+        return Image(pixels, self._time(now_ns), self._number, stamped=self._stamped())
+
+    def close(self) -> None:
+        """See ``Input``."""
+        if self._device is not None:
+            self._device.release()
+            self._device = None
+
+    def _open(self) -> Any:
+        import cv2
+
+        device = self._capture(int(self._name) if self._name.isdecimal() else self._name)
+        if not device.isOpened():
+            device.release()
+            raise SourceError(f"camera {self._name}: cannot be opened")
+        device.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        device.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+        device.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+        if self._rate_hz is not None:
+            device.set(cv2.CAP_PROP_FPS, self._rate_hz)
+        return device
+
+    def _stamped(self) -> Stamped:
+        return "by the device" if self._is_believed else "on arrival"
+
+    def _time(self, now_ns: int) -> int:
+        import cv2
+
+        device_ms = float(self._device.get(cv2.CAP_PROP_POS_MSEC))
+        stamped = None
+        if device_ms > self._last_ms:
+            stamped = exposed(now_ns, device_ms, is_believed=self._is_believed)
+        self._last_ms, self._is_believed = device_ms, stamped is not None
+        if stamped is not None:
+            self.stamps = "the device's time stamps"
+            return stamped
+        self.stamps = f"arrival less {self._latency_ns / 1e9:g} s, since the device gives no time"
+        return now_ns - self._latency_ns
