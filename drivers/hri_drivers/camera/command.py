@@ -135,7 +135,10 @@ def camera(
     if known is None and field_of_view is None and isinstance(pictures, DepthCamera):
         placer.calibrate(pictures.camera)
     sender = Sender(host, port, load_joint_map(finder.layout).source_joints, key)
-    pipeline = Pipeline(Newest(pictures), finder, placer, sender=sender, max_hz=max_fps)
+    stands = known is not None or isinstance(pictures, DepthCamera)
+    pipeline = Pipeline(
+        Newest(pictures), finder, placer, sender=sender, max_hz=max_fps, stands=stands
+    )
     until_signal(lambda: pipeline.run(seconds, once), pipeline.close)
     sender.close()
     if preview is not None and pipeline.last is not None:

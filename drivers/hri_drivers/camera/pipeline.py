@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hri_drivers.camera.faults import FrozenWatch, hides
+from hri_drivers.camera.moved import MovedWatch
 from hri_drivers.camera.network.found import Finder, Finding
 from hri_drivers.camera.newest import Newest
 from hri_drivers.camera.placing import Placer
@@ -53,6 +54,7 @@ class Pipeline:
         placer: places them.
         sender: to the node; None: nothing is sent.
         max_hz: maximum rate of scenes; None: as fast as the network is.
+        stands: the camera's place in the room is relied on, so it must not be moved.
 
     Attributes:
         counts: see ``Counts``.
@@ -61,13 +63,14 @@ class Pipeline:
 
     def __init__(
         self, newest: Newest, finder: Finder, placer: Placer, *, sender: Sender | None,
-        max_hz: float | None = None,
+        max_hz: float | None = None, stands: bool = False,
     ) -> None:  # fmt: skip
         self._newest, self._finder, self._placer, self._sender = newest, finder, placer, sender
         self._period_ns = 0 if max_hz is None else round(1e9 / max_hz)
         self._due_ns = 0
         self._tracker = Tracker()
         self._frozen = FrozenWatch()
+        self._moved = MovedWatch() if stands else None
         self._times = SceneTimes()
         self._dropped = 0
         self._said: str | None = None
@@ -122,10 +125,15 @@ class Pipeline:
             return
         if not self._times.admit(image.exposed_ns):
             return
-        self._say(None)
         finding = self._finder.find(image.pixels)
         seen = self._with_ids(finding, image)
         self.last = image, seen
+        places = [each.pixels for each in seen]
+        moved = None if self._moved is None else self._moved.judge(image, places)
+        if moved is not None:
+            self._blind(moved)
+            return
+        self._say(None)
         self.counts.most_people = max(self.counts.most_people, len(seen))
         placed = tuple(self._placer.place(each, image) for each in seen)
         if not finding.is_whole:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from hri_drivers.camera.faults import FrozenWatch, hides
+from hri_drivers.camera.moved import MovedWatch
 from hri_drivers.camera.network.found import Finder
 from hri_drivers.camera.newest import Newest
 from hri_drivers.camera.place.camera import Camera
@@ -46,6 +47,7 @@ class Eye:
     camera: Camera
     tracker: Tracker = field(default_factory=Tracker)
     frozen: FrozenWatch = field(default_factory=FrozenWatch)
+    moved: MovedWatch = field(default_factory=MovedWatch)
     image: Image | None = None
 
 
@@ -167,7 +169,6 @@ class Rig:
         stamp_ns = min(image.exposed_ns for image in images)
         if not self._times.admit(stamp_ns):
             return
-        self._say(None)
         views, is_whole = [], True
         for eye, image in zip(self._eyes, images, strict=True):
             finding = eye.finder.find(image.pixels)
@@ -177,8 +178,12 @@ class Rig:
                 Seen(number, eye.finder.layout, f.pixels, f.visibility, f.world)
                 for number, f in zip(ids, finding.people, strict=True)
             )
+            if moved := eye.moved.judge(image, [each.pixels for each in seen]):
+                self._blind(f"{eye.name}: {moved}")
+                return
             height, width = image.pixels.shape[:2]
             views.append(View(eye.camera.of_size(width, height), image.exposed_ns, seen))
+        self._say(None)
         people = place_together(views)
         sent = tuple(
             self._sent(number, each)

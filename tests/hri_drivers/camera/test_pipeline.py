@@ -201,3 +201,19 @@ def test_pictures_go_on_when_the_clock_of_the_machine_is_set(step_s, monkeypatch
         line.take(image(k + 1, began_ns + 20 * k * MS))
     assert sent.views == [(1, True)] * 4
     assert {person.id for people, _, _, _ in sent.kept for person in people} == {1}
+
+
+def test_a_camera_that_is_moved_sees_nothing_where_its_place_counts():
+    from tests.hri_drivers.camera.test_moved import room, seen
+
+    shown = [seen(room(), seed=k) for k in range(2)]
+    shown += [seen(room(), shift=(30.0, 0.0), seed=k) for k in range(5)]
+    pictures = [image(k, k * 500 * MS, pixels) for k, pixels in enumerate(shown)]
+    for stands, views in ((True, [1] * 4 + [0] * 3), (False, [1] * 7)):
+        sent: Any = Sent()
+        where: Any = Where()
+        script = Script([one()] * len(pictures))
+        line = Pipeline(Newest(Given()), script, where, sender=sent, stands=stands)
+        for each in pictures:
+            line.take(each)
+        assert sent.views == [(n, n == 1) for n in views]

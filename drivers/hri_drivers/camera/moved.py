@@ -1,0 +1,97 @@
+"""Whether a camera still looks where it looked at the start: by what stands still in its picture.
+
+Points of the background are found in the first picture and again now (ORB: E. Rublee et al., "ORB:
+an efficient alternative to SIFT or SURF", ICCV 2011), and a shift, turn and scale that most of them
+agree on is fitted (RANSAC). Points on people do not count. Where too few points agree, because the
+background has no texture, the light is another or most of it is hidden, nothing is said.
+"""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from hri_drivers.camera.seen import Image, UInt8
+from hri_predict.base.arrays import Floats
+
+MOVED = 0.015
+"""Mean way of the picture's corners, as a share of its width: 1 degree of 64."""
+CHECK_NS = 500_000_000
+IN_A_ROW = 3
+"""Checks that must agree before the verdict changes."""
+MIN_POINTS, MIN_SHARE = 15, 0.3
+"""Points that must agree, and their share of those that were found again."""
+_WIDTH, _POINTS, _MISFIT = 480, 600, 3.0
+_AROUND = 0.25  # of a person's size: hair, clothes and shadows beyond the joints
+WHY = (
+    "the picture's background has moved: the camera was moved, and people are not where they seem; "
+    "put it back, or find its place again and start again"
+)
+
+
+class MovedWatch:
+    """Compares the background with that of the first picture, twice a second."""
+
+    def __init__(self) -> None:
+        self._orb = cv2.ORB.create(_POINTS)
+        self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
+        self._first: tuple[Floats, UInt8] | None = None
+        self._due_ns: int | None = None
+        self._moved, self._others = False, 0
+
+    def judge(self, image: Image, people: Sequence[Floats]) -> str | None:
+        """Return what is wrong, for a person; None: nothing, or nothing is known.
+
+        Args:
+            image: the picture.
+            people: (J, 2) pixels of each person in it; NaN where not found.
+        """
+        if self._due_ns is None or image.exposed_ns >= self._due_ns:
+            self._due_ns = image.exposed_ns + CHECK_NS
+            moved = self._looks_moved(image.pixels, people)
+            if moved is not None:
+                self._others = self._others + 1 if moved != self._moved else 0
+                if self._others == IN_A_ROW:
+                    self._moved, self._others = moved, 0
+        return WHY if self._moved else None
+
+    def _looks_moved(self, pixels: UInt8, people: Sequence[Floats]) -> bool | None:
+        points, found = self._background(pixels, people)
+        if len(points) < MIN_POINTS:
+            return None
+        if self._first is None:
+            self._first = points, found
+            return None
+        before, known = self._first
+        pairs = self._matcher.match(known, found)
+        a = np.array([before[pair.queryIdx] for pair in pairs], np.float32).reshape(-1, 2)
+        b = np.array([points[pair.trainIdx] for pair in pairs], np.float32).reshape(-1, 2)
+        if len(pairs) < MIN_POINTS:
+            return None
+        fitted, agree = cv2.estimateAffinePartial2D(a, b, ransacReprojThreshold=_MISFIT)
+        if fitted is None or int(agree.sum()) < max(MIN_POINTS, MIN_SHARE * len(pairs)):
+            return None
+        height = _WIDTH * pixels.shape[0] / pixels.shape[1]
+        corners = np.array([[0, 0], [_WIDTH, 0], [0, height], [_WIDTH, height]])
+        ways = corners @ fitted[:, :2].T + fitted[:, 2] - corners
+        return bool(np.linalg.norm(ways, axis=1).mean() > MOVED * _WIDTH)
+
+    def _background(self, pixels: UInt8, people: Sequence[Floats]) -> tuple[Floats, UInt8]:
+        """Return (N, 2) points of the background, in a picture of one width, and (N, 32)."""
+        scale = _WIDTH / pixels.shape[1]
+        size = _WIDTH, round(scale * pixels.shape[0])
+        small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+        counts = np.full(size[::-1], 255, np.uint8)
+        for joints in people:
+            inside = scale * joints[np.isfinite(joints).all(axis=1)]
+            if len(inside):
+                low, high = inside.min(axis=0), inside.max(axis=0)
+                margin = _AROUND * float((high - low).max())
+                x0, y0 = np.clip(low - margin, 0, size).astype(int)
+                x1, y1 = np.clip(high + margin, 0, size).astype(int)
+                counts[y0:y1, x0:x1] = 0
+        grey = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
+        points, found = self._orb.detectAndCompute(grey, counts)
+        places = np.array([point.pt for point in points], np.float64).reshape(-1, 2)
+        none = np.zeros((0, 32), np.uint8)
+        return places, none if found is None else np.asarray(found, np.uint8)
