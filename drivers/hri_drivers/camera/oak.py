@@ -13,7 +13,7 @@ import numpy as np
 
 from hri_drivers.camera.depth_camera import TIMEOUT_MS, DepthCamera, factory_camera
 from hri_drivers.camera.place.camera import Camera
-from hri_predict.base.errors import SourceError
+from hri_predict.base.errors import ConfigError, SourceError
 
 FIRST_S = 10.0
 """Maximum time from the start to the first picture."""
@@ -28,6 +28,14 @@ class Oak(DepthCamera):
     name, module = "OAK", "depthai"
     _pipeline: Any = None
     _device: Any = None
+
+    def _imported(self) -> Any:
+        package = super()._imported()
+        if not hasattr(package.node, "RGBD"):
+            raise ConfigError(
+                "OAK: the installed depthai is older than 3.0; pip install --upgrade 'depthai>=3'"
+            )
+        return package
 
     def _errors(self) -> tuple[type[Exception], ...]:
         return (RuntimeError, self._package.MessageQueue.QueueException)

@@ -346,3 +346,9 @@ def test_a_missing_package_is_one_line(text, monkeypatch):
         open_input(text, rate_hz=None, loop=False, latency_s=None, size=SIZE)
     with pytest.raises(ConfigError, match="--loop: has no effect on camera"):
         open_input(text, rate_hz=None, loop=True, latency_s=None, size=SIZE)
+
+
+def test_an_older_package_of_an_oak_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "depthai", SimpleNamespace(node=SimpleNamespace()))
+    with pytest.raises(ConfigError, match="older than 3"):
+        Oak(rate_hz=None, size=SIZE)
