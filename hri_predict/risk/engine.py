@@ -223,8 +223,8 @@ class RiskEngine:
                 continue
             obedience.see(robots[robot].speed_m_s, now_ns)
             model = self._trackers[robot].model
+            obedience.warn(model.name)
             if obedience.stretch > model.stretch:
-                obedience.warn(model.name)
                 model.stretch = obedience.stretch * STRETCH_STEP
                 self._separation.revise(robot)
         return robots

@@ -55,19 +55,26 @@ class Obedience:
         self._stop: _Stop | None = None
         self._too_fast_until_ns = 0
         self.stretch = 1.0
-        self._warned = 0.5
+        self._warned = 0.0
         self.too_fast = self.late_stops = 0
 
     def warn(self, robot: str) -> None:
-        """Log that the robot stops late: the first time, and each time that it is twice as late."""
-        if self.stretch < 2 * self._warned:
+        """Log that the robot stops late; call it after each ``see``.
+
+        It is logged at once, and each time that the robot is twice as late. What the table has to
+        be corrected by is known only when the stop is over.
+        """
+        is_over = self._stop is None or self._stop.ended
+        is_worse = self.stretch > self._warned if is_over else self.stretch >= 2 * self._warned
+        if self.stretch <= 1.0 or not is_worse:
             return
         self._warned = self.stretch
         log.warning(
-            "robot %s needed %.2f times what its stopping table says to stop; from now on the "
+            "robot %s needed %s%.2f times what its stopping table says to stop; from now on the "
             "table's values count times that factor and a tenth more; correct it, or find why the "
             "robot does not obey",
             robot,
+            "" if is_over else "at least ",
             self.stretch,
         )
 

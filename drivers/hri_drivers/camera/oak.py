@@ -13,7 +13,7 @@ import numpy as np
 
 from hri_drivers.camera.depth_camera import TIMEOUT_MS, DepthCamera, factory_camera
 from hri_drivers.camera.place.camera import Camera
-from hri_predict.base.errors import SourceError
+from hri_predict.base.errors import ConfigError, SourceError
 
 FIRST_S = 10.0
 """Maximum time from the start to the first picture."""
@@ -28,6 +28,14 @@ class Oak(DepthCamera):
     name, module = "OAK", "depthai"
     _pipeline: Any = None
     _device: Any = None
+
+    def _imported(self) -> Any:
+        package = super()._imported()
+        if not hasattr(package.node, "RGBD"):
+            raise ConfigError(
+                "OAK: the installed depthai is older than 3.0; pip install --upgrade 'depthai>=3'"
+            )
+        return package
 
     def _errors(self) -> tuple[type[Exception], ...]:
         return (RuntimeError, self._package.MessageQueue.QueueException)
@@ -44,7 +52,7 @@ class Oak(DepthCamera):
             True, node.StereoDepth.PresetMode.FAST_ACCURACY, fps=self._rate_hz
         )
         stereo.setSubpixel(True)
-        # takes pictures of one time only, undistorted, with depth aligned and in millimetres
+        # takes pictures at most 10 ms apart, undistorted, with depth aligned and in millimetres
         aligned = pipeline.create(node.RGBD).build(colour, stereo, self._size, self._rate_hz)
         self._queue = aligned.rgbd.createOutputQueue(maxSize=1, blocking=False)
         pipeline.start()
@@ -61,11 +69,15 @@ class Oak(DepthCamera):
 
     def _take(self) -> tuple[Any, Any, int]:
         both = self._next(TIMEOUT_MS / 1e3)
-        colour, raw = both.getRGBFrame(), both.getDepthFrame().getFrame()
-        # the package maps the device's clock to its own, which is this machine's
-        middle = colour.getTimestamp(self._package.CameraExposureOffset.MIDDLE)
-        age_s = (self._package.Clock.now() - middle).total_seconds()
-        exposed_ns = self._recent(time.monotonic_ns() - round(1e9 * age_s))
+        colour, depth = both.getRGBFrame(), both.getDepthFrame()
+        middle = self._package.CameraExposureOffset.MIDDLE
+        first = min(colour.getTimestamp(middle), depth.getTimestamp(middle))
+        # the package maps the device's clock to its own, which is this machine's; ours is read
+        # first, so that a pause between the two makes the picture older, never newer
+        now_ns = time.monotonic_ns()
+        age_s = (self._package.Clock.now() - first).total_seconds()
+        exposed_ns = self._recent(now_ns - round(1e9 * age_s))
+        raw = depth.getFrame()
         return colour.getCvFrame(), np.where(raw > MAX_MM, 0, raw), exposed_ns
 
     def _stop(self) -> None:

@@ -13,6 +13,9 @@ LATENCY_S = 0.05
 """From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
 exposure (up to 33 ms), read-out and transfer. A picture that is older than believed is the
 dangerous error, so this is on the large side."""
+HALF_EXPOSURE_S = 0.017
+"""From the middle of the exposure to a device's time stamp: the driver of a Linux webcam stamps the
+first bytes of a picture that come (uvcvideo, without ``hwtimestamps``), so after the exposure."""
 MAX_DEVICE_AGE_S = 1.0
 
 
@@ -21,8 +24,8 @@ def is_device(text: str) -> bool:
     return bool(re.fullmatch("[0-9]{1,4}", text)) or text.startswith("/dev/")
 
 
-def exposed(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
-    """Return the time of an exposure by the device's time stamp; None if it cannot be that.
+def stamp_of(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
+    """Return the device's time stamp in nanoseconds; None if it is not one of our clock.
 
     The driver of a Linux webcam (V4L2) stamps a picture by the monotonic clock, in milliseconds
     (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems give something else, or 0.
@@ -124,10 +127,10 @@ class Webcam:
         device_ms = float(self._device.get(cv2.CAP_PROP_POS_MSEC))
         stamped = None
         if device_ms > self._last_ms:
-            stamped = exposed(now_ns, device_ms, is_believed=self._is_believed)
+            stamped = stamp_of(now_ns, device_ms, is_believed=self._is_believed)
         self._last_ms, self._is_believed = device_ms, stamped is not None
         if stamped is not None:
             self.stamps = "the device's time stamps"
-            return stamped
+            return stamped - round(1e9 * HALF_EXPOSURE_S)
         self.stamps = f"arrival less {self._latency_ns / 1e9:g} s, since the device gives no time"
         return now_ns - self._latency_ns

@@ -12,9 +12,10 @@ from tests.hri_drivers.camera.pictures import cv2, textured, write_video
 from hri_drivers.camera import webcam as webcams  # isort: skip
 from hri_drivers.camera.images import open_input  # isort: skip
 from hri_drivers.camera.pixels import checked  # isort: skip
-from hri_drivers.camera.webcam import Webcam, exposed  # isort: skip
+from hri_drivers.camera.webcam import HALF_EXPOSURE_S, Webcam, stamp_of  # isort: skip
 
 MS = 1_000_000
+HALF_NS = round(1e9 * HALF_EXPOSURE_S)
 SIZE = (640, 480)
 FAINT = 12.0
 """Mean difference of grey values that Motion JPEG makes of such a picture; others differ by 60."""
@@ -75,12 +76,12 @@ def webcam(device, latency_s=None):
     ],
 )
 def test_a_device_stamp_counts_only_if_it_can_be_one_of_our_clock(device_ms, expected):
-    assert exposed(10_000 * MS, device_ms) == expected
+    assert stamp_of(10_000 * MS, device_ms) == expected
 
 
 @pytest.mark.parametrize(("device_ms", "expected"), [(6_000.0, 6_000 * MS), (10_001.0, None)])
 def test_of_a_clock_that_is_known_to_be_ours_an_old_stamp_counts_too(device_ms, expected):
-    assert exposed(10_000 * MS, device_ms, is_believed=True) == expected
+    assert stamp_of(10_000 * MS, device_ms, is_believed=True) == expected
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def at_10_s(monkeypatch):
 
 def test_a_camera_with_time_stamps_is_believed(at_10_s):
     camera = webcam(Device(stamp_ms=lambda: 9_800.0))
-    assert camera.read().exposed_ns == 9_800 * MS
+    assert camera.read().exposed_ns == 9_800 * MS - HALF_NS  # stamped after its exposure
     assert camera.stamps == "the device's time stamps"
 
 
@@ -103,8 +104,8 @@ def test_a_picture_that_the_driver_kept_while_it_stalled_is_old(monkeypatch):
     camera = webcam(Device(stamp_ms=lambda: next(stamps)))
     camera.read()
     clock.monotonic_ns = lambda: 15_000 * MS
-    assert camera.read().exposed_ns == 10_013 * MS  # exposed before the stall of 5 s
-    assert camera.read().exposed_ns == 14_980 * MS
+    assert camera.read().exposed_ns == 10_013 * MS - HALF_NS  # exposed before the stall of 5 s
+    assert camera.read().exposed_ns == 14_980 * MS - HALF_NS
 
 
 @pytest.mark.parametrize(("latency_s", "late_ms"), [(None, 1000 * webcams.LATENCY_S), (0.2, 200)])

@@ -3,6 +3,7 @@
 With ``depthai`` installed, the OAK's pictures, queue and clock are the package's own.
 """
 
+import itertools
 import os
 import sys
 import time
@@ -13,6 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hri_drivers.camera import depth_camera
+from hri_drivers.camera import oak as oaks
 from hri_drivers.camera.images import DEPTH_CAMERAS, open_input
 from hri_drivers.camera.kinect import LATENCY_S, LEARNING, Kinect
 from hri_drivers.camera.oak import Oak
@@ -38,6 +41,7 @@ class FakeOak:
 
     def __init__(self, real=None):
         self.real, self.is_there, self.is_closed, self.late_s = real, True, False, LATE_S
+        self.depth_later_s = 0.0
         self.started = self.stopped = self.closed = 0
         own = self if real is None else real
         self.Clock = SimpleNamespace(now=lambda: timedelta(seconds=time.monotonic()))
@@ -94,6 +98,7 @@ class FakeOak:
 
     def both(self):
         stamp = self.Clock.now() - timedelta(seconds=self.late_s)
+        of_depth = stamp + timedelta(seconds=self.depth_later_s)
         if self.real is None:
             known = SimpleNamespace(
                 isValid=lambda: True, getIntrinsicMatrix=lambda: MATRIX, getSize=lambda: SIZE
@@ -103,7 +108,7 @@ class FakeOak:
                 getTimestamp=lambda offset: stamp,
                 getCvFrame=lambda: PIXELS,
             )
-            depth = SimpleNamespace(getFrame=lambda: RAW)
+            depth = SimpleNamespace(getTimestamp=lambda offset: of_depth, getFrame=lambda: RAW)
             return SimpleNamespace(getRGBFrame=lambda: colour, getDepthFrame=lambda: depth)
         dai = self.real
         colour, depth, both = dai.ImgFrame(), dai.ImgFrame(), dai.RGBDData()
@@ -113,6 +118,7 @@ class FakeOak:
         colour.setTransformation(known)
         colour.cam.exposureTimeUs = 10_000
         colour.setTimestamp(stamp + timedelta(milliseconds=5))  # the exposure's end
+        depth.setTimestamp(of_depth)
         depth.setFrame(RAW)
         depth.setType(dai.ImgFrame.Type.RAW16)
         depth.setSize(*SIZE)
@@ -204,6 +210,24 @@ def test_an_oaks_pictures_have_depth_in_metres_and_its_own_lens(oak):
     device.close()
     device.close()
     assert (oak.stopped, oak.closed) == (1, 1)
+
+
+@pytest.mark.parametrize(("depth_later_s", "late_s"), [(-0.01, 0.04), (0.01, 0.03)])
+def test_the_earlier_of_an_oaks_colours_and_depth_counts(oak, depth_later_s, late_s):
+    device = opened(Oak, oak)
+    oak.depth_later_s = depth_later_s
+    read_late(device, late_s)
+
+
+def test_a_pause_between_two_clocks_makes_an_oaks_picture_older(monkeypatch):
+    package = FakeOak()
+    device = opened(Oak, package)
+    tenths = itertools.count(100)  # each reading is 0.1 s after the one before
+    clock = SimpleNamespace(monotonic_ns=lambda: next(tenths) * 100_000_000)
+    for module in (oaks, depth_camera):
+        monkeypatch.setattr(module, "time", clock)
+    package.Clock.now = lambda: timedelta(seconds=next(tenths) / 10)
+    assert device.read().exposed_ns <= 10_000_000_000 - LATE_S * 1e9
 
 
 def test_an_oak_is_not_looked_for_in_the_network(monkeypatch):
@@ -322,3 +346,9 @@ def test_a_missing_package_is_one_line(text, monkeypatch):
         open_input(text, rate_hz=None, loop=False, latency_s=None, size=SIZE)
     with pytest.raises(ConfigError, match="--loop: has no effect on camera"):
         open_input(text, rate_hz=None, loop=True, latency_s=None, size=SIZE)
+
+
+def test_an_older_package_of_an_oak_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "depthai", SimpleNamespace(node=SimpleNamespace()))
+    with pytest.raises(ConfigError, match="older than 3"):
+        Oak(rate_hz=None, size=SIZE)

@@ -11,13 +11,17 @@ from hri_drivers.camera.realsense import LATENCY_S, RealSense
 from hri_predict.base.errors import ConfigError, SourceError
 
 MS = 1_000_000
-MARGIN_NS = 10 * MS
-"""Of a busy machine, between two readings of clocks."""
+MARGIN_NS = 5 * MS
+"""A clock of the machine that is slewed meanwhile."""
+PERIOD_MS = 1000 / 30
 
 
 class Frame:
-    def __init__(self, data, stamp_ms, domain):
+    def __init__(self, data, stamp_ms, domain, sent_us):
         self._data, self._stamp_ms, self._domain = data, stamp_ms, domain
+        self._metadata = (
+            {} if sent_us is None else {"frame": sent_us + 7_000_000, "sensor": 7_000_000}
+        )
 
     def get_data(self):
         return self._data
@@ -28,6 +32,12 @@ class Frame:
     def get_frame_timestamp_domain(self):
         return self._domain
 
+    def supports_frame_metadata(self, key):
+        return key in self._metadata
+
+    def get_frame_metadata(self, key):
+        return self._metadata[key]
+
 
 class Package:
     """``pyrealsense2`` with one device, or none."""
@@ -35,10 +45,12 @@ class Package:
     stream = SimpleNamespace(color="color", depth="depth")
     format = SimpleNamespace(bgr8="bgr8", z16="z16")
     distortion = SimpleNamespace(brown_conrady="brown")
+    frame_metadata_value = SimpleNamespace(frame_timestamp="frame", sensor_timestamp="sensor")
     timestamp_domain = SimpleNamespace(system_time=1, global_time=2, hardware_clock=0)
 
-    def __init__(self, *, is_there=True, domain=2, depth_domain=None, ages_ms=(25, 25)):
+    def __init__(self, *, is_there=True, domain=2, depth_domain=None, ages_ms=(25, 25), sent_us=0):
         self.is_there, self.domain, self.ages_ms = is_there, domain, ages_ms
+        self.sent_us = sent_us
         self.depth_domain = domain if depth_domain is None else depth_domain
         self.started = self.stopped = 0
 
@@ -74,10 +86,10 @@ class Package:
         if not self.is_there:
             raise RuntimeError("Frame didn't arrive within 1000")
         colour_ms, depth_ms = (time.time_ns() / 1e6 - age_ms for age_ms in self.ages_ms)
-        depth = np.array([[0, 1500]], np.uint16)
+        black, depth = np.zeros((1, 2, 3), np.uint8), np.array([[0, 1500]], np.uint16)
         return SimpleNamespace(
-            get_color_frame=lambda: Frame(np.zeros((1, 2, 3), np.uint8), colour_ms, self.domain),
-            get_depth_frame=lambda: Frame(depth, depth_ms, self.depth_domain),
+            get_color_frame=lambda: Frame(black, colour_ms, self.domain, self.sent_us),
+            get_depth_frame=lambda: Frame(depth, depth_ms, self.depth_domain, self.sent_us),
         )
 
 
@@ -94,15 +106,30 @@ def test_pictures_have_depth_in_metres_and_the_factorys_intrinsics():
     assert device.camera.matrix[0].tolist() == [615.0, 0.0, 320.0]
 
 
-@pytest.mark.parametrize(("domain", "late_s"), [(2, 0.025), (1, 0.025), (0, LATENCY_S)])
-def test_only_a_time_of_this_machine_counts(domain, late_s):
-    device = opened(Package(domain=domain))
-    assert late_s * 1e9 == pytest.approx(age_ns(device), abs=MARGIN_NS)
+@pytest.mark.parametrize(
+    ("domain", "late_ms", "stamped"),
+    [
+        (2, 25, "by the device"),
+        (1, 25 + 1e3 * LATENCY_S, "on arrival"),  # this machine's time when the picture came
+        (0, 1e3 * LATENCY_S, "on arrival"),
+    ],
+)
+def test_only_a_time_of_this_machine_counts(domain, late_ms, stamped):
+    image = read_late(opened(Package(domain=domain)), late_ms)
+    assert image.stamped == stamped
+
+
+@pytest.mark.parametrize(
+    ("sent_us", "late_ms"),
+    [(12_000, 37), (None, 25 + PERIOD_MS), (-1, 25 + PERIOD_MS), (2**32, 25 + PERIOD_MS)],
+)
+def test_a_device_stamps_the_transmission_and_the_exposure_was_before(sent_us, late_ms):
+    read_late(opened(Package(sent_us=sent_us)), late_ms)
 
 
 @pytest.mark.parametrize("ages_ms", [(25, 60), (60, 25)])
 def test_the_earlier_of_colour_and_depth_counts(ages_ms):
-    assert age_ns(opened(Package(ages_ms=ages_ms))) == pytest.approx(60 * MS, abs=MARGIN_NS)
+    read_late(opened(Package(ages_ms=ages_ms)), 60)
 
 
 def test_depth_of_another_moment_or_clock_is_not_used():
@@ -122,13 +149,16 @@ def test_pictures_that_were_kept_while_the_device_stalled_are_old():
     device = opened(package)
     device.read()
     package.ages_ms = (3_000, 3_000)
-    assert age_ns(device) == pytest.approx(3_000 * MS, abs=MARGIN_NS)
+    read_late(device, 3_000)
 
 
-def age_ns(device):
-    """Return how old a picture is at its arrival, with up to the time that reading takes."""
+def read_late(device, late_ms):
+    """Read a picture, and check that it counts as this late."""
     before_ns = time.monotonic_ns()
-    return before_ns - device.read().exposed_ns
+    image = device.read()
+    after_ns = time.monotonic_ns()
+    assert before_ns - MARGIN_NS <= image.exposed_ns + late_ms * MS <= after_ns + MARGIN_NS
+    return image
 
 
 def test_an_unplugged_device_is_an_interruption_and_is_opened_again():

@@ -1,5 +1,8 @@
 """Robots that keep their limits, robots that do not, and robots that stop late."""
 
+import math
+from itertools import pairwise
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -32,6 +35,7 @@ class Robot:
             slower = self.speed - self.brakes * TICK_S
             self.speed = min(max(wanted, slower), self.speed + 1.0 * TICK_S)
             self.watch.see(self.speed, round(self.now * 1e9))
+            self.watch.warn("arm")
             self.watch.advise(limit, round(self.now * 1e9))
             self.told.append((self.now, limit))
         return self
@@ -79,9 +83,30 @@ def test_nothing_is_said_of_a_robot_before_advice_went_out():
     assert (watch.too_fast, watch.late_stops) == (0, 0)
 
 
-def test_a_robot_that_stops_ever_later_is_told_of_at_each_doubling(caplog):
-    watch = Obedience(REACTION_S, table, 1.0)
-    for stretch in (1.2, 1.3, 2.3, 2.5, 4.5, 4.6, 9.1):
-        watch.stretch = stretch
-        watch.warn("arm")
-    assert [float(line.split()[3]) for line in caplog.messages] == [1.2, 2.5, 9.1]
+def factors(caplog):
+    """Return what the log says that a robot needed: the words before "times"."""
+    return [line.split(" needed ")[1].split(" times")[0] for line in caplog.messages]
+
+
+@pytest.mark.parametrize("times", [2.0, 3.0, 9.0])
+def test_the_log_says_at_the_end_of_a_stop_how_late_it_was(times, caplog):
+    robot = Robot(brakes=BRAKES_M_S2 / times).run(1.0, 2.0).run(0.0, 6.0)
+    *before, last = factors(caplog)
+    assert last == f"{robot.watch.stretch:.2f}"
+    assert before[0].startswith("at least 1.")  # the first tick of it that was too late
+    assert len(caplog.messages) <= 2 + math.log2(robot.watch.stretch)
+    said = len(caplog.messages)
+    robot.run(1.0, 3.0).run(0.0, 6.0)
+    assert len(caplog.messages) == said  # it stops as late as before
+
+
+def test_a_robot_that_does_not_stop_is_told_of_at_each_doubling(caplog):
+    Robot(brakes=0.0).run(1.0, 2.0).run(0.0, 120.0)
+    found = [float(each.removeprefix("at least ")) for each in factors(caplog)]
+    assert found[-1] > 50
+    assert all(2 <= b / a < 2.5 for a, b in pairwise(found))
+
+
+def test_a_robot_that_stops_in_time_is_not_in_the_log(caplog):
+    Robot().run(1.0, 2.0).run(0.0, 3.0)
+    assert not caplog.messages
