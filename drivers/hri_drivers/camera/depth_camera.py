@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import time
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +19,7 @@ FACTORY_FOCAL_ERROR = 0.01
 """Of the intrinsics by which the device was calibrated in the factory."""
 
 
-class DepthCamera:
+class DepthCamera(ABC):
     """An ``Input`` whose pictures have depth, aligned with the colours. A lost device is reopened.
 
     A subclass brings ``_open``, ``_take`` and ``_stop``; an error of the maker's package in them is
@@ -94,19 +95,21 @@ class DepthCamera:
         """Return the classes of the package's errors."""
         return (RuntimeError,)
 
+    @abstractmethod
     def _open(self) -> Camera:
-        raise NotImplementedError
+        """Open the device, and return the intrinsics of its colour picture."""
 
+    @abstractmethod
     def _take(self) -> tuple[Any, Any, int]:
         """Return pixels (H, W, 3) BGR, depth (H, W), 0 where not known, and the exposure's time.
 
         Raises:
             SourceError: this picture cannot be used.
         """
-        raise NotImplementedError
 
+    @abstractmethod
     def _stop(self) -> None:
-        raise NotImplementedError
+        """Close the device, or what was opened of it."""
 
     def _recent(self, exposed_ns: int) -> int:
         """Return a time of an exposure, by ``time.monotonic_ns``, that can be true.

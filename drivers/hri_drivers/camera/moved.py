@@ -30,7 +30,12 @@ WHY = (
 
 
 class MovedWatch:
-    """Compares the background with that of the first picture, twice a second."""
+    """Compares the background with that of the first picture, twice a second.
+
+    Attributes:
+        checks: number of comparisons.
+        undecided: those that had too little to compare: then a move is not noticed.
+    """
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(_POINTS)
@@ -38,6 +43,7 @@ class MovedWatch:
         self._first: tuple[Floats, UInt8] | None = None
         self._due_ns: int | None = None
         self._moved, self._others = False, 0
+        self.checks = self.undecided = 0
 
     def judge(self, image: Image, people: Sequence[Floats]) -> str | None:
         """Return what is wrong, for a person; None: nothing, or nothing is known.
@@ -49,11 +55,18 @@ class MovedWatch:
         if self._due_ns is None or image.exposed_ns >= self._due_ns:
             self._due_ns = image.exposed_ns + CHECK_NS
             moved = self._looks_moved(image.pixels, people)
-            if moved is not None:
+            self.checks += 1
+            if moved is None:
+                self.undecided += 1
+            else:
                 self._others = self._others + 1 if moved != self._moved else 0
                 if self._others == IN_A_ROW:
                     self._moved, self._others = moved, 0
         return WHY if self._moved else None
+
+    def summary(self) -> dict[str, int]:
+        """Return the counts for the user."""
+        return {"checks": self.checks, "undecided": self.undecided}
 
     def _looks_moved(self, pixels: UInt8, people: Sequence[Floats]) -> bool | None:
         points, found = self._background(pixels, people)
@@ -61,7 +74,7 @@ class MovedWatch:
             return None
         if self._first is None:
             self._first = points, found
-            return None
+            return False
         before, known = self._first
         pairs = self._matcher.match(known, found)
         a = np.array([before[pair.queryIdx] for pair in pairs], np.float32).reshape(-1, 2)

@@ -18,8 +18,8 @@ from hri_predict.base.errors import ConfigError, SourceError
 FIRST_S = 10.0
 """Maximum time from the start to the first picture."""
 MAX_MM = 4000
-"""Depth beyond this is not used: the error is no longer "below 2 %" (Luxonis, depth accuracy of
-7.5 cm between the lenses), as ``by_depth`` takes it to be."""
+"""Maximum depth. Farther away the error is not "below 2 %" (Luxonis, depth accuracy with 7.5 cm
+between the lenses), which ``by_depth`` relies on."""
 
 
 class Oak(DepthCamera):

@@ -141,6 +141,12 @@ def print_scenes(summary: dict[str, Any], stamps: str) -> None:
     for what in ("unplaced", "without_view"):
         for why, count in summary[what].items():
             print(f"  {what.replace('_', ' ')}: {why}: {count}")
+    for name, counts in summary["background"].items():
+        if counts["undecided"]:
+            print(
+                f"  {name}: in {counts['undecided']} of {counts['checks']} checks the background "
+                f"had too little to compare: a camera that was moved then went unnoticed"
+            )
     latency = summary["latency_ms"]
     if latency["least"] is None:
         return

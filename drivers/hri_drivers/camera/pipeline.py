@@ -157,6 +157,7 @@ class Pipeline:
             "unsent": sender.unsent if sender is not None else 0,
             "clock_steps": sender.clock_steps if sender is not None else 0,
             "without_view": dict(counts.blind),
+            "background": {} if self._moved is None else {"camera": self._moved.summary()},
             "ids": self._tracker.given,
             "most_people": counts.most_people,
             "unplaced": dict(self._placer.unplaced),

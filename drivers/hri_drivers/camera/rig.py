@@ -209,6 +209,7 @@ class Rig:
             "unsent": self._sender.unsent if self._sender is not None else 0,
             "clock_steps": self._sender.clock_steps if self._sender is not None else 0,
             "without_view": dict(self.blind),
+            "background": {eye.name: eye.moved.summary() for eye in self._eyes},
             "unplaced": dict(self.unplaced),
             "latency_ms": self._times.summary(),
             "stamps": {eye.name: eye.newest.stamps for eye in self._eyes},

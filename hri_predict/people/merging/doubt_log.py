@@ -20,9 +20,8 @@ class DoubtLog:
 
     def __init__(self) -> None:
         self._now: set[str] = set()
-        self._said: dict[
-            str, list[int]
-        ] = {}  # doubt -> when it was logged, how often it began since
+        # doubt -> when it was logged, how often it began since
+        self._said: dict[str, list[int]] = {}
 
     def note(self, doubts: Sequence[Doubt], time_ns: int) -> None:
         """Log doubts that begin, counts whose minute is over, and that all doubts are over."""
@@ -33,7 +32,7 @@ class DoubtLog:
                 del self._said[key]
                 if again:
                     log.warning("source 'merged': %s: %d more times within a minute", key, again)
-        for key in now.keys() - self._now:
+        for key in sorted(now.keys() - self._now):
             if key in self._said:
                 self._said[key][1] += 1
             else:

@@ -121,7 +121,7 @@ class Playback:
         self._stage.draw(picture, ahead_s)
 
     def _show_nothing(self, why: str) -> None:
-        """Show why there is no picture; the last one stays, greyed out."""
+        """Show why there is no picture, and grey out the last one."""
         if self._shown == why:
             return
         self._shown = why

@@ -76,9 +76,10 @@ def test_people_who_walk_do_not_count_even_before_a_plain_wall():
         assert watch.judge(image(k, k * CHECK_NS, pixels), people) is None
 
 
-def test_another_room_is_not_compared():
+def test_another_room_is_not_compared_and_that_is_counted():
     watch = MovedWatch()
     assert not any(verdicts(watch, [seen(room()), *(seen(room(seed)) for seed in range(10, 16))]))
+    assert watch.summary() == {"checks": 7, "undecided": 6}
 
 
 def test_it_looks_twice_a_second():
