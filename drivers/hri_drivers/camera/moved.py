@@ -2,8 +2,9 @@
 
 Points of the background are found in the first picture and again now (ORB: E. Rublee et al., "ORB:
 an efficient alternative to SIFT or SURF", ICCV 2011), and a shift, turn and scale that most of them
-agree on is fitted (RANSAC). Points on people do not count. Where too few points agree, because the
-background has no texture, the light is another or most of it is hidden, nothing is said.
+agree on is fitted (RANSAC). Points on people do not count. Where there were many points and are
+many, and they do not agree, the camera looks elsewhere, or something large hides what it saw. Where
+there are few, because the background has no texture, nothing can be said.
 """
 
 from collections.abc import Sequence
@@ -21,11 +22,16 @@ IN_A_ROW = 3
 """Checks that must agree before the verdict changes."""
 MIN_POINTS, MIN_SHARE = 15, 0.3
 """Points that must agree, and their share of those that were found again."""
+MANY_POINTS = 100
+"""With this many points in both pictures, some agree if the background is the same."""
 _WIDTH, _POINTS, _MISFIT = 480, 600, 3.0
 _AROUND = 0.25  # of a person's size: hair, clothes and shadows beyond the joints
+_Points = tuple[Floats, UInt8]
+"""(N, 2) places, in a picture of one width, and (N, 32) what is around each."""
 WHY = (
-    "the picture's background has moved: the camera was moved, and people are not where they seem; "
-    "put it back, or find its place again and start again"
+    "the picture's background is not where it was at the start: the camera was moved, and people "
+    "are not where they seem, or something large stands before it; put it back, or find the "
+    "camera's place again and start again"
 )
 
 
@@ -40,7 +46,7 @@ class MovedWatch:
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(_POINTS)
         self._matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
-        self._first: tuple[Floats, UInt8] | None = None
+        self._first: _Points | None = None
         self._due_ns: int | None = None
         self._moved, self._others = False, 0
         self.checks = self.undecided = 0
@@ -69,28 +75,39 @@ class MovedWatch:
         return {"checks": self.checks, "undecided": self.undecided}
 
     def _looks_moved(self, pixels: UInt8, people: Sequence[Floats]) -> bool | None:
-        points, found = self._background(pixels, people)
-        if len(points) < MIN_POINTS:
+        """Whether the background is elsewhere than at first; None if that cannot be decided."""
+        now = self._background(pixels, people)
+        if len(now[0]) < MIN_POINTS:
             return None
         if self._first is None:
-            self._first = points, found
+            self._first = now
             return False
-        before, known = self._first
-        pairs = self._matcher.match(known, found)
-        a = np.array([before[pair.queryIdx] for pair in pairs], np.float32).reshape(-1, 2)
-        b = np.array([points[pair.trainIdx] for pair in pairs], np.float32).reshape(-1, 2)
+        way = self._way(self._first, now, pixels.shape[0] / pixels.shape[1])
+        if way is None:
+            return True if min(len(self._first[0]), len(now[0])) >= MANY_POINTS else None
+        return way > MOVED
+
+    def _way(self, first: _Points, now: _Points, ratio: float) -> float | None:
+        """Return the mean way of the corners, in widths; None if too few points agree on one.
+
+        Args:
+            first, now: the points at first and now.
+            ratio: the picture's height divided by its width.
+        """
+        pairs = self._matcher.match(first[1], now[1])
         if len(pairs) < MIN_POINTS:
             return None
+        a = np.array([first[0][pair.queryIdx] for pair in pairs], np.float32)
+        b = np.array([now[0][pair.trainIdx] for pair in pairs], np.float32)
         fitted, agree = cv2.estimateAffinePartial2D(a, b, ransacReprojThreshold=_MISFIT)
         if fitted is None or int(agree.sum()) < max(MIN_POINTS, MIN_SHARE * len(pairs)):
             return None
-        height = _WIDTH * pixels.shape[0] / pixels.shape[1]
-        corners = np.array([[0, 0], [_WIDTH, 0], [0, height], [_WIDTH, height]])
+        corners = _WIDTH * np.array([[0, 0], [1, 0], [0, ratio], [1, ratio]])
         ways = corners @ fitted[:, :2].T + fitted[:, 2] - corners
-        return bool(np.linalg.norm(ways, axis=1).mean() > MOVED * _WIDTH)
+        return float(np.linalg.norm(ways, axis=1).mean() / _WIDTH)
 
-    def _background(self, pixels: UInt8, people: Sequence[Floats]) -> tuple[Floats, UInt8]:
-        """Return (N, 2) points of the background, in a picture of one width, and (N, 32)."""
+    def _background(self, pixels: UInt8, people: Sequence[Floats]) -> _Points:
+        """Return the points of the background."""
         scale = _WIDTH / pixels.shape[1]
         size = _WIDTH, round(scale * pixels.shape[0])
         small = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)

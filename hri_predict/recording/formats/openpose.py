@@ -91,12 +91,14 @@ def read_openpose(path: Path, wanted: Wanted) -> Recording:
 
 def _left_out(name: str, others: Counter[str]) -> str:
     """Which other sequences the folder has, with the number of their frames; "" if none."""
+    if not others:
+        return ""
     shown = ", ".join(f"{other[:40]!r} ({others[other]})" for other in sorted(others)[:_SHOWN])
     more = len(others) - _SHOWN
     return (
         f"of the folder only the sequence {name[:40]!r} is read, not {shown}"
         f"{f', and {more} more' if more > 0 else ''} (name a frame of the one that you want)"
-    ) * bool(others)
+    )
 
 
 def _timed(recording: Recording, numbers: Sequence[int], files: Sequence[Path]) -> Recording:

@@ -76,10 +76,16 @@ def test_people_who_walk_do_not_count_even_before_a_plain_wall():
         assert watch.judge(image(k, k * CHECK_NS, pixels), people) is None
 
 
-def test_another_room_is_not_compared_and_that_is_counted():
+def test_a_camera_that_looks_elsewhere_was_moved():
     watch = MovedWatch()
-    assert not any(verdicts(watch, [seen(room()), *(seen(room(seed)) for seed in range(10, 16))]))
-    assert watch.summary() == {"checks": 7, "undecided": 6}
+    after = verdicts(watch, [seen(room()), *(seen(room(10), seed=k) for k in range(5))])
+    assert after == [False] * IN_A_ROW + [True] * (6 - IN_A_ROW)
+
+
+def test_checks_of_a_background_without_texture_are_counted():
+    wall, watch = np.full((800, 1000, 3), 120, np.uint8), MovedWatch()
+    assert not any(verdicts(watch, [seen(wall, noise=0.5, seed=k) for k in range(5)]))
+    assert watch.summary() == {"checks": 5, "undecided": 5}
 
 
 def test_it_looks_twice_a_second():
