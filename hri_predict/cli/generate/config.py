@@ -9,7 +9,7 @@ import typer
 from hri_predict.base.files import atomic_write
 from hri_predict.cli.common import writing
 
-app = typer.Typer(no_args_is_help=True, help=__doc__)
+app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
 DOCUMENT = Path("docs/configuration.md")
 

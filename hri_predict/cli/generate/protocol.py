@@ -14,7 +14,7 @@ from hri_predict.protocol.generate import blocks, document
 from hri_predict.protocol.generate import dbc as dbc_files
 from hri_predict.protocol.generate.files import generated, read
 
-app = typer.Typer(no_args_is_help=True, help=__doc__)
+app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
 
 @app.command()

@@ -36,7 +36,7 @@ SECTIONS = {
 """The sections, in their order. Each takes a ``Scope`` and yields rows as they are measured. What
 it compares must take turns, and each name of a part must stay, so that runs can be compared."""
 
-app = typer.Typer(invoke_without_command=True)
+app = typer.Typer(invoke_without_command=True, add_completion=False)
 _CELLS = (plants, ports, joint_maps, trackers)
 for command in (predictors, links, fleet, *_CELLS, faults, memory, soak):
     app.command()(command)

@@ -12,7 +12,7 @@ from hri_predict.cli.common import JsonOption
 from hri_predict.cli.register.points import point_from
 from hri_predict.cli.register.write import lines_to_paste
 
-app = typer.Typer(no_args_is_help=True, help=__doc__)
+app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
 Columns = Annotated[int, typer.Option(help="Inner corners along the long side.")]
 Rows = Annotated[int, typer.Option(help="Inner corners along the short side.")]
