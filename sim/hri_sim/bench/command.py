@@ -9,22 +9,29 @@ import typer
 
 from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.cli.common import JsonOption, one_of, progress, tell, warn, without_effect
-from hri_sim.bench import forecasts, parts, running, saved, scaling, speed, table
+from hri_sim.bench import (
+    faults,
+    fleet,
+    forecasts,
+    joint_maps,
+    links,
+    parts,
+    plants,
+    ports,
+    running,
+    saved,
+    scaling,
+    speed,
+    table,
+    trackers,
+)
 from hri_sim.bench import plot as plots
-from hri_sim.bench.faults import faults, memory, soak
-from hri_sim.bench.fleet import fleet
-from hri_sim.bench.forecasts import predictors
-from hri_sim.bench.joint_maps import joint_maps
-from hri_sim.bench.links import age, links
-from hri_sim.bench.plants import plants
-from hri_sim.bench.ports import ports
 from hri_sim.bench.rows import QUICK, Row, Scope, Section
-from hri_sim.bench.trackers import trackers
 
 SECTIONS = {
     "parts": Section("Parts of the node, one call", parts.rows),
     "predictors": Section("A forecast, by predictor and engine", forecasts.rows),
-    "age": Section("From a capture to the last byte, two people", age),
+    "age": Section("From a capture to the last byte, two people", links.age),
     "jitter": Section(
         "Interval between messages less the period, as another process sees it", running.jitter
     ),
@@ -32,13 +39,30 @@ SECTIONS = {
     "scaling": Section("A tick, as the cell grows", scaling.rows),
     "start": Section("Start of a node, and its memory", running.start),
     "speed": Section("Faster than real time", speed.rows),
+    "links": Section("From a scene to the last byte, by kind of link", links.rows, detail=True),
+    "plants": Section("To the registers of another process", plants.rows, detail=True),
+    "ports": Section("What each receiver hears of one node", ports.rows, detail=True),
+    "fleet": Section("From posting to decoding, over zenoh", fleet.rows, detail=True),
+    "trackers": Section("Walks up to a robot and away", trackers.rows, detail=True),
+    "joint-maps": Section("Zones around a standing body", joint_maps.rows, detail=True),
 }
-"""The sections, in their order. Each takes a ``Scope`` and yields rows as they are measured. What
-it compares must take turns, and each name of a part must stay, so that runs can be compared."""
+"""All measurements, in their order. Each takes a ``Scope`` and yields rows as they are measured.
+What it compares must take turns, and each name of a part must stay, so that runs can be compared.
+"""
 
 app = typer.Typer(invoke_without_command=True, add_completion=False)
-_CELLS = (plants, ports, joint_maps, trackers)
-for command in (predictors, links, fleet, *_CELLS, faults, memory, soak):
+for command in (
+    forecasts.predictors,
+    links.links,
+    fleet.fleet,
+    plants.plants,
+    ports.ports,
+    joint_maps.joint_maps,
+    trackers.trackers,
+    faults.faults,
+    faults.memory,
+    faults.soak,
+):
     app.command()(command)
 
 
@@ -51,7 +75,10 @@ def bench(
     ] = False,
     only: Annotated[
         list[str] | None,
-        typer.Option(help=f"Measure only this section. Repeatable: {', '.join(SECTIONS)}."),
+        typer.Option(
+            help=f"Measure only this section. Repeatable: {', '.join(SECTIONS)}. Those after speed "
+            "are measured only if named."
+        ),
     ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write all figures into this file, as JSON.")
@@ -98,7 +125,8 @@ def bench(
     machine = saved.machine()
     if busy := saved.busy(machine["load_average"]):
         warn(busy)
-    chosen = [name for name in SECTIONS if not only or name in only]
+    whole = [name for name, section in SECTIONS.items() if not section.detail]
+    chosen = [name for name in SECTIONS if name in (only or whole)]
     told = _measured(chosen, QUICK if quick else Scope(), machine, save)
     if plot is not None:
         plots.plot(plot, told, saved.described(machine))

@@ -1,9 +1,9 @@
 """``bench faults``, ``soak`` and ``memory``: the reaction to faults, and hours of node time."""
 
-import json
 import sys
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,18 +12,23 @@ from hri_predict.cli.common import JsonOption
 from hri_predict.node.listeners import Tick
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
-from hri_sim.bench.table import facts, figures
+from hri_sim.bench.table import Columns, facts, report
 from hri_sim.fault_table.soak import Resident
 
-_COLUMNS = {
+
+def _ms(key: str) -> Callable[[Mapping[str, Any]], str]:
+    return lambda row: "-" if row[key] is None else f"{row[key]:.0f}"
+
+
+_COLUMNS: Columns = {
     "fault": "{fault}",
     "expected": "{expected}",
     "acted by": "{acts}",
-    "limit ms": "{limit_ms}",
-    "measured ms": "{measured_ms}",
-    "recovered ms": "{recovered_ms}",
-    "reason": "{reason}",
-    "": "{verdict}",
+    "limit ms": _ms("limit_ms"),
+    "measured ms": _ms("measured_ms"),
+    "recovered ms": _ms("recovered_ms"),
+    "reason": lambda row: row["reason"].lower(),
+    "": lambda row: "ok" if row["fine"] else "FAIL",
 }
 _TEXTS = ("expected", "acted by", "reason", "")
 
@@ -48,19 +53,8 @@ def faults(
         raise ConfigError(
             f"--only {only}: no fault's name contains this; run without --only to see all names"
         )
-    if as_json:
-        print(json.dumps([asdict(row) for row in rows]))
-    else:
-        shown = []
-        for row in rows:
-            times = {"limit_ms": row.limit_ms, "measured_ms": row.measured_ms}
-            times["recovered_ms"] = row.recovered_ms
-            shown.append(
-                asdict(row)
-                | {key: "-" if ms is None else f"{ms:.0f}" for key, ms in times.items()}
-                | {"reason": row.reason.lower(), "verdict": "ok" if row.fine else "FAIL"}
-            )
-        figures("Each fault alone, with a person near", _COLUMNS, shown, _TEXTS)
+    title = "Each fault alone, with a person near"
+    report([asdict(row) for row in rows], as_json, title, _COLUMNS, texts=_TEXTS)
     if not all(row.fine for row in rows):
         raise typer.Exit(1)
 

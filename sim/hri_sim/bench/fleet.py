@@ -1,14 +1,16 @@
 """``bench fleet``: measure the zenoh link: latency, processor time and payload."""
 
 import json
+from collections.abc import Iterator
 from typing import Annotated
 
 import typer
 
 from hri_predict.cli.common import JsonOption, need_extra, progress, without_effect
-from hri_sim.bench.table import SecondsOption, figures, measure
+from hri_sim.bench.rows import Row, Scope, rows_of
+from hri_sim.bench.table import Columns, SecondsOption, measure, report
 
-_COLUMNS = {
+_COLUMNS: Columns = {
     "by": "{by}",
     "Hz": "{rate_hz:g}",
     "received": "{heard} of {sent}",
@@ -17,7 +19,7 @@ _COLUMNS = {
     "p99 µs": "{latency_us[p99]:.0f}",
     "max µs": "{latency_us[max]:.0f}",
     "CPU of one core": "{cpu_percent:.1f} %",
-    "kB/s": "{kilobytes_per_s:.1f}",
+    "kB/s": lambda row: f"{row['bytes_per_s'] / 1e3:.1f}",
 }
 
 
@@ -62,11 +64,15 @@ def fleet(
         return
     count = len(bench.TOPOLOGIES) * len(bench.RATES_HZ)
     rows = measure(bench.costs(seconds), count, "zenoh")
-    if as_json:
-        print(json.dumps(rows))
-    else:
-        shown = [row | {"kilobytes_per_s": row["bytes_per_s"] / 1e3} for row in rows]
-        figures("From posting to decoding in another process, over zenoh", _COLUMNS, shown)
+    report(rows, as_json, "From posting to decoding in another process, over zenoh", _COLUMNS)
+
+
+def rows(scope: Scope) -> Iterator[Row]:
+    """Figures of the link, by topology and rate."""
+    need_extra("zenoh", "fleet")
+    from hri_sim.bench.fleet_cost import costs
+
+    return rows_of(costs(scope.seconds), "by", "rate_hz")
 
 
 def _page(cells: int, seconds: float, as_json: bool) -> None:

@@ -5,6 +5,7 @@ directly or through a router in a third process. Both read the machine's monoton
 """
 
 import contextlib
+import itertools
 import resource
 import socket
 import time
@@ -34,9 +35,8 @@ HEAR_S = 0.5  # time to receive after the last message
 
 def costs(seconds: float) -> Iterator[dict[str, Any]]:
     """Yield rows of ``measure``: through a router and directly, at 25 and 100 scenes per second."""
-    for topology in TOPOLOGIES:
-        for rate_hz in RATES_HZ:
-            yield measure(topology, rate_hz, seconds)
+    for topology, rate_hz in itertools.product(TOPOLOGIES, RATES_HZ):
+        yield measure(topology, rate_hz, seconds)
 
 
 def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:

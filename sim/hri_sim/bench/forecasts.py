@@ -3,7 +3,6 @@
 The section also measures forecasts in a hot loop, the start, and memory.
 """
 
-import json
 import time
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
@@ -20,7 +19,7 @@ from hri_predict.cli.common import JsonOption, one_of, predictor_settings, progr
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor
 from hri_sim.bench.rows import Row, Scope, measured, spread
-from hri_sim.bench.table import figures
+from hri_sim.bench.table import Columns, report
 from hri_sim.fault_table.soak import resident_mib
 from hri_sim.wires.child import child
 
@@ -29,14 +28,14 @@ _HORIZON_S = 1.0
 _ENGINES = ("torch", "onnxruntime")
 _LEAST = 5  # forecasts in a hot loop
 _FLOOR = "floor: the network's operations over the rate that this core reaches in a large product"
-_COLUMNS = {
+_COLUMNS: Columns = {
     "predictor": "{predictor}",
     "engine": "{engine}",
     "people": "{people}",
     "p50": "{p50_ms:.1f}",
     "p99": "{p99_ms:.1f}",
     "max": "{max_ms:.1f}",
-    "floor": "{floor}",
+    "floor": lambda row: "" if row["floor_ms"] is None else f"{row['floor_ms']:.1f}",
     "from torch, mm": "{differs_mm:.1g}",
 }
 
@@ -75,12 +74,7 @@ def predictors(
         for some in measure(names, sizes, seconds):
             rows += some
             bar.advance(task)
-    if as_json:
-        print(json.dumps(rows))
-    else:
-        floors = ("" if row["floor_ms"] is None else f"{row['floor_ms']:.1f}" for row in rows)
-        shown = [row | {"floor": floor} for row, floor in zip(rows, floors, strict=True)]
-        figures("A forecast, 25 a second, milliseconds", _COLUMNS, shown, ("engine",))
+    report(rows, as_json, "A forecast, 25 a second, milliseconds", _COLUMNS, texts=("engine",))
 
 
 def with_weights() -> list[str]:
@@ -106,7 +100,28 @@ def measure(
 
     rate = products_per_second()
     for name in names:
-        yield from _by_people(name, people, seconds, rate)
+        built = _engines(name)
+        engines = list(built.values())
+        for count in people:
+            seen = _walk(engines[0].history_steps, count)
+            taken = _paced(engines, *seen, seconds)
+            wanted = engines[0].predict(*seen).positions
+            yield [
+                {
+                    "predictor": name,
+                    "engine": engine,
+                    "people": count,
+                    **{f"{key}_ms": ms for key, ms in spread(times).items()},
+                    "forecasts": len(times),
+                    "differs_mm": _apart_mm(each.predict(*seen).positions, wanted),
+                    "floor_ms": _floor_ms(engines[0], count, rate),
+                }
+                for (engine, each), times in zip(built.items(), taken, strict=True)
+            ]
+
+
+def _apart_mm(found: Floats, wanted: Floats) -> float:
+    return float(1e3 * np.abs(found - wanted).max())
 
 
 def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:
@@ -123,34 +138,6 @@ def _has_weights(name: str) -> bool:
     from hri_predict.predictors.neural.settings import shipped_weights
 
     return network_class_of(name) is not None and shipped_weights(name).is_file()
-
-
-def _by_people(
-    name: str, sizes: Sequence[int], seconds: float, rate: float
-) -> Iterator[list[dict[str, Any]]]:
-    """Yield the rows of each number of people."""
-    built = _engines(name)
-    for people in sizes:
-        each_one = list(built.values())
-        seen = _walk(each_one[0].history_steps, people)
-        taken = _paced(each_one, *seen, seconds)
-        wanted = each_one[0].predict(*seen).positions
-        floor_ms = _floor_ms(each_one[0], people, rate)
-        rows = []
-        for (engine, each), times in zip(built.items(), taken, strict=True):
-            found = each.predict(*seen).positions
-            rows.append(
-                {
-                    "predictor": name,
-                    "engine": engine,
-                    "people": people,
-                    **{f"{key}_ms": ms for key, ms in spread(times).items()},
-                    "forecasts": len(times),
-                    "differs_mm": float(1e3 * np.abs(found - wanted).max()),
-                    "floor_ms": floor_ms,
-                }
-            )
-        yield rows
 
 
 def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,9 @@ def heard(
     seconds: float,
     cache: Path | None = None,
     watched: bool = False,
+    captures_hz: float | None = None,
+    change: Callable[[dict[str, Any]], None] = lambda settings: None,
+    partner: Sequence[Any] = (),
 ) -> dict[str, Any]:
     """Start a node on a wire, hear it for some seconds, and stop it.
 
@@ -52,8 +55,14 @@ def heard(
         seconds: to hear it, after it has warmed up; 0: only its start.
         cache: the folder that the node keeps things in; ``None``: the user's own.
         watched: with both screens, a reader of each, and three alert hooks that fail slowly.
+        captures_hz: of the source; default: five a second more than ticks.
+        change: called with the configuration's settings before the node starts.
+        partner: a function for ``child`` and its arguments: another process, which is started once
+            the node runs; it sends a word when it is ready.
 
     Returns:
+        ``summary``: what the node printed at its end; ``partner``: the other process's report;
+        ``window_ns``: begin and end of the time in which the node was heard;
         ``first_advice_s``: from starting the process to the first Advice of a running node;
         ``resident_mib``: of the node's processes at the end; ``cpu_percent``: of one core, by
         group of threads; ``cores_percent``: how busy each core was; ``deviation_ms``: how far the
@@ -71,12 +80,13 @@ def heard(
         settings = cell.settings(
             predictor=predictor,
             rate_hz=rate_hz,
-            captures_hz=rate_hz + 5.0,
+            captures_hz=captures_hz or rate_hz + 5.0,
             links=[receiver.receive()],
         )
         flags: list[str] = []
         if looking is not None:
             settings["alerts"], flags = looking.alerts, looking.flags
+        change(settings)
         path = Path(folder) / "cell.yaml"
         path.write_text(yaml.safe_dump(settings), encoding="utf-8")
         began_ns = time.monotonic_ns()
@@ -85,20 +95,22 @@ def heard(
         result: dict[str, Any] = {"first_advice_s": (first_ns - began_ns) * 1e-9}
         if looking is not None:
             looking.process.receive(START_S, node)  # both screens were seen
+        other = stack.enter_context(child(*partner)) if partner else None
+        if other is not None:
+            other.receive()
         time.sleep(WARM_UP_S)
         if seconds > 0:
             result |= used_by(node.pid, seconds)
         result["resident_mib"] = resident_mib(node.pid)
         if looking is not None:
             result["seen_bytes"] = looking.process.report()
+        if other is not None:
+            result["partner"] = other.report()
         node.send_signal(signal.SIGTERM)
-        summary, _ = node.communicate(timeout=30.0)
+        result["summary"] = json.loads(node.communicate(timeout=30.0)[0])
+        result["alerts"] = result["summary"].get("alerts", {})
         told = receiver.report()
-        result["alerts"] = json.loads(summary).get("alerts", {})
-    if seconds > 0:
-        begin_ns, end_ns = result.pop("window_ns")
-        result |= figures(told, begin_ns, end_ns, rate_hz)
-    return result
+    return result | (figures(told, *result["window_ns"], rate_hz) if seconds > 0 else {})
 
 
 @contextlib.contextmanager

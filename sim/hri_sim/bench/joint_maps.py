@@ -1,6 +1,7 @@
 """``bench joint-maps``: how large the zones of one standing body are with each tracker's joints."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -21,6 +22,7 @@ from hri_predict.lab.calibration.body_model import (
 from hri_predict.lab.calibration.inferred import fitted
 from hri_predict.run import assemble
 from hri_predict.run import config as configuration
+from hri_sim.bench.rows import Row, Scope, rows_of
 from hri_sim.bench.table import report
 
 _AT_S = (0.0, 0.4, 1.0)
@@ -57,8 +59,17 @@ def joint_maps(
     without_effect({"--postures": postures}, "without --fit")
     loaded = configuration.load(config or configuration.shipped("demo.yaml"))
     body = StandingBody(loaded, assemble.build_predictor(loaded))
+    columns = {"joint map": "{joint_map}", "missing": "{missing}"}
+    for k, seconds in enumerate(_AT_S):
+        head = f"{1e3 * float(body.times_s[body.step_at(seconds)]):.0f} ms"
+        columns[head] = f"{{reach[{k}]:.2f}}, {{inferred[{k}]:.2f}}"
+    title = "Zones around a standing body, m3: by reach, inferred"
+    report(list(_volumes(body)), as_json, title, columns)
+
+
+def _volumes(body: StandingBody) -> Iterator[dict[str, Any]]:
+    """Cubic metres of the zones with each joint map, by time."""
     steps = [body.step_at(seconds) for seconds in _AT_S]
-    rows: list[dict[str, Any]] = []
     for name in map_names():
         if name != "bvh":  # built from each file's own names
             delivered = load_joint_map(name).mapped
@@ -66,12 +77,15 @@ def joint_maps(
             for key, infers in (("reach", False), ("inferred", True)):
                 volumes = body.cubic_metres(body.snapshot(delivered, infers)).sum(1)
                 row[key] = [round(float(volumes[step]), 3) for step in steps]
-            rows.append(row)
-    columns = {"joint map": "{joint_map}", "missing": "{missing}"}
-    for k, step in enumerate(steps):
-        head = f"{1e3 * float(body.times_s[step]):.0f} ms"
-        columns[head] = f"{{reach[{k}]:.2f}}, {{inferred[{k}]:.2f}}"
-    report(rows, as_json, "Zones around a standing body, m3: by reach, inferred", columns)
+            yield row
+
+
+def rows(scope: Scope) -> Iterator[Row]:
+    """Volumes of the zones with each joint map, at the farthest of the times."""
+    loaded = configuration.load(configuration.shipped("demo.yaml")).with_predictor(scope.network)
+    for line in _volumes(StandingBody(loaded, assemble.build_predictor(loaded))):
+        farthest = {f"{key}_m3": line[key][-1] for key in ("reach", "inferred")}
+        yield from rows_of([{"joint_map": line["joint_map"], **farthest}], "joint_map")
 
 
 def _write_postures(data: Path, out: Path) -> None:

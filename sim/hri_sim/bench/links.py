@@ -5,7 +5,7 @@ import itertools
 import json
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, get_args
 
 import typer
@@ -18,27 +18,34 @@ from hri_predict.run.config import NodeSettings
 from hri_predict.run.runtime import SWITCH_INTERVAL_S
 from hri_sim.bench.cell import MAX_PEOPLE
 from hri_sim.bench.latency import KINDS, latency
-from hri_sim.bench.rows import Row, Scope, spread
+from hri_sim.bench.rows import Row, Scope, rows_of, spread
 from hri_sim.bench.running import WIRES, short_name
-from hri_sim.bench.table import SecondsOption, figures, measure
+from hri_sim.bench.table import Columns, SecondsOption, figures, measure
 from hri_sim.wires.child import child
 from hri_sim.wires.far_end import serial_line
 from hri_sim.wires.samples import of_a_cycle
 
 BAUDRATES, RESERVED = (115_200, 921_600), (0.0, 0.3)  # the whole wire, and the default
 _RATES_HZ = (25.0, 100.0)
-_SPANS = {
-    "wait for tick": "wait_ms",
-    "inference": "inference_ms",
-    "node": "node_ms",
-    "link": "link_ms",
-    "total": "total_ms",
-}
-_COUNTS = {"scenes": "scenes", "missed": "missed", "late ticks": "late_ticks"}
-_DELAYS = {
+
+
+def _span(row: Mapping[str, Any], key: str) -> str:
+    if "not_here" in row:
+        return "not available" if key == "wait_ms" else ""
+    return "{p50:.2f} / {p99:.2f}".format(**row[key]) if key in row else "-"
+
+
+_DELAYS: Columns = {
     "link": "{link}",
     "Hz": "{rate_hz:g}",
-    **{head: f"{{{key}}}" for head, key in (_SPANS | _COUNTS).items()},
+    "wait for tick": lambda row: _span(row, "wait_ms"),
+    "inference": lambda row: _span(row, "inference_ms"),
+    "node": lambda row: _span(row, "node_ms"),
+    "in the link": lambda row: _span(row, "link_ms"),
+    "total": lambda row: _span(row, "total_ms"),
+    "scenes": lambda row: str(row.get("scenes", "")),
+    "missed": lambda row: str(row.get("missed", "")),
+    "late ticks": lambda row: str(row.get("late_ticks", "")),
 }
 _WIRES = {
     "bit/s": "{baudrate}",
@@ -91,14 +98,14 @@ def links(
             f"--only {only}: no kind of link has this in its name ({', '.join(KINDS)})"
         )
     load = [os.getloadavg()[0]]
-    cases = [(name, rate_hz) for name in names for rate_hz in rates]
+    cases = list(itertools.product(names, rates))
     found = (
         delay(*case, seconds, ticks=ticks, predictor=predictor, people=people) for case in cases
     )
     delays = measure(found, len(cases), "delays")
     fills = []
     if wires and any(name.startswith("serial") for name in names):
-        pairs = [(baudrate, reserved) for baudrate in BAUDRATES for reserved in RESERVED]
+        pairs = list(itertools.product(BAUDRATES, RESERVED))
         full = (saturate(baudrate, seconds, reserved) for baudrate, reserved in pairs)
         fills = measure(full, len(pairs), "serial wires")
     load.append(os.getloadavg()[0])
@@ -106,7 +113,7 @@ def links(
         print(json.dumps({"delays": delays, "serial_wires": fills, "load_average": load}))
         return
     title = "Scene's arrival to last byte of Advice and Status, p50 / p99 ms"
-    figures(title, _DELAYS, map(_shown, delays))
+    figures(title, _DELAYS, delays)
     for reason in dict.fromkeys(row["not_here"] for row in delays if "not_here" in row):
         print(f"not available: {reason}")
     if fills:
@@ -122,16 +129,14 @@ def delay(kind: str, rate_hz: float, seconds: float, /, **load: Any) -> dict[str
         return {"link": kind, "rate_hz": rate_hz, "not_here": str(error)}
 
 
-def _shown(row: dict[str, Any]) -> dict[str, Any]:
-    """The row as text; without figures if this machine has no such wire."""
-    if "not_here" in row:
-        empty = dict.fromkeys((*_SPANS.values(), *_COUNTS.values()), "")
-        return row | empty | {"wait_ms": "not available"}
-    spans = {key: row.get(key) for key in _SPANS.values()}
-    return row | {
-        key: f"{span['p50']:.2f} / {span['p99']:.2f}" if span else "-"
-        for key, span in spans.items()
-    }
+def rows(scope: Scope) -> Iterator[Row]:
+    """Milliseconds by stage on each kind of link, then those in the port of a full serial wire."""
+    for name, rate_hz in itertools.product(KINDS, scope.age_rates_hz):
+        yield from rows_of([delay(name, rate_hz, scope.seconds)], "link", "rate_hz")
+    for baudrate, reserved in itertools.product(BAUDRATES, RESERVED):
+        full = saturate(baudrate, scope.seconds, reserved)
+        name = f"serial {baudrate}, reserved {reserved:g}"
+        yield from rows_of([{"wire": name, "used_percent": 100 * full["used"]} | full], "wire")
 
 
 # -- share of a serial wire that an overloaded link uses, and bytes that wait in the port ----------
@@ -142,7 +147,7 @@ PEOPLE = 6
 
 
 @contextlib.contextmanager
-def prompt_threads() -> Iterator[None]:
+def _prompt_threads() -> Iterator[None]:
     """Let threads switch as promptly as in the running node."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -159,7 +164,7 @@ def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[
         ``used``: bytes carried, divided by the wire's capacity in that time; ``backlog_ms``: time
         that the bytes waiting in the port take to leave (p50, p99, max); the link's counters.
     """
-    with child(serial_line, baudrate / 10) as line, prompt_threads():
+    with child(serial_line, baudrate / 10) as line, _prompt_threads():
         settings = SerialLinkSettings(
             name="bench",
             port=line.receive(),

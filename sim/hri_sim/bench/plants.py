@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing.connection import Connection
 from typing import Any
@@ -28,17 +29,22 @@ from hri_predict.base.settings import validated
 from hri_predict.cli.common import JsonOption, need_extra
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import Link
-from hri_predict.protocol.messages import Advice, Level, Status
-from hri_predict.protocol.reasons import Reason
-from hri_predict.protocol.registers import ROBOT, offset_of, robot_address, words_of
+from hri_predict.protocol.registers import (
+    NODE,
+    ROBOT,
+    Register,
+    offset_of,
+    robot_address,
+    words_of,
+)
 from hri_predict.protocol.variables import INDEX, robot_variables
-from hri_sim.bench.rows import spread
+from hri_sim.bench.rows import Row, Scope, rows_of, spread
 from hri_sim.bench.table import SecondsOption, measure, report
 from hri_sim.robot_server.process import ServerProcess
 from hri_sim.robot_server.robot import COUNTS
 from hri_sim.wires.child import child
 from hri_sim.wires.ports import free_tcp_port
-from hri_sim.wires.samples import STATUS
+from hri_sim.wires.samples import ADVICE, STATUS
 
 _COLUMNS = {
     "link": "{link}",
@@ -68,10 +74,15 @@ def plants(
     report(rows, as_json, title, _COLUMNS)
 
 
+def rows(scope: Scope) -> Iterator[Row]:
+    """Milliseconds of each link."""
+    need_extra("pymodbus", "modbus")
+    return rows_of(costs(scope.seconds), "link")
+
+
 PERIOD_S, SPREAD_S = 0.035, 0.01  # every phase between posting and polling occurs
 POLL_S = 0.01
 SETTLE_S, DRAIN_S = 1.0, 0.5
-_LATCH_AT = offset_of(ROBOT, "LATCH_ID")
 
 
 def costs(seconds: float) -> Iterator[dict[str, Any]]:
@@ -122,27 +133,41 @@ def _states(protocol: str, seconds: float) -> dict[str, Any]:
     }
 
 
-def _rtde(seconds: float) -> dict[str, Any]:
-    command = [sys.executable, "-m", "hri_sim.rtde", "--port", "0", "--each"]
-    controller = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    heard: dict[int, int] = {}
+class RtdeController:
+    """The made-up robot controller in a process of its own: its port, and what it heard.
 
-    def listen() -> None:
-        assert controller.stdout is not None
-        for line in controller.stdout:
+    Attributes:
+        port: to connect to.
+        heard: (ns, watchdog count) of each advice.
+    """
+
+    def __init__(self) -> None:
+        command = [sys.executable, "-m", "hri_sim.rtde", "--port", "0", "--each"]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self._lines = self._process.stdout
+        self.port: int = json.loads(self._lines.readline())["port"]
+        self.heard: list[tuple[int, int]] = []
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        for line in self._lines:
             found = json.loads(line)
-            heard.setdefault(found["watchdog"], found["at_ns"])
+            self.heard.append((found["at_ns"], found["watchdog"]))
 
-    try:
-        assert controller.stdout is not None
-        port = json.loads(controller.stdout.readline())["port"]
-        threading.Thread(target=listen, daemon=True).start()
+    def close(self) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.wait()
+
+
+def _rtde(seconds: float) -> dict[str, Any]:
+    with contextlib.closing(RtdeController()) as robot:
+        port = robot.port
         settings = RtdeLinkSettings(name="bench", host="127.0.0.1", port=port, full_speed_m_s=1.0)
         link = RtdeLink(settings, MonotonicClock())
-        return _measured(link, seconds, lambda: dict(heard))
-    finally:
-        controller.kill()
-        controller.wait()
+        # the last of a dictionary's equal keys stays, and the first time counts
+        return _measured(link, seconds, lambda: {n: at for at, n in reversed(robot.heard)})
 
 
 def _modbus(seconds: float) -> dict[str, Any]:
@@ -173,18 +198,41 @@ def _served(
 
 def _poll(pipe: Connection, port: int) -> dict[int, int]:
     """Poll a robot's registers; return when each latch id was read first."""
+    return {latch_id: at_ns for at_ns, latch_id in poll(pipe, port, (ROBOT, "LATCH_ID"))}
+
+
+def poll(
+    pipe: Connection, port: int, *fields: tuple[tuple[Register, ...], str]
+) -> list[tuple[int, ...]]:
+    """Poll registers every ``POLL_S``, as a PLC does; for ``child``.
+
+    Args:
+        pipe: gets a word when polling begins, and ends it.
+        port: of the link.
+        fields: block, of the node or of its first robot, and name of each register.
+
+    Returns:
+        When each value of the first register was read first, ns, and all values.
+    """
     from pymodbus.client import ModbusTcpClient
 
-    heard: dict[int, int] = {}
+    places = [
+        (0 if block == NODE else robot_address(0), words_of(block), offset_of(block, name))
+        for block, name in fields
+    ]
+    heard: dict[int, tuple[int, ...]] = {}
     with ModbusTcpClient("127.0.0.1", port=port) as client:
         pipe.send("ready")
         due_s = time.monotonic()
         while not pipe.poll():
-            words = client.read_input_registers(robot_address(0), count=words_of(ROBOT)).registers
-            heard.setdefault(words[_LATCH_AT], time.monotonic_ns())
+            values = [
+                client.read_input_registers(address, count=count).registers[at]
+                for address, count, at in places
+            ]
+            heard.setdefault(values[0], (time.monotonic_ns(), *values))
             due_s = max(due_s + POLL_S, time.monotonic())
             time.sleep(max(0.0, due_s - time.monotonic()))
-    return heard
+    return list(heard.values())
 
 
 def _subscribe(pipe: Connection, port: int) -> dict[int, int]:
@@ -221,10 +269,10 @@ def _measured(link: Link, seconds: float, report: Callable[[], dict[int, int]]) 
         time.sleep(SETTLE_S)
         posted, pause = {}, random.Random(0)
         for number in range(1, 2 + round(seconds / (PERIOD_S + SPREAD_S / 2))):
-            status: Status = STATUS
-            link.post(status)
+            link.post(STATUS)
             posted[number] = time.monotonic_ns()
-            link.post(_advice(number))
+            # RTDE counts them, Modbus shows the latch id
+            link.post(replace(ADVICE, latch_id=number % 65_536, age_s=0.05))
             time.sleep(PERIOD_S + SPREAD_S * pause.random())
         time.sleep(DRAIN_S)
         heard = report()
@@ -239,15 +287,3 @@ def _measured(link: Link, seconds: float, report: Callable[[], dict[int, int]]) 
         "superseded": link.counters.superseded,
         "latency_ms": spread(spans_ms, 2),
     }
-
-
-def _advice(number: int) -> Advice:
-    """An Advice with a number: RTDE counts them, Modbus shows the latch id."""
-    return Advice(
-        robot=0,
-        level=Level.CLEAR,
-        reason=Reason.NONE,
-        speed_limit_m_s=1.0,
-        age_s=0.05,
-        latch_id=number % 65_536,
-    )

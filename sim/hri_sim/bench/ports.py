@@ -7,12 +7,6 @@ can do. Then the same cell runs with the CAN bus alone, and its people within th
 
 import contextlib
 import itertools
-import json
-import signal
-import subprocess
-import sys
-import tempfile
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
@@ -20,31 +14,22 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-import yaml
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.cli.common import JsonOption, need_extra
-from hri_predict.protocol.registers import NODE, NOT_AVAILABLE, ROBOT, offset_of, robot_address
-from hri_predict.protocol.registers import words_of as words
+from hri_predict.protocol.registers import NODE, NOT_AVAILABLE, ROBOT
 from hri_sim.bench import cell
-from hri_sim.bench.heard import (
-    START_S,
-    WARM_UP_S,
-    deviations,
-    figures,
-    receiving,
-    running_node,
-    used_by,
-)
-from hri_sim.bench.rows import spread
+from hri_sim.bench.heard import deviations, heard
+from hri_sim.bench.plants import RtdeController, poll
+from hri_sim.bench.rows import Row, Scope, rows_of, spread
 from hri_sim.bench.table import measure, report
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.wires.child import child
 from hri_sim.wires.ports import free_tcp_port
 
 WIRE = "CAN FD udp_multicast"
-RATE_HZ, POLL_S, RTDE_HZ = 25.0, 0.01, 125.0
+RATE_HZ, RTDE_HZ = 25.0, 125.0
 PEOPLE_HZ = 30.0
 POSE = {"xyz": [0.0, 0.0, 0.0], "quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}
 _COLUMNS = {
@@ -81,12 +66,16 @@ def ports(
 
     Example: hri-predict bench ports --minutes 0.5
     """
-    need_extra("pymodbus", "modbus")
-    need_extra("rclpy", "ros2")
+    _need_extras()
     rows = measure(costs(60.0 * minutes, predictor), 7, "ports")
     if not as_json:
         rows = [{key: _DASHES if v is None else v for key, v in row.items()} for row in rows]
     report(rows, as_json, "What each receiver hears of one node", _COLUMNS)
+
+
+def _need_extras() -> None:
+    need_extra("pymodbus", "modbus")
+    need_extra("rclpy", "ros2")
 
 
 def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
@@ -96,61 +85,56 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
     of the node's cycles, heartbeats and watchdog counts; ``deviation_ms``: of the intervals between
     them from the period; ``age_ms``: as the advice says; both ``None`` where a port has none.
     """
-    with contextlib.ExitStack() as stack:
-        modbus = free_tcp_port()
-        robot = stack.enter_context(_rtde())
-        links = [
-            {
-                "name": "ur", "kind": "rtde", "host": "127.0.0.1", "port": robot.port,
-                "delay_s": 0.01, "silence_timeout_s": 0.06, "reaction_s": 0.05,
-            },
-            {
-                "name": "plant", "kind": "modbus", "port": modbus, "delay_s": 0.03, "repeat_hz": 0,
-            },
-        ]  # fmt: skip
-        source = stack.enter_context(_people())
-        found = _run(seconds, predictor, (links, source, modbus))
+    modbus = free_tcp_port()
+    with contextlib.closing(RtdeController()) as robot, _people() as source:
+
+        def all_ports(settings: dict[str, Any]) -> None:
+            settings["source"] = source
+            settings["robots"][0]["motion"] = {"kind": "state", "stale_s": 0.1, "delay_s": 0.01}
+            settings["links"] += [
+                {
+                    "name": "ur", "kind": "rtde", "host": "127.0.0.1", "port": robot.port,
+                    "delay_s": 0.01, "silence_timeout_s": 0.06, "reaction_s": 0.05,
+                },
+                {
+                    "name": "plant", "kind": "modbus", "port": modbus, "delay_s": 0.03,
+                    "repeat_hz": 0,
+                },
+            ]  # fmt: skip
+
+        wanted = ((NODE, "HEARTBEAT"), (ROBOT, "AGE"))
+        found = _run(seconds, predictor, change=all_ports, partner=(poll, modbus, *wanted))
         begin_ns, end_ns = found["window_ns"]
         yield _people_heard(found["summary"])
         yield _can("CAN FD, 25 Hz, all ports", found)
-        yield {"receiver": "Modbus, polled every 10 ms", **_polled(found["polled"])}
-        yield {"receiver": "RTDE, 125 Hz", **robot.between(begin_ns, end_ns)}
+        polled = [row for row in found["partner"] if begin_ns <= row[0] <= end_ns]
+        yield {"receiver": "Modbus, polled every 10 ms", **_polled(polled)}
+        counts = [row for row in robot.heard if begin_ns <= row[0] <= end_ns]
+        yield {
+            "receiver": "RTDE, 125 Hz",
+            **_row([at for at, _ in counts], [n for _, n in counts], RTDE_HZ, []),
+        }
         yield _bare("bare loop, all ports", found)
-    alone = _run(seconds, predictor, None)
+    alone = _run(seconds, predictor)
     yield _can("CAN FD, 25 Hz, alone", alone)
     yield _bare("bare loop, alone", alone)
 
 
-def _run(
-    seconds: float, predictor: str, others: tuple[list[dict[str, Any]], dict[str, Any], int] | None
-) -> dict[str, Any]:
-    """Run a cell; what its receivers heard in the window of time that was measured."""
-    with contextlib.ExitStack() as stack:
-        receiver = stack.enter_context(receiving(WIRE, RATE_HZ))
-        settings = cell.settings(
-            predictor=predictor, rate_hz=RATE_HZ, captures_hz=PEOPLE_HZ, links=[receiver.receive()]
-        )
-        if others is not None:
-            links, settings["source"], port = others
-            settings["links"] += links
-            settings["robots"][0]["motion"] = {"kind": "state", "stale_s": 0.1, "delay_s": 0.01}
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        path = folder / "cell.yaml"
-        path.write_text(yaml.safe_dump(settings), encoding="utf-8")
-        node = stack.enter_context(running_node(path, [], None))
-        receiver.receive(START_S, node)
-        plc = None if others is None else stack.enter_context(child(_poll, port))
-        if plc is not None:
-            plc.receive()
-        time.sleep(WARM_UP_S)
-        used = used_by(node.pid, seconds)
-        begin_ns, end_ns = used["window_ns"]
-        rows = [] if plc is None else plc.report()
-        polled = [row for row in rows if begin_ns <= row[0] <= end_ns]
-        node.send_signal(signal.SIGTERM)
-        summary, _ = node.communicate(timeout=30.0)
-        heard = figures(receiver.report(), begin_ns, end_ns, RATE_HZ)
-    return used | heard | {"polled": polled, "summary": json.loads(summary)}
+def _run(seconds: float, predictor: str, **others: Any) -> dict[str, Any]:
+    return heard(
+        wire=WIRE,
+        predictor=predictor,
+        rate_hz=RATE_HZ,
+        seconds=seconds,
+        captures_hz=PEOPLE_HZ,
+        **others,
+    )
+
+
+def rows(scope: Scope) -> Iterator[Row]:
+    """Milliseconds at each receiver, with all ports and with CAN alone."""
+    _need_extras()
+    return rows_of(costs(2.0 * scope.seconds, scope.network), "receiver")
 
 
 @contextlib.contextmanager
@@ -185,58 +169,7 @@ def _publish(pipe: Connection) -> None:
     end.stop()
 
 
-class _Robot:
-    """The made-up controller: its port, and when it heard which watchdog count."""
-
-    def __init__(self, controller: "subprocess.Popen[str]") -> None:
-        assert controller.stdout is not None
-        self._lines = controller.stdout
-        self.port: int = json.loads(self._lines.readline())["port"]
-        self._heard: list[tuple[int, int]] = []
-        threading.Thread(target=self._listen, daemon=True).start()
-
-    def _listen(self) -> None:
-        for line in self._lines:
-            found = json.loads(line)
-            self._heard.append((found["at_ns"], found["watchdog"]))
-
-    def between(self, begin_ns: int, end_ns: int) -> dict[str, Any]:
-        """Figures of that time."""
-        rows = [row for row in self._heard if begin_ns <= row[0] <= end_ns]
-        return _row([at for at, _ in rows], [n for _, n in rows], RTDE_HZ, [])
-
-
-@contextlib.contextmanager
-def _rtde() -> Iterator[_Robot]:
-    command = [sys.executable, "-m", "hri_sim.rtde", "--port", "0", "--each"]
-    controller = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-    try:
-        yield _Robot(controller)
-    finally:
-        controller.kill()
-        controller.wait()
-
-
-def _poll(pipe: Connection, port: int) -> list[tuple[int, int, int]]:
-    """Poll the registers; return when which heartbeat was read first, and the advice's age, ms."""
-    from pymodbus.client import ModbusTcpClient
-
-    heartbeat, age = offset_of(NODE, "HEARTBEAT"), offset_of(ROBOT, "AGE")
-    heard: dict[int, tuple[int, int, int]] = {}
-    with ModbusTcpClient("127.0.0.1", port=port) as client:
-        pipe.send("ready")
-        due_s = time.monotonic()
-        while not pipe.poll():
-            of_node = client.read_input_registers(0, count=words(NODE)).registers
-            of_robot = client.read_input_registers(robot_address(0), count=words(ROBOT)).registers
-            beat = of_node[heartbeat]
-            heard.setdefault(beat, (time.monotonic_ns(), beat, of_robot[age]))
-            due_s = max(due_s + POLL_S, time.monotonic())
-            time.sleep(max(0.0, due_s - time.monotonic()))
-    return list(heard.values())
-
-
-def _polled(rows: Sequence[tuple[int, int, int]]) -> dict[str, Any]:
+def _polled(rows: Sequence[tuple[int, ...]]) -> dict[str, Any]:
     ages = [age for _, _, age in rows if age != NOT_AVAILABLE]
     return _row([at for at, _, _ in rows], [beat for _, beat, _ in rows], RATE_HZ, ages)
 

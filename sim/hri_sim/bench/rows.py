@@ -1,6 +1,6 @@
 """A row of the bench: what was measured, and the floor or aim that stands beside it."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -96,10 +96,17 @@ QUICK = Scope(
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the bench: ``rows`` yields each row when it is measured; ``about`` is its title."""
+    """One of the bench's measurements.
+
+    Attributes:
+        about: its title.
+        rows: yields each row when it is measured.
+        detail: measured only where ``--only`` names it.
+    """
 
     about: str
     rows: Callable[[Scope], Iterator[Row]]
+    detail: bool = False
 
 
 def spread(values: Sequence[float] | Floats, digits: int | None = None) -> dict[str, float]:
@@ -118,6 +125,29 @@ def measured(part: str, unit: str, values: Sequence[float] | Floats, **beside: A
     return Row(part=part, unit=unit, **figures)
 
 
-def exponent(sizes: Sequence[float], times: Sequence[float]) -> float:
-    """By which power of the size a time grows: the slope of log(time) over log(size)."""
-    return float(np.polyfit(np.log(sizes), np.log(times), 1)[0])
+_UNITS = {"_ms": "ms", "_us": "µs", "_percent": "%", "_m_s": "m/s", "_m3": "m³", "_per_s": "/s"}
+"""Ends of the keys of figures."""
+
+
+def rows_of(
+    lines: Iterable[Mapping[str, Any]], *names: str, more_is_better: Sequence[str] = ()
+) -> Iterator[Row]:
+    """A row for each figure in the lines of a command's table.
+
+    Args:
+        lines: key -> figure, or a spread; a key without a unit at its end is left out.
+        names: keys that name a line.
+        more_is_better: keys of speeds and the like.
+    """
+    for line in lines:
+        name = ", ".join(f"{line[key]:g} Hz" if key == "rate_hz" else line[key] for key in names)
+        if "not_here" in line:
+            yield Row(part=name, unit="", note=line["not_here"])
+        for key, value in line.items():
+            end = next((end for end in _UNITS if key.endswith(end)), None)
+            if end is None or value is None:
+                continue
+            figures = value if isinstance(value, Mapping) else {"p50": value}
+            part = f"{name}: {key.removesuffix(end).replace('_', ' ')}"
+            better = key in more_is_better
+            yield Row(part=part, unit=_UNITS[end], more_is_better=better, **figures)

@@ -4,6 +4,7 @@ The cases of one axis take turns in blocks of ticks, at the node's rate in real 
 are as cold as in the node and other programs disturb all alike.
 """
 
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from hri_predict.contracts.joint_map import load_joint_map
 from hri_predict.run import assemble
 from hri_predict.run.session import VIRTUAL_START_NS
 from hri_sim.bench import cell
-from hri_sim.bench.rows import Row, Scope, exponent, measured
+from hri_sim.bench.rows import Row, Scope, measured
 
 _BLOCKS = 4
 _WARM_UP_TICKS = 25  # a second: the people are known, and their histories are full
@@ -136,6 +137,6 @@ def _growth(axis: str, predictor: str, found: Sequence[Row]) -> Iterator[Row]:
         aim=aim,
         why=_WHY_PEOPLE if aim else "",
     )
-    power = exponent([sizes[0], sizes[-1]], [times[0], times[-1]])
+    power = math.log(times[-1] / times[0]) / math.log(sizes[-1] / sizes[0])
     part = f"{predictor}, {axis}: power"
     yield Row(part=part, unit="", p50=power, drawn=False, why=_WHY_POWER)

@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
@@ -16,6 +16,8 @@ from hri_sim.bench.rows import Row
 from hri_sim.bench.saved import Change
 
 _WIDTH = 150  # where no terminal says
+Columns = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
+"""Head -> how its cell is made from a row: a form of ``str.format``, or a function."""
 
 
 def _demand_duration(seconds: float) -> float:
@@ -42,7 +44,7 @@ def measure(rows: Iterable[dict[str, Any]], count: int, description: str) -> lis
 
 def figures(
     title: str,
-    columns: Mapping[str, str],
+    columns: Columns,
     rows: Iterable[Mapping[str, Any]],
     texts: Collection[str] = (),
 ) -> None:
@@ -50,7 +52,7 @@ def figures(
 
     Args:
         title: of the table.
-        columns: head -> how its cell is formatted from a row, as for ``str.format``.
+        columns: of the table.
         rows: key -> figure.
         texts: heads of the columns that are text, besides the first.
     """
@@ -59,7 +61,8 @@ def figures(
         text = index == 0 or head in texts
         table.add_column(head, justify="left" if text else "right", no_wrap=index == 0)
     for row in rows:
-        table.add_row(*(form.format_map(row) for form in columns.values()))
+        cells = (c.format_map(row) if isinstance(c, str) else c(row) for c in columns.values())
+        table.add_row(*cells)
     console().print(table)
 
 
@@ -67,7 +70,7 @@ def report(
     rows: Sequence[Mapping[str, Any]],
     as_json: bool,
     title: str,
-    columns: Mapping[str, str],
+    columns: Columns,
     *,
     texts: Collection[str] = (),
 ) -> None:

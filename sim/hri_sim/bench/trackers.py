@@ -24,6 +24,7 @@ from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
+from hri_sim.bench.rows import Row, Scope, rows_of
 from hri_sim.bench.table import measure, report
 from hri_sim.people.procedural import ProceduralSource
 from hri_sim.people.script import PersonSettings, Timeline
@@ -81,11 +82,17 @@ def trackers(
     if not chosen:
         names = ", ".join(f"{tracker} {noise}" for tracker, noise in cases(None))
         raise ConfigError(f"--only {only}: no case has this in its name; there are: {names}")
-    measured = measure(rows(chosen, walks, predictor), len(chosen), "trackers")
+    measured = measure(walked(chosen, walks, predictor), len(chosen), "trackers")
     title = "People who walk up to a robot and away"
     report(measured, as_json, title, _COLUMNS, texts=("noise",))
     if any(row["clear_too_near"] or row["contacts"] for row in measured):
         raise typer.Exit(1)
+
+
+def rows(scope: Scope) -> Iterator[Row]:
+    """Figures of each tracker with each noise, one walk each."""
+    found = walked(cases(), 1, scope.network)
+    return rows_of(found, "tracker", "noise", more_is_better=("predictive_m_s", "iso_m_s"))
 
 
 def cases(only: str | None = None) -> list[tuple[str, str]]:
@@ -119,7 +126,9 @@ def _at(angle: float, distance_m: float) -> list[float]:
     return [round(distance_m * math.cos(angle), 3), round(distance_m * math.sin(angle), 3)]
 
 
-def rows(chosen: Sequence[tuple[str, str]], walks: int, predictor: str) -> Iterator[dict[str, Any]]:
+def walked(
+    chosen: Sequence[tuple[str, str]], walks: int, predictor: str
+) -> Iterator[dict[str, Any]]:
     """Yield the figures of each tracker with a noise; see ``measured``."""
     base = configuration.load(configuration.shipped("demo.yaml")).quiet()
     base = base.with_predictor(predictor, horizon_s=1.2)

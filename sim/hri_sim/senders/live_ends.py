@@ -3,118 +3,125 @@
 A kind joins the table by a line in ``LIVE_ENDS``.
 """
 
-import contextlib
 import os
 import secrets
-import socket
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from hri_drivers.sources.scene_stream.key_file import read_key
-from hri_predict.contracts.scene import Scene
 from hri_sim.senders.mocap_ends import (
-    MocapEnd,
+    MotiveProgram,
+    Program,
+    QtmProgram,
     RokokoStudio,
     VmcPerformer,
     ZedLiveLink,
-    motive,
-    qtm,
 )
+from hri_sim.senders.natnet import Motive
+from hri_sim.senders.qualisys import Qtm
 from hri_sim.senders.stream_ends import (
-    JsonEnd,
-    MvnTcpEnd,
-    MvnUdpEnd,
-    SceneStreamEnd,
-    SerialEnd,
-    WebSocketEnd,
+    Json,
+    LiveEnd,
+    Mvn,
+    SceneStream,
+    Serial,
+    Tcp,
+    Udp,
+    WebSocket,
+    Wire,
 )
-from hri_sim.wires.ports import free_udp_port
+from hri_sim.wires.ports import free_tcp_port, free_udp_port
 
 
-class LiveEnd(Protocol):
-    """A sender, and the settings of the source that receives from it.
-
-    Attributes:
-        source: settings of the source; the caller adds ``room_from_source`` and ``rate_hz``.
-        checked: whether the wire has a checksum, so that damaged scenes must be refused.
-        stamped: whether scenes carry the sender's own time.
-    """
-
-    source: dict[str, Any]
-    checked: bool
-    stamped: bool
-
-    def start(self) -> None:
-        """Start, or start again as after a restart of the sender's program."""
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Return a scene of canonical joints (metres) as units: datagrams, lines or frames.
-
-        The scene's stamp is nanoseconds of UTC; its sequence begins at 0 with each ``start``.
-        """
-
-    def write(self, unit: bytes) -> None:
-        """Put a unit on the wire; it may be lost without notice."""
-
-    def stop(self) -> None:
-        """Stop, as the sender's program does at its end. Safe to call twice."""
+def _udp(_: Path) -> LiveEnd:
+    port = free_udp_port()
+    return LiveEnd(SceneStream(), Udp(port), {"kind": "udp", "port": port}, checked=True)
 
 
-class UdpEnd(SceneStreamEnd):
-    """The node's own scene stream, with or without a key."""
+def _udp_with_key(folder: Path) -> LiveEnd:
+    path, port = folder / "live.key", free_udp_port()
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(secrets.token_hex(32))
+    source = {"kind": "udp", "port": port, "key_file": str(path)}
+    return LiveEnd(SceneStream(read_key(str(path))), Udp(port), source, checked=True)
 
-    def __init__(self, folder: Path, keyed: bool = False) -> None:
-        self._address = ("127.0.0.1", free_udp_port())
-        self.source: dict[str, Any] = {"kind": "udp", "port": self._address[1]}
-        if keyed:
-            path = folder / "live.key"
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(descriptor, "w", encoding="ascii") as file:
-                file.write(secrets.token_hex(32))
-            self._key = read_key(str(path))
-            self.source["key_file"] = str(path)
-        self._socket: socket.socket | None = None
 
-    def start(self) -> None:
-        """A new session."""
-        self.stop()
-        super().start()
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+def _serial(_: Path) -> LiveEnd:
+    wire = Serial()
+    source = {"kind": "serial_skeleton", "port": wire.path}
+    return LiveEnd(SceneStream(serial=True), wire, source, checked=True)
 
-    def write(self, unit: bytes) -> None:
-        """Send one."""
-        if self._socket is not None:
-            with contextlib.suppress(OSError):
-                self._socket.sendto(unit, self._address)
 
-    def stop(self) -> None:
-        """Close the socket."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+def _json(_: Path) -> LiveEnd:
+    port = free_tcp_port()
+    return LiveEnd(Json(b"\n"), Tcp(port), {"kind": "json", "port": port})
+
+
+def _websocket(_: Path) -> LiveEnd:
+    port = free_tcp_port()
+    return LiveEnd(Json(), WebSocket(port), {"kind": "websocket", "port": port})
+
+
+def _mvn_over_tcp(_: Path) -> LiveEnd:
+    port = free_tcp_port()
+    source = {"kind": "mvn", "sees_room": True, "protocol": "tcp", "port": port}
+    return LiveEnd(Mvn(), Tcp(port), source)
+
+
+def _mocap(program: Callable[[], Program], kind: str) -> Callable[[Path], LiveEnd]:
+    """A program that sends datagrams to the node's port."""
+
+    def end(_: Path) -> LiveEnd:
+        port = free_udp_port()
+        source = {"kind": kind, "sees_room": True, "port": port}
+        return LiveEnd(program(), Udp(port, lasting=True), source)
+
+    return end
+
+
+class _Served(Wire):
+    """A server on this machine, which goes on answering while its program is started again."""
+
+    def __init__(self, server: Motive | Qtm) -> None:
+        self.write = server.send  # type: ignore[method-assign]
+
+
+def _served(program: Program, server: Motive | Qtm, **source: Any) -> LiveEnd:
+    return LiveEnd(program, _Served(server), {"kind": program.kind, "sees_room": True} | source)
+
+
+def _motive(_: Path) -> LiveEnd:
+    server = Motive(MotiveProgram.skeletons)
+    return _served(MotiveProgram(), server, command_port=server.port)
+
+
+def _qtm(_: Path) -> LiveEnd:
+    server = Qtm(QtmProgram.skeletons)
+    return _served(QtmProgram(), server, port=server.port)
 
 
 LIVE_ENDS: dict[str, Callable[[Path], LiveEnd]] = {
-    "udp": UdpEnd,
-    "udp with a key": lambda folder: UdpEnd(folder, keyed=True),
-    "serial": SerialEnd,
-    "mvn": MvnUdpEnd,
-    "mvn over tcp": MvnTcpEnd,
-    "json": JsonEnd,
-    "vmc": lambda _: MocapEnd(VmcPerformer()),
-    "rokoko": lambda _: MocapEnd(RokokoStudio()),
-    "zed_livelink": lambda _: MocapEnd(ZedLiveLink()),
-    "natnet": lambda _: motive(),
-    "qualisys": lambda _: qtm(),
+    "udp": _udp,
+    "udp with a key": _udp_with_key,
+    "serial": _serial,
+    "mvn": _mocap(Mvn, "mvn"),
+    "mvn over tcp": _mvn_over_tcp,
+    "json": _json,
+    "vmc": _mocap(VmcPerformer, "vmc"),
+    "rokoko": _mocap(RokokoStudio, "rokoko"),
+    "zed_livelink": _mocap(ZedLiveLink, "zed_livelink"),
+    "natnet": _motive,
+    "qualisys": _qtm,
 }
 if find_spec("websockets") is not None:
-    LIVE_ENDS["websocket"] = WebSocketEnd
+    LIVE_ENDS["websocket"] = _websocket
 if find_spec("zenoh") is not None:
-    from hri_sim.senders.zenoh import ZenohEnd
+    from hri_sim.senders.zenoh import zenoh_end
 
-    LIVE_ENDS["zenoh"] = ZenohEnd
+    LIVE_ENDS["zenoh"] = zenoh_end
 if find_spec("rclpy") is not None and find_spec("rosbags") is not None:
 
     def _ros2(folder: Path) -> LiveEnd:

@@ -1,24 +1,14 @@
-"""Senders of motion capture over UDP; see ``live_ends``."""
+"""Programs that send captures: motion capture systems; see ``live_ends``."""
 
-import contextlib
-import socket
 import time
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar
 
 from hri_predict.contracts.scene import Scene
 from hri_sim.senders import natnet, qualisys, rokoko, vmc, zed_livelink
-from hri_sim.wires.ports import free_udp_port
 
 HOURS_2_S = 7200.0
 """Programs with a clock of their own start it here, so that it can step back."""
-
-
-class Server(Protocol):
-    """Sends units to the client that asked for them."""
-
-    def send(self, unit: bytes) -> None:
-        """Send one, if there is a client."""
 
 
 class Program(ABC):
@@ -112,78 +102,3 @@ PROGRAMS: dict[str, type[Program]] = {
     program.kind: program
     for program in (VmcPerformer, RokokoStudio, ZedLiveLink, MotiveProgram, QtmProgram)
 }
-
-
-class MocapEnd:
-    """A program on this machine, which sends to the node's port; see ``live_ends.LiveEnd``."""
-
-    checked = False
-    stamped = True
-
-    def __init__(self, program: Program) -> None:
-        self._program = program
-        self._address = ("127.0.0.1", free_udp_port())
-        self.source: dict[str, Any] = {
-            "kind": program.kind, "sees_room": True, "port": self._address[1],
-        }  # fmt: skip
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def start(self) -> None:
-        """Start the program."""
-        self._program.start()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Return the datagrams of one capture."""
-        return self._program.encode(scene)
-
-    def write(self, unit: bytes) -> None:
-        """Send one."""
-        with contextlib.suppress(OSError):
-            self._socket.sendto(unit, self._address)
-
-    def stop(self) -> None:
-        """Pause; the next start goes on with the same socket."""
-
-
-class ServedEnd:
-    """A program on this machine that answers a client, as Motive and QTM do; see ``LiveEnd``.
-
-    Args:
-        program: writes the captures.
-        server: answers, and sends them.
-        source: settings of the source, without its kind.
-    """
-
-    checked = False
-    stamped = True
-
-    def __init__(self, program: Program, server: Server, **source: Any) -> None:
-        self._program, self._server = program, server
-        self.source: dict[str, Any] = {"kind": program.kind, "sees_room": True} | source
-
-    def start(self) -> None:
-        """Start the program."""
-        self._program.start()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Return the units of one capture."""
-        return self._program.encode(scene)
-
-    def write(self, unit: bytes) -> None:
-        """Send one to the client that asked last."""
-        self._server.send(unit)
-
-    def stop(self) -> None:
-        """Pause; the server goes on answering."""
-
-
-def motive() -> ServedEnd:
-    """Motive with one skeleton."""
-    server = natnet.Motive(MotiveProgram.skeletons)
-    return ServedEnd(MotiveProgram(), server, command_port=server.port)
-
-
-def qtm() -> ServedEnd:
-    """QTM with one skeleton."""
-    server = qualisys.Qtm(QtmProgram.skeletons)
-    return ServedEnd(QtmProgram(), server, port=server.port)

@@ -11,16 +11,16 @@ from rclpy.serialization import serialize_message
 from hri_drivers.wires.ros2 import SpinningNode
 from hri_drivers.wires.ros2_settings import Ros2Settings
 from hri_predict.contracts.scene import Scene
+from hri_sim.senders.stream_ends import LiveEnd
 
 DOMAIN = 202  # of the table alone
 TOPIC, FRAME = "/hri_bench/people", "map"
 
 
-class Ros2End:
-    """A ``PoseArray`` of all people; see ``live_ends.LiveEnd``."""
+class Ros2End(LiveEnd):
+    """A ``PoseArray`` of all people."""
 
     checked = False
-    stamped = True
 
     def __init__(self, _folder: Path) -> None:
         self.source: dict[str, Any] = {

@@ -1,12 +1,10 @@
-"""Senders for live sources with third-party formats and other wires; see ``live_ends``."""
+"""Senders for live sources: what a program sends, and the wire that carries it to the node."""
 
 import contextlib
 import json
 import os
 import socket
-import time
 import weakref
-from pathlib import Path
 from typing import Any
 
 from hri_drivers.sources.scene_stream import codec as scene_codec
@@ -17,26 +15,95 @@ from hri_predict.base.errors import LinkError
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.scene import Scene
 from hri_sim.senders import mvn as mvn_sender
-from hri_sim.wires.ports import free_tcp_port, free_udp_port
+from hri_sim.senders.mocap_ends import HOURS_2_S, Program
 from hri_sim.wires.pty import PtyTransport, open_pty
 
-HOUR_MS = 3_600_000
+
+class Wire:
+    """Carries units to the node's port; they may be lost without notice."""
+
+    def open(self) -> None:
+        """Begin, or begin again after ``close``."""
+
+    def write(self, unit: bytes) -> None:
+        """Carry one."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Hang up, as the sender's program does at its end. Safe to call twice."""
 
 
-class TcpEnd:
-    """Connects to the node, trying again until it succeeds, and sends units."""
+class LiveEnd:
+    """A sender: a program, its wire, and the source that receives from it.
 
-    checked = False  # TCP has a checksum, but it covers only damage on the way
-    stamped = True
+    Attributes:
+        source: settings of the source; the caller adds ``room_from_source`` and ``rate_hz``.
+        checked: whether the wire has a checksum, so that damaged scenes must be refused.
+    """
 
-    def __init__(self, source: dict[str, Any]) -> None:
-        self._port = free_tcp_port()
-        self.source: dict[str, Any] = source | {"port": self._port}
-        self._socket: socket.socket | None = None
+    def __init__(
+        self, program: Program, wire: Wire, source: dict[str, Any], *, checked: bool = False
+    ) -> None:
+        self._program, self._wire = program, wire
+        self.source, self.checked = source, checked
 
     def start(self) -> None:
-        """Begin again."""
-        self.stop()
+        """Start, or start again as after a restart of the sender's program."""
+        self._wire.close()
+        self._wire.open()
+        self._program.start()
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return a scene of canonical joints (metres) as units: datagrams, lines or frames.
+
+        The scene's stamp is nanoseconds of UTC; its sequence begins at 0 with each ``start``.
+        """
+        return self._program.encode(scene)
+
+    def write(self, unit: bytes) -> None:
+        """Put a unit on the wire; it may be lost without notice."""
+        self._wire.write(unit)
+
+    def stop(self) -> None:
+        """Stop, as the sender's program does at its end. Safe to call twice."""
+        self._wire.close()
+
+
+# -- wires -----------------------------------------------------------------------------------------
+
+
+class Udp(Wire):
+    """Datagrams to a port of this machine.
+
+    Args:
+        port: of the source.
+        lasting: a program that is started again goes on with the same socket.
+    """
+
+    def __init__(self, port: int, *, lasting: bool = False) -> None:
+        self._address, self._lasting = ("127.0.0.1", port), lasting
+        self._socket: socket.socket | None = None
+
+    def write(self, unit: bytes) -> None:
+        """Send one."""
+        if self._socket is None:
+            self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        with contextlib.suppress(OSError):
+            self._socket.sendto(unit, self._address)
+
+    def close(self) -> None:
+        """Close the socket."""
+        if self._socket is not None and not self._lasting:
+            self._socket.close()
+            self._socket = None
+
+
+class Tcp(Wire):
+    """Connects to the node, trying again with each unit until it succeeds."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._socket: socket.socket | None = None
 
     def write(self, unit: bytes) -> None:
         """Send one, if the node is there."""
@@ -45,187 +112,130 @@ class TcpEnd:
                 self._socket = socket.create_connection(("127.0.0.1", self._port), 1.0)
             self._socket.sendall(unit)
         except OSError:
-            self.stop()
+            self.close()
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Hang up."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
 
-class JsonEnd(TcpEnd):
-    """A line of JSON for each scene."""
+class WebSocket(Wire):
+    """Messages over a WebSocket. Needs the extra ``websocket``."""
 
-    def __init__(self, _: Path) -> None:
-        super().__init__({"kind": "json"})
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """One line."""
-        return [scene_text(scene).encode() + b"\n"]
-
-
-class WebSocketEnd:
-    """A message of JSON for each scene. Needs the extra ``websocket``."""
-
-    checked = False
-    stamped = True
-
-    def __init__(self, _: Path) -> None:
+    def __init__(self, port: int) -> None:
         from websockets.sync.client import connect
 
-        self._connect = connect
-        port = free_tcp_port()
-        self.source: dict[str, Any] = {"kind": "websocket", "port": port}
-        self._url = f"ws://127.0.0.1:{port}"
+        self._connect, self._url = connect, f"ws://127.0.0.1:{port}"
         self._context = contextlib.ExitStack()
         self._connection: Any = None
 
-    def start(self) -> None:
-        """Begin again."""
-        self.stop()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """One message."""
-        return [scene_text(scene).encode()]
-
     def write(self, unit: bytes) -> None:
-        """Send one, if the node is there."""
+        """Send one as text, if the node is there."""
         try:
             if self._connection is None:
                 connecting = self._connect(self._url, open_timeout=1.0)
                 self._connection = self._context.enter_context(connecting)
             self._connection.send(unit)
         except Exception:  # the library's own and OSError: it is not there, or hung up
-            self.stop()
+            self.close()
 
-    def stop(self) -> None:
+    def close(self) -> None:
         """Hang up."""
         self._connection = None
         with contextlib.suppress(Exception):
             self._context.close()
 
 
-class MvnCharacter:
-    """One person in MVN; its time code starts one hour early, so that the clock can step back."""
+class Serial(Wire):
+    """A serial line, which stays open.
 
-    checked = False
-    stamped = True
+    Attributes:
+        path: of the node's port.
+    """
 
-    def start(self) -> None:
-        """MVN's recording begins again."""
-        self._began_ns = time.time_ns()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Return the datagrams of all people."""
-        since_ms = (scene.stamp_ns - self._began_ns) // 1_000_000
-        return [
-            datagram
-            for person in scene.people
-            for datagram in mvn_sender.quaternions(
-                scene.sequence,
-                since_ms + 2 * HOUR_MS,
-                person.id,
-                mvn_sender.segments_of(person.positions),
-            )
-        ]
-
-
-class MvnUdpEnd(MvnCharacter):
-    """MVN's stream over UDP."""
-
-    def __init__(self, _: Path) -> None:
-        self._address = ("127.0.0.1", free_udp_port())
-        self.source: dict[str, Any] = {
-            "kind": "mvn", "sees_room": True, "port": self._address[1],
-        }  # fmt: skip
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def write(self, unit: bytes) -> None:
-        """Send one."""
-        with contextlib.suppress(OSError):
-            self._socket.sendto(unit, self._address)
-
-    def stop(self) -> None:
-        """Keep everything: the next start uses it."""
-
-
-class MvnTcpEnd(MvnCharacter, TcpEnd):
-    """MVN's stream over TCP."""
-
-    def __init__(self, _: Path) -> None:
-        TcpEnd.__init__(self, {"kind": "mvn", "sees_room": True, "protocol": "tcp"})
-
-    def start(self) -> None:
-        """MVN's recording begins again."""
-        TcpEnd.start(self)
-        MvnCharacter.start(self)
-
-
-class SceneStreamEnd:
-    """The node's own scene stream, over any wire."""
-
-    checked = stamped = True
-    _session = 0
-    _key: Key | None = None
-
-    def start(self) -> None:
-        """A new session."""
-        self._session = time.time_ns()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Datagrams."""
-        people = tuple(SentPerson(p.id, p.positions, p.observed, p.error_m) for p in scene.people)
-        sent = SentScene(
-            stamp_ns=scene.stamp_ns,
-            sequence=scene.sequence,
-            sees_room=scene.sees_room,
-            people=people,
-            session=self._session,
-        )
-        return scene_codec.encode(sent, CANONICAL.joints, self._key)
-
-
-class SerialEnd(SceneStreamEnd):
-    """The node's own scene stream over a serial line."""
-
-    def __init__(self, _: Path) -> None:
-        master, path = open_pty()
+    def __init__(self) -> None:
+        master, self.path = open_pty()
         weakref.finalize(self, os.close, master)
-        self.source: dict[str, Any] = {"kind": "serial_skeleton", "port": path}
         self._line = PtyTransport(master)
         self._line.open()
-
-    def encode(self, scene: Scene) -> list[bytes]:
-        """Frames."""
-        return [framed(datagram) for datagram in super().encode(scene)]
 
     def write(self, unit: bytes) -> None:
         """Send one, if the line accepts it."""
         with contextlib.suppress(LinkError):
             self._line.write(unit)
 
-    def stop(self) -> None:
-        """Keep the line open."""
+
+# -- programs --------------------------------------------------------------------------------------
 
 
-def scene_text(scene: Scene) -> str:
-    """Return a scene of canonical joints as JSON text (``drivers/SCENE_JSON.md``)."""
-    people = [
-        {
-            "id": person.id,
-            "joints": {
-                name: [round(float(x), 4) for x in place]
-                for name, place, seen in zip(
-                    CANONICAL.joints, person.positions, person.observed, strict=True
-                )
-                if seen
-            },
-        }
-        for person in scene.people
-    ]
-    return json.dumps(
-        {
+class SceneStream(Program):
+    """The node's own scene stream.
+
+    Args:
+        key: of the stream; ``None``: it has none.
+        serial: as frames of a serial line.
+    """
+
+    def __init__(self, key: Key | None = None, *, serial: bool = False) -> None:
+        self._key, self._serial = key, serial
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return datagrams or frames; each start is a new session."""
+        people = tuple(SentPerson(p.id, p.positions, p.observed, p.error_m) for p in scene.people)
+        sent = SentScene(
+            stamp_ns=scene.stamp_ns,
+            sequence=scene.sequence,
+            sees_room=scene.sees_room,
+            people=people,
+            session=self._began_ns,
+        )
+        datagrams = scene_codec.encode(sent, CANONICAL.joints, self._key)
+        return [framed(datagram) for datagram in datagrams] if self._serial else datagrams
+
+
+class Mvn(Program):
+    """People in MVN."""
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return the datagrams of all people."""
+        since_ms = (scene.stamp_ns - self._began_ns) // 1_000_000 + round(1e3 * HOURS_2_S)
+        return [
+            datagram
+            for person in scene.people
+            for datagram in mvn_sender.quaternions(
+                scene.sequence, since_ms, person.id, mvn_sender.segments_of(person.positions)
+            )
+        ]
+
+
+class Json(Program):
+    """A scene as JSON text (``drivers/SCENE_JSON.md``).
+
+    Args:
+        end: of each scene's text.
+    """
+
+    def __init__(self, end: bytes = b"") -> None:
+        self._end = end
+
+    def encode(self, scene: Scene) -> list[bytes]:
+        """Return one text."""
+        people = [
+            {
+                "id": person.id,
+                "joints": {
+                    name: [round(float(x), 4) for x in place]
+                    for name, place, seen in zip(
+                        CANONICAL.joints, person.positions, person.observed, strict=True
+                    )
+                    if seen
+                },
+            }
+            for person in scene.people
+        ]
+        told = {
             "format": "hri-scene/1",
             "sequence": scene.sequence,
             "stamp_s": scene.stamp_ns * 1e-9,
@@ -234,4 +244,4 @@ def scene_text(scene: Scene) -> str:
             "axes": ["x", "y", "z"],
             "people": people,
         }
-    )
+        return [json.dumps(told).encode() + self._end]

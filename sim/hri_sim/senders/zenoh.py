@@ -3,34 +3,33 @@
 import contextlib
 import weakref
 from pathlib import Path
-from typing import Any
 
 from hri_drivers.wires.zenoh import ZenohTransport
 from hri_drivers.wires.zenoh_session import ZenohSettings, open_session
 from hri_predict.base.errors import LinkError
 from hri_predict.protocol.keyed import SCENE, Keyed, prefix
-from hri_sim.senders.stream_ends import SceneStreamEnd
+from hri_sim.senders.stream_ends import LiveEnd, SceneStream, Wire
 from hri_sim.wires.ports import free_tcp_port
 
 _SITE, _CELL = "site", "faults"
 
 
-class ZenohEnd(SceneStreamEnd):
-    """The node's own scene stream, put under the scene's key; the router keeps running."""
+class Zenoh(Wire):
+    """Units under the scene's key, through a router that keeps running.
 
-    def __init__(self, _: Path) -> None:
-        endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
-        router = open_session(ZenohSettings(mode="router", listen=[endpoint]))
+    Attributes:
+        endpoint: of the router.
+    """
+
+    def __init__(self) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_tcp_port()}"
+        router = open_session(ZenohSettings(mode="router", listen=[self.endpoint]))
         weakref.finalize(self, router.close)
-        self.source: dict[str, Any] = {
-            "kind": "zenoh", "site": _SITE, "cell": _CELL, "connect": [endpoint],
-        }  # fmt: skip
-        settings = ZenohSettings(connect=[endpoint])
+        settings = ZenohSettings(connect=[self.endpoint])
         self._transport = ZenohTransport(settings, prefix(_SITE, _CELL))
 
-    def start(self) -> None:
-        """Start a new session of zenoh and of the stream."""
-        super().start()
+    def open(self) -> None:
+        """Start a new session."""
         self._transport.open()
 
     def write(self, unit: bytes) -> None:
@@ -38,6 +37,13 @@ class ZenohEnd(SceneStreamEnd):
         with contextlib.suppress(LinkError):
             self._transport.write(Keyed(SCENE, unit))
 
-    def stop(self) -> None:
-        """Close the zenoh session."""
+    def close(self) -> None:
+        """Close the session."""
         self._transport.close()
+
+
+def zenoh_end(_: Path) -> LiveEnd:
+    """The node's own scene stream."""
+    wire = Zenoh()
+    source = {"kind": "zenoh", "site": _SITE, "cell": _CELL, "connect": [wire.endpoint]}
+    return LiveEnd(SceneStream(), wire, source, checked=True)

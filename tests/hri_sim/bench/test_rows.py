@@ -1,12 +1,9 @@
-"""Rows: their percentiles, and by which power a time grows; and the machine they stand for."""
+"""Rows: their percentiles, and those of a command's table; and the machine they stand for."""
 
 import json
 
-import numpy as np
-import pytest
-
 from hri_sim.bench import saved
-from hri_sim.bench.rows import QUICK, Scope, exponent, measured
+from hri_sim.bench.rows import QUICK, Row, Scope, measured, rows_of
 
 
 def test_percentiles_of_a_row():
@@ -19,11 +16,18 @@ def test_nothing_measured_is_said():
     assert (row.p50, row.note) == (None, "nothing was measured")
 
 
-@pytest.mark.parametrize("power", [0.0, 0.5, 1.0, 2.0])
-def test_the_power_of_a_growth(power):
-    sizes = [1.0, 2.0, 4.0, 16.0]
-    # logarithms and a fit of four points: some tens of roundings of 2e-16
-    assert exponent(sizes, list(3.0 * np.power(sizes, power))) == pytest.approx(power, abs=1e-12)
+def test_each_figure_of_a_line_is_a_row_named_by_the_line():
+    spread = {"p50": 1.0, "p99": 2.0, "max": 3.0}
+    lines = [
+        {"link": "bus", "rate_hz": 25.0, "total_ms": spread, "speed_m_s": 0.5, "sent": 3},
+        {"link": "wire", "rate_hz": 25.0, "not_here": "no such wire"},
+        {"link": "port", "rate_hz": 25.0, "age_ms": None},
+    ]
+    assert list(rows_of(lines, "link", "rate_hz", more_is_better=("speed_m_s",))) == [
+        Row(part="bus, 25 Hz: total", unit="ms", **spread),
+        Row(part="bus, 25 Hz: speed", unit="m/s", p50=0.5, more_is_better=True),
+        Row(part="wire, 25 Hz", unit="", note="no such wire"),
+    ]
 
 
 def test_a_quick_scope_asks_no_more_than_the_whole():

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from hri_sim.bench import table
+from hri_sim.bench import links, table
 from hri_sim.bench.rows import Row
 from hri_sim.bench.saved import Change
 
@@ -74,3 +74,14 @@ def test_rows_of_figures_are_formatted_by_column(capsys):
 def test_a_single_result(capsys, as_json, text):
     table.facts({"rss_mib": 3}, as_json)
     assert capsys.readouterr().out == text + "\n"
+
+
+def test_the_table_of_delays_names_each_kind_of_link(capsys):
+    ms = {"p50": 1.25, "p99": 2.5}
+    rows = [
+        {"link": "CAN", "rate_hz": 25.0, "link_ms": ms, "scenes": 3},
+        {"link": "UDP", "rate_hz": 25.0, "not_here": "no multicast"},
+    ]
+    table.figures("Delays", links._DELAYS, rows)
+    printed = capsys.readouterr().out
+    assert all(text in printed for text in ("CAN", "1.25 / 2.50", "UDP", "not available"))

@@ -39,7 +39,6 @@ def case(name: str) -> LiveCase:
 )
 def test_a_fault_leads_to_what_the_table_says_and_is_counted(kind, name, counters):
     outcome = run_live_case(kind, case(name))
-    assert outcome is not None
     assert outcome.fine, outcome
     assert outcome.clear_while_near == 0
     assert counters <= outcome.counted.keys()
@@ -50,7 +49,6 @@ def test_a_fault_leads_to_what_the_table_says_and_is_counted(kind, name, counter
 def test_damage_is_counted_and_never_believed():
     wet = replace(case("1 bit"), amount=1e-3)  # nine of ten datagrams
     outcome = run_live_case("udp", wet)
-    assert outcome is not None
     assert outcome.fine, outcome
     assert outcome.counted["crc_errors"] + outcome.counted.get("malformed", 0) >= 10
     assert "false_scenes" not in outcome.counted

@@ -12,12 +12,11 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts import registry
 from hri_predict.contracts.scene import Person, Scene
 from hri_sim.people.body import Body
-from hri_sim.senders.stream_ends import JsonEnd, MvnTcpEnd, MvnUdpEnd, SerialEnd, WebSocketEnd
-from hri_sim.senders.zenoh import ZenohEnd
+from hri_sim.senders.live_ends import LIVE_ENDS
 
 pytestmark = pytest.mark.realtime
 
-ENDS = (JsonEnd, WebSocketEnd, MvnUdpEnd, MvnTcpEnd, SerialEnd, ZenohEnd)
+ENDS = ("udp", "json", "websocket", "mvn", "mvn over tcp", "serial", "zenoh")
 COUNT = 12
 _BODY = Body(1.75)
 STANDING = _BODY.joints(_BODY.standing(np.array([1.7, 0.2]), np.pi))
@@ -36,9 +35,9 @@ def newest(source, wanted: int) -> Scene:
     return heard[-1]
 
 
-@pytest.mark.parametrize("make", ENDS)
-def test_what_is_sent_is_heard(make, tmp_path: Path) -> None:
-    end = make(tmp_path)
+@pytest.mark.parametrize("kind", ENDS)
+def test_what_is_sent_is_heard(kind, tmp_path: Path) -> None:
+    end = LIVE_ENDS[kind](tmp_path)
     cls = registry.load("sources", end.source["kind"])
     settings = {"room_from_source": {}, "rate_hz": 30} | end.source
     source = cls(validated(cls.settings_model, settings, "source"))
