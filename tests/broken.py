@@ -305,7 +305,7 @@ def fails(tree: Path, tests: str) -> bool:
     paths = filter(None, (ours, os.environ.get("PYTHONPATH")))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # many starts in one tree
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "-p", "no:cacheprovider"]
     done = subprocess.run(
         [*command, "-m", "not long", tests],
         cwd=tree,
