@@ -25,7 +25,7 @@ from hri_predict.contracts.joint_map import METRES_PER_UNIT
 from hri_predict.recording.bounded import watching
 from hri_predict.recording.converting import write_recording
 from hri_predict.recording.cutting import between, decimated, of_person
-from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, of_ending
+from hri_predict.recording.format_table import ANY_ENDING, BY_NAME, FORMATS, of_ending
 from hri_predict.recording.frames import Written
 from hri_predict.recording.opening import open_recording
 from hri_predict.recording.plausibility import check_possible
@@ -33,6 +33,7 @@ from hri_predict.recording.recording import SELF_EXPLAINED, Recording, from_left
 from hri_predict.recording.unused import unused
 
 _MAX_START_S = 1e9
+_UNTIMED = ", ".join(each.ending for each in FORMATS if each.may_lack_times)
 
 
 def convert(
@@ -71,7 +72,7 @@ def convert(
     ] = False,
     fps: Annotated[
         float | None,
-        typer.Option(help="Frames per second of an INPUT without times (csv, OpenPose, npy)."),
+        typer.Option(help=f"Frames per second of an INPUT without times ({_UNTIMED})."),
     ] = None,
     joint_map: JointMapOption = None,
     topic: TopicOption = None,
@@ -80,8 +81,8 @@ def convert(
 ) -> None:
     """Convert a recording to another format, and report what that format cannot hold.
 
-    Units and axes: csv metres, z up; c3d millimetres, z up; trc millimetres,
-    y up; bvh centimetres, y up; amass metres, z up. mcap is for replay.
+    OUTPUT is in metres, z up; but c3d in millimetres, trc in millimetres, y up, and
+    bvh in centimetres, y up. mcap is for replay.
 
     Example: hri-predict convert walk.c3d walk.csv --rate 30 --person 1
     """

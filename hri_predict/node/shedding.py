@@ -11,7 +11,7 @@ from hri_predict.protocol.messages import Message, Pose, Zone
 HIGH = 0.8
 """Part of a tick's time above which it was nearly late."""
 LOW = 0.6
-"""Part below which there is room again. What is left out saves less than the difference."""
+"""Part of a tick's time below which a kind is sent again; a kind saves less than the difference."""
 SHED_TICKS = 2
 """Consecutive ticks above ``HIGH`` after which one more kind is left out: one may be chance."""
 RESTORE_NS = 5_000_000_000

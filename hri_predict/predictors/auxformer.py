@@ -209,7 +209,7 @@ class AuxFormer(Network):
         return self.ahead_of(head, tokens[:, filled.shape[1] :], filled)
 
     def ahead_of(self, head: nn.Module, future: Tensor, filled: Tensor) -> Tensor:
-        """The same of future tokens alone, (N, future tokens, J, F)."""
+        """As ``_future``, from the future tokens alone, (N, future tokens, J, F)."""
         change = head(future).unflatten(3, (self.options.future_stride, 3))
         change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]
         return filled[:, -1:] + change / PER_METRE

@@ -55,6 +55,7 @@ _PACK_ITEM = {
     t: packer(d.item, [f"c[{k}]" for k in range(len(d.item))]) for t, d in _WITH_ITEMS.items()
 }
 _UNPACK_ITEM = {t: unpacker(d.item) for t, d in _WITH_ITEMS.items()}
+_COUNT = {t: [f.signal for f in d.fields].index("COUNT") for t, d in _WITH_ITEMS.items()}
 
 
 def _robot_state_computed(m: RobotState) -> list[Any]:
@@ -131,8 +132,10 @@ def decode_payload(
     if len(payload) < needed_bytes(definition, payload):
         raise Malformed(f"{definition.name} of {len(payload)} bytes")
     row = _UNPACK[definition.type](payload[: definition.fixed_bytes])
-    if definition.item and row[-1] > (items or definition.items_per_frame):
-        raise Malformed(f"{definition.name} holds {row[-1]} items")
+    if definition.item:
+        held = row[_COUNT[definition.type]]
+        if held > (items or definition.items_per_frame):
+            raise Malformed(f"{definition.name} holds {held} items")
     return _message(definition, row, robot, payload)
 
 

@@ -51,7 +51,8 @@ def frame_table(classic: bool) -> dict[int, tuple[Definition, int, int]]:
             for robot in range(d.robots_with(part)):
                 number = frame_number(d, robot, part)
                 if number in table:
-                    raise ValueError(f"{d.name} and {table[number][0].name} share frame {number}")
+                    other = table[number][0].name
+                    raise ValueError(f"{d.name} and {other} share frame {number:#x}")
                 table[number] = (d, robot, part)
     return table
 
@@ -93,6 +94,8 @@ _RANGE = (
     Field(signal="TOTAL", bits=8, text="number of items of this person and step"),
     Field(signal="COUNT", bits=8, text="number of items in this frame"),
 )
+_OF_BODY = (_PERSON, _STEP, _HORIZON, _AGE, *_RANGE)
+"""Fields of Zone and of Pose; the C code keeps both in one structure."""
 _LATCH_ID = "number of what an Acknowledge would end now; 0: there is nothing to acknowledge"
 
 DEFINITIONS: tuple[Definition, ...] = (
@@ -238,7 +241,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         sender="node",
         cycle_ms=0,
         priority=5,
-        fields=(_PERSON, _STEP, _HORIZON, _AGE, *_RANGE),
+        fields=_OF_BODY,
         item=(
             Field(signal="SEGMENT", bits=8, text="index of the body segment"),
             _metres("A_X", "first end of its capsule"),
@@ -267,7 +270,7 @@ DEFINITIONS: tuple[Definition, ...] = (
         sender="node",
         cycle_ms=0,
         priority=5,
-        fields=(_PERSON, _STEP, _HORIZON, _AGE, *_RANGE),
+        fields=_OF_BODY,
         item=(
             Field(signal="JOINT", bits=8, text="index of the joint"),
             _metres("X", "position in the room"),

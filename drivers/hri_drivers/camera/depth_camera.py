@@ -16,7 +16,7 @@ TIMEOUT_MS = 1000
 DEFAULT_HZ = 30.0
 MAX_AGE_S = 1.0
 FACTORY_FOCAL_ERROR = 0.01
-"""Of the intrinsics by which the device was calibrated in the factory."""
+"""99 % bound of the error of the factory's intrinsics, as a share of the focal length."""
 
 
 class DepthCamera(ABC):

@@ -18,8 +18,8 @@ SIZES = {
 }  # fmt: skip
 RATES = (5, 15, 30)
 LATENCY_S = 0.1
-"""From the middle of the exposure to the arrival of the fastest pictures. Microsoft measured 68 ms
-at 1280 x 720, "rough numbers" (Azure-Kinect-Sensor-SDK, issues 816 and 1446)."""
+"""Time from the middle of the exposure to the arrival of the fastest pictures. Microsoft measured
+68 ms at 1280 x 720, "rough numbers" (Azure-Kinect-Sensor-SDK, issues 816 and 1446)."""
 LEARNING = 15
 """Pictures that only show how fast pictures arrive."""
 MAX_DRIFT = 200e-6

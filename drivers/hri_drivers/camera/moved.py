@@ -1,10 +1,10 @@
-"""Whether a camera still looks where it looked at the start: by what stands still in its picture.
+"""Watches by the background whether a camera was moved since the start.
 
 Points of the background are found in the first picture and again now (ORB: E. Rublee et al., "ORB:
 an efficient alternative to SIFT or SURF", ICCV 2011), and a shift, turn and scale that most of them
-agree on is fitted (RANSAC). Points on people do not count. Where there were many points and are
-many, and they do not agree, the camera looks elsewhere, or something large hides what it saw. Where
-there are few, because the background has no texture, nothing can be said.
+agree on is fitted (RANSAC). Points on people do not count. If both
+pictures have many points that do not agree, the camera looks elsewhere, or something large hides
+the background. If there are few points, the background has no texture and nothing can be decided.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ MANY_POINTS = 100
 _WIDTH, _POINTS, _MISFIT = 480, 600, 3.0
 _AROUND = 0.25  # of a person's size: hair, clothes and shadows beyond the joints
 _Points = tuple[Floats, UInt8]
-"""(N, 2) places, in a picture of one width, and (N, 32) what is around each."""
+"""(N, 2) positions in picture widths, and (N, 32) descriptors of what is around them."""
 WHY = (
     "the picture's background is not where it was at the start: the camera was moved, and people "
     "are not where they seem, or something large stands before it; put it back, or find the "
@@ -88,7 +88,7 @@ class MovedWatch:
         return way > MOVED
 
     def _way(self, first: _Points, now: _Points, ratio: float) -> float | None:
-        """Return the mean way of the corners, in widths; None if too few points agree on one.
+        """Return the mean displacement of the corners, in widths; None if too few points agree.
 
         Args:
             first, now: the points at first and now.

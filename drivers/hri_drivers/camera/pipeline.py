@@ -174,7 +174,7 @@ class Pipeline:
         ]
 
     def _blind(self, why: str) -> None:
-        """Send that the room is not seen, and say why."""
+        """Report that the room is not seen, and why."""
         self._say(why)
         self.counts.blind[why] += 1
         self._send((), sees_room=False, stamp_ns=self._times.blind_ns())
@@ -186,7 +186,7 @@ class Pipeline:
             self._sender.send(people, sees_room=sees_room, stamp_ns=stamp_ns, missed=missed)
 
     def _say(self, why: str | None) -> None:
-        """Print a change of what is wrong."""
+        """Print the trouble when it changes."""
         if why == self._said:
             return
         self._said = why

@@ -14,10 +14,10 @@ from hri_drivers.camera.place.camera import Camera
 from hri_predict.base.errors import SourceError
 
 LATENCY_S = 0.06
-"""From the exposure to the arrival of aligned pictures, where the device gives no time of ours, or
-only that at which this machine got the picture (``system_time``)."""
+"""Time from the exposure to the arrival of aligned pictures, for a device without a time on this
+machine's clock, or only the time of arrival (``system_time``)."""
 MAX_APART_S = 0.05
-"""From the exposure of the colour picture to that of its depth: a person walks 8 cm."""
+"""Maximum time between the exposures of colour picture and depth: a person walks 8 cm."""
 
 
 class RealSense(DepthCamera):
@@ -90,8 +90,8 @@ class RealSense(DepthCamera):
     def _sent_ms(self, frame: Any) -> float:
         """Return the time from the middle of a picture's exposure to its stamp.
 
-        A device stamps the start of the transmission (librealsense, issue 2188). Where it does not
-        say when the exposure was, that is taken to be a whole period before.
+        A device stamps the start of the transmission (librealsense, issue 2188). If it does not
+        say when the exposure was, a whole period before is assumed.
         """
         known = self._package.frame_metadata_value
         both = known.frame_timestamp, known.sensor_timestamp

@@ -113,7 +113,7 @@ class Rig:
         self._times = SceneTimes()
 
     def run(self, seconds: float | None = None) -> None:
-        """Go on until an input ends, or for some seconds."""
+        """Run until an input ends, or for this many seconds."""
         end = None if seconds is None else time.monotonic() + seconds
         heard = time.monotonic()
         while end is None or time.monotonic() < end:
@@ -135,9 +135,9 @@ class Rig:
 
     @property
     def trouble(self) -> str:
-        """The reason that no pictures of one moment come now."""
+        """The reason that no pictures taken at the same time arrive now."""
         wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
-        return "; ".join(wrong) or "no pictures of one moment come"
+        return "; ".join(wrong) or "no pictures taken at the same time arrive"
 
     def together(self) -> list[Image] | None:
         """Return the newest pictures of one moment, one of each camera; None if there are none."""
@@ -234,7 +234,7 @@ class Rig:
             self._sender.send(people, sees_room=sees_room, stamp_ns=stamp_ns)
 
     def _say(self, why: str | None) -> None:
-        """Print a change of what is wrong."""
+        """Print the trouble when it changes."""
         if why != self._said:
             line = "pictures are good again" if why is None else f"{why}: the room is not seen"
             print(f"cameras: {line}", file=sys.stderr, flush=True)

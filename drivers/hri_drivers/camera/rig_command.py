@@ -114,7 +114,7 @@ def cameras(
     summary = rig.summary()
     print(json.dumps(summary)) if as_json else _print(summary)
     if not summary["scenes"]:
-        raise SourceError(f"cameras: no pictures of one moment came; {rig.trouble}")
+        raise SourceError(f"cameras: no pictures taken at the same time arrived; {rig.trouble}")
 
 
 def _print(summary: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from hri_drivers.sources.udp_receiver import is_loopback
 from hri_predict.base.errors import ConfigError
 
 STEP_NS = 50_000_000
-"""By more than this from one scene to the next no clock is slewed: it was set."""
+"""A clock that moves by more than this between two scenes was set, not slewed."""
 
 
 class Sender:

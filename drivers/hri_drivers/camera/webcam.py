@@ -10,12 +10,12 @@ from hri_drivers.camera.seen import Image, Stamped
 from hri_predict.base.errors import ConfigError, SourceError
 
 LATENCY_S = 0.05
-"""From the middle of the exposure to the picture's arrival, of a webcam at 30 Hz: half of its
+"""Time from the middle of the exposure to the picture's arrival, for a webcam at 30 Hz: half its
 exposure (up to 33 ms), read-out and transfer. A picture that is older than believed is the
 dangerous error, so this is on the large side."""
 HALF_EXPOSURE_S = 0.017
-"""From the middle of the exposure to a device's time stamp: the driver of a Linux webcam stamps the
-first bytes of a picture that come (uvcvideo, without ``hwtimestamps``), so after the exposure."""
+"""Time from the middle of the exposure to a device's time stamp: a Linux driver stamps a
+picture when its first bytes arrive (uvcvideo, without ``hwtimestamps``), after the exposure."""
 MAX_DEVICE_AGE_S = 1.0
 
 

@@ -35,7 +35,7 @@ Expected = tuple[tuple[str, str], ...]
 
 
 class Cluster(Workers):
-    """The workers of a Dask scheduler. The tasks of one that was lost run again on others."""
+    """The workers of a Dask scheduler. Tasks of a lost worker run again on others."""
 
     def __init__(self, address: str, reads: Sequence[Path] = ()) -> None:
         """Connect.

@@ -8,7 +8,7 @@ from hri_predict.base.work.workers import Processes, ThisProcess, Workers
 
 
 def workers_for(jobs: int, cluster: str | None = None, reads: Sequence[Path] = ()) -> Workers:
-    """Those who do the work.
+    """Return the workers that do the work.
 
     Args:
         jobs: number of processes; 1: this one.

@@ -36,7 +36,7 @@ class Data(NamedTuple):
     cluster: str | None = None
 
     def workers(self, settings: PredictorSettings, default: str = "") -> "Workers":
-        """Those who score and fit.
+        """Return the workers that score and fit.
 
         Raises:
             ConfigError: the cluster cannot be used.

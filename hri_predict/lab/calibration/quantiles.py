@@ -32,8 +32,8 @@ def of_equals(samples: Sequence[Floats], level: float) -> float:
 def caution(recordings: float) -> float:
     """By how much the share that may be missed is cut: a half for few recordings, less for more.
 
-    Conformal prediction would count one recording more that holds nothing. That is right in the
-    worst case alone, impossible at 99 % with fewer than 99 recordings, and too much on average: see
-    ``docs/decisions/few-recordings.md``.
+    Conformal prediction would count one more recording, in which nothing holds. That is right only
+    in the worst case, impossible at 99 % with fewer than 99 recordings, and too much on average:
+    see ``docs/decisions/few-recordings.md``.
     """
     return min(0.5, _CAUTION / recordings)

@@ -51,7 +51,7 @@ def _stored(predictor: NeuralPredictor, warnings: list[str]) -> Stored:
 
 
 class _Notes(logging.Handler):
-    """Keeps what the predictor itself warns of."""
+    """Collects the predictor's own warnings."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

@@ -150,7 +150,7 @@ class McapFile:
         self._stream.push()
 
     def flush(self) -> None:
-        """Bring everything to the disk.
+        """Flush everything to the disk.
 
         Raises:
             OSError: the disk did not take it; it is kept, and the next flush tries again.

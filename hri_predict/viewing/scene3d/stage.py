@@ -49,9 +49,9 @@ class _Solids:
     draw batches of one middle in the order in which they were made (``ENDS_M``).
 
     Args:
-        server: where they are shown.
-        name: of the kind.
-        opacity: of all of them; ``None``: they are solid.
+        server: server that shows them.
+        name: name of the kind.
+        opacity: their opacity; ``None``: they are solid.
     """
 
     def __init__(self, server: ViserServer, name: str, opacity: float | None = None) -> None:

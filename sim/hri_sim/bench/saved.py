@@ -50,7 +50,7 @@ def as_json(machine: Mapping[str, Any], sections: Sections) -> dict[str, Any]:
 
 
 def check(flag: str, path: Path) -> None:
-    """Refuse a file that cannot be written before anything is measured, not after.
+    """Before anything is measured, refuse a file that cannot be written.
 
     Raises:
         ConfigError: it is a folder, or its folder cannot be written.

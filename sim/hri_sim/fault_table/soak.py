@@ -21,6 +21,7 @@ from hri_predict.run.assemble import Assembly
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
 from hri_sim.baseline_demo import baseline_demo
+from hri_sim.faults.injector import LINK_FAULTS, SOURCE_FAULTS
 
 QUIET_S = 5.0  # nothing fails at the start
 MEAN_GAP_S = 20.0  # from one fault's start to the next's
@@ -32,20 +33,6 @@ WARM_UP = 0.1  # share of the run; bounded buffers are full by then
 LIMIT_PERCENT = 2.0
 SAMPLE_S = 20.0
 
-_DECEIVING = ("vanish", "teleport", "identity_swap", "made_up", "alternate", "rename", "zero")
-_SOURCE = (
-    "drop", "drop:probability=0.3", "delay:delay_s=0.05", "delay:delay_s=0.6", "jitter",
-    "freeze", "freeze:what=joints", "duplicate", "reorder", "nan", "nan:fraction=1.0",
-    "teleport:offset=[0,3,0]", "identity_swap", "vanish", "blind", "clock_drift:ppm=400",
-    "clock_jump:offset_s=-3600", "clock_jump:offset_s=3600", "clock_jump:offset_s=0.5",
-    "made_up:how=hold", "made_up:how=coast", "made_up:how=loop,captures=12", "alternate",
-    "rename:person=2,to=1", "zero:joints=[l_wrist,l_hand,l_elbow]",
-)  # fmt: skip
-_LINK = (
-    "drop", "drop:probability=0.05", "delay:delay_s=0.02", "delay:delay_s=0.5", "jitter",
-    "stretch:rate=0.5", "bit_errors:rate=0.001", "bit_errors:rate=0.0001", "truncate", "freeze",
-    "duplicate", "reorder", "unplug", "second_sender",
-)  # fmt: skip
 _DIRECTIONS = ("out", "in", "both")
 _LIES: tuple[Mapping[str, Any], ...] = (
     {"kind": "freeze"},
@@ -68,8 +55,10 @@ def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:
     found, start_s = [], QUIET_S
     while (start_s := start_s + rng.exponential(MEAN_GAP_S)) < seconds - LONGEST_S:
         target = rng.choice(["", *links])
-        kind, _, parameters = str(rng.choice(_LINK if target else _SOURCE)).partition(":")
-        longest_s = DECEIVING_S if kind in _DECEIVING else LONGEST_S
+        kinds = LINK_FAULTS if target else SOURCE_FAULTS
+        drawn = [(kind, how) for kind, fault in kinds.items() for how in fault.soak]
+        kind, parameters = drawn[rng.integers(len(drawn))]
+        longest_s = DECEIVING_S if kinds[kind].deceives else LONGEST_S
         if target:
             way = f"direction={rng.choice(_DIRECTIONS)}"
             parameters = f"{parameters},{way}" if parameters else way

@@ -3,9 +3,10 @@
 from typing import Any
 
 from hri_predict.base.errors import ConfigError
+from hri_sim.faults.faulty_source import FaultySource
 from hri_sim.faults.link_faults import LINK_FAULTS, FaultyTransport
 from hri_sim.faults.settings import FaultSettings, Target, fault_mapping
-from hri_sim.faults.source_faults import SOURCE_FAULTS, FaultySource
+from hri_sim.faults.source_faults import SOURCE_FAULTS
 
 __all__ = ["LINK_FAULTS", "SOURCE_FAULTS", "FaultySource", "FaultyTransport", "parse_fault"]
 

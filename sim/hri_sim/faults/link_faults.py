@@ -105,11 +105,15 @@ class LinkFault(FaultSettings):
 class Drop(LinkFault, settings.Drop):
     """Units are lost."""
 
+    soak = ("", "probability=0.05")
+
     probability: float = Field(0.5, gt=0, le=1, description="chance that a unit is lost")
 
 
 class Delay(LinkFault, settings.Delay):
     """Units arrive late, in order."""
+
+    soak = ("delay_s=0.02", "delay_s=0.5")
 
     delay_s: float = Field(0.2, gt=0, le=10, description="delay of every unit")
 
@@ -125,6 +129,8 @@ class Jitter(LinkFault, settings.Jitter):
 class Stretch(LinkFault, settings.Late):
     """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
 
+    soak = ("rate=0.5",)
+
     rate: float = Field(0.1, gt=0, le=10, description="growth of the delay, seconds per second")
 
     def late_ns(self, elapsed_ns: int, rng: np.random.Generator) -> int:
@@ -134,6 +140,8 @@ class Stretch(LinkFault, settings.Late):
 
 class BitErrors(LinkFault):
     """Each bit is flipped with probability ``rate``."""
+
+    soak = ("rate=0.001", "rate=0.0001")
 
     rate: float = Field(1e-3, gt=0, le=0.5, description="chance that a bit is flipped")
 
@@ -154,6 +162,8 @@ class Duplicate(LinkFault, settings.Duplicate):
 
 class Flood(LinkFault):
     """Every unit arrives ``times`` times, as from a repeater or a runaway sender."""
+
+    soak = ()
 
     times: int = Field(10, ge=2, le=100, description="number of times that every unit arrives")
 

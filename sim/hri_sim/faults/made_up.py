@@ -22,6 +22,9 @@ class MadeUp(FaultSettings):
     ``loop``: the last ``captures`` captures again and again.
     """
 
+    soak = ("how=hold", "how=coast", "how=loop,captures=12")
+    deceives = True
+
     how: Literal["hold", "coast", "loop"] = Field(
         "hold", description="content that it sends instead"
     )

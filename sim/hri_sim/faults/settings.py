@@ -3,7 +3,7 @@
 import re
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 import yaml
@@ -16,6 +16,11 @@ from hri_predict.base.settings import Settings, validated
 
 class FaultSettings(Settings):
     """One fault: its kind, its start (after the run's) and its duration (``None``: to the end)."""
+
+    soak: ClassVar[tuple[str, ...]] = ("",)
+    """Parameters with which the soak test injects it, as on the command line; none: it does not."""
+    deceives: ClassVar[bool] = False
+    """Whether it invents people or places: the node must believe what lasts longer than 2 s."""
 
     kind: str = Field(description="kind of fault")
     start_s: float = Field(0.0, ge=0, description="start, from the run's start")
@@ -114,6 +119,8 @@ T = TypeVar("T")
 
 class Drop(FaultSettings):
     """Scenes are lost."""
+
+    soak = ("", "probability=0.3")
 
     probability: float = Field(1.0, gt=0, le=1, description="chance that a scene is lost")
 

@@ -1,6 +1,7 @@
 """Joint maps: shipped ones, axes and units, masks, user mistakes."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,34 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.contracts.joint_map import METRES_PER_UNIT, load_joint_map, map_names
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 SHIPPED = [name for name in map_names() if name != "bvh"]
-COUNTS = {
-    "assembly_arms": 6,
-    "azure_kinect32": 32,
-    "body25": 25,
-    "canonical": 21,
-    "cmu38": 38,
-    "cmu38_asf": 38,
-    "coco17": 17,
-    "daz23": 23,
-    "kinect25": 25,
-    "marker_clusters9": 9,
-    "mediapipe33": 33,
-    "motive21": 21,
-    "qualisys24": 24,
-    "rokoko23": 23,
-    "ros4hri": 14,
-    "smpl22": 22,
-    "unity22": 22,
-    "xsens23": 23,
-    "zed18": 18,
-    "zed34": 34,
-    "zed38": 38,
-}
 # (source, joint, its index in the documents of the source)
 INDICES = [
     ("azure_kinect32", "HANDTIP_RIGHT", 16),
@@ -75,8 +54,10 @@ INDICES = [
 CAMERA_LIKE = ("azure_kinect32", "body25", "coco17", "mediapipe33", "zed18", "zed34", "zed38")
 
 
-def test_all_shipped_maps_load_with_their_joint_counts():
-    assert {n: len(load_joint_map(n).source_joints) for n in SHIPPED} == COUNTS
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_number_at_the_end_of_a_maps_name_is_that_of_its_joints(name):
+    count = re.search(r"\d+$", name)
+    assert count is None or len(load_joint_map(name).source_joints) == int(count[0])
 
 
 @pytest.mark.parametrize(("name", "joint", "index"), INDICES)
@@ -208,8 +189,10 @@ def test_bad_axes_are_refused(axes, left_handed, message):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_axes_keep_distances_and_handedness(name):
     rotation = load_joint_map(name).rotation
+    text = (data_path("skeletons", f"{name}.yaml")).read_text(encoding="utf-8")
+    left_handed = yaml.safe_load(text).get("left_handed", False)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3))
-    assert np.linalg.det(rotation) == pytest.approx(-1 if name in ("rokoko23", "unity22") else 1)
+    assert np.linalg.det(rotation) == pytest.approx(-1 if left_handed else 1)
 
 
 def test_midpoints_need_all_their_sources():

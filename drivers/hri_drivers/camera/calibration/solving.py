@@ -30,7 +30,7 @@ SIMILAR = 0.02
 MIN_COVER = 4
 """Of the nine parts of the picture, as many have a corner in some view."""
 MIN_TILT_DEG = 15.0
-"""Boards that all stand parallel to the picture leave focal length and distance undistinguished."""
+"""If all boards are parallel to the picture, focal length and distance cannot be separated."""
 MAX_ERROR_PX, MAX_VIEW_RATIO = 1.5, 3.0
 MIN_FOCAL_ERROR, MAX_FOCAL_ERROR = 0.005, 0.05
 MAX_POSE_ERROR_PX = 3.0

@@ -75,7 +75,7 @@ def without_outside(pixels: Floats, visibility: Floats, picture: UInt8) -> Float
 
 
 def distinct(people: list[Found], closer: float = 0.1) -> list[Found]:
-    """Return people without those who are another one again, the surest first.
+    """Return people without duplicates, the surest first.
 
     Args:
         people: found in one picture.

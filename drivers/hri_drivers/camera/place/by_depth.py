@@ -35,17 +35,18 @@ NEAR_SHARE = 0.1
 THICK_M = 0.12
 """Depths of one surface within a patch."""
 SKIN_M = 0.06
-"""From the skin, which is measured, to the joint; trunks have more, wrists less."""
+"""Distance from the skin, which is measured, to the joint; more at the trunk, less at wrists."""
 MAX_STATURE_M = 2.1
 LOOSE = 1.3
 """Allowance for a bone's length: proportions, and the errors of both ends."""
 REACH_M = 1.3
-"""From the middle of a body to its farthest joint along the ray."""
+"""Maximum distance from the middle of a body to one of its joints, along the ray."""
 MIN_JOINTS = 4
 ERROR_M = 0.08
-"""99 % bound near by: SKIN_M is not everywhere the same."""
+"""99 % bound of the error at short range, where it comes from the thickness of the body."""
 ERROR_SHARE = 0.02
-"""And of the distance: "less than 2 % at 2 m" (Intel RealSense D400 data sheet, depth accuracy)."""
+"""Further error as a share of the distance: "less than 2 % at 2 m" (Intel RealSense D400 data
+sheet, depth accuracy)."""
 
 
 def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unplaced:
@@ -134,7 +135,7 @@ def _surface(values: Floats) -> float:
 def _whole(points: Floats, known: Bools, bones: Bones) -> Bools:
     """Return the joints that are left when no bone is longer than a bone can be.
 
-    Of a bone that is, the end goes whose depth differs more from that of the body.
+    Of a bone that is too long, the end is dropped whose depth differs more from the body's.
     """
     known = known.copy()
     longest = bones.shares * MAX_STATURE_M * LOOSE

@@ -28,7 +28,7 @@ webcams and laptops; the focal length of 64 is the geometric mean of theirs."""
 GUESSED_FOCAL_ERROR = 0.36
 """From 64 degrees to 50 the focal length rises by 34 %, to 80 it falls by 26 %."""
 STATED_FOCAL_ERROR = 0.06
-"""From a data sheet's horizontal angle: 3 degrees at 70."""
+"""For a data sheet's horizontal angle, which may be wrong by 3 degrees at 70."""
 MIN_VIEW_DEG, MAX_VIEW_DEG = 10.0, 120.0  # a wider lens needs the model of a fisheye
 OPTICAL_FROM_REP103 = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """(3, 3) from x forward, y left, z up to the camera's own axes."""

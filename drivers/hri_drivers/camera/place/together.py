@@ -42,7 +42,7 @@ MIN_PARALLAX_DEG = 5.0
 MIN_JOINTS = 6
 MIN_STATURE_M, MAX_STATURE_M = 1.1, 2.3
 RIVAL, RIVAL_M = 2.0, 0.01
-"""Another match with at most this many times the miss, and this much more, may be the true one."""
+"""A match is ambiguous if another one misses by at most this factor, plus this distance, more."""
 LANDMARK_ERROR_M = 0.25
 """99 % bound of the error that all cameras share: the network's joints are not those of a body."""
 

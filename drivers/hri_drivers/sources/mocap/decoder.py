@@ -25,8 +25,8 @@ ELSEWHERE_M = 0.5
 class MocapDecoder:
     """See ``hri_drivers.sources.live.Decoder``.
 
-    That no person is in a capture never means by itself that the room is empty: ``sees_room`` of
-    the settings says whether every person who can come near is tracked.
+    A capture without people does not by itself mean that the room is empty: ``sees_room`` of the
+    settings says whether every person who can come near is tracked.
 
     Args:
         reader: finds captures in datagrams.

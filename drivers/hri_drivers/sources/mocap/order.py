@@ -3,7 +3,7 @@
 from hri_predict.contracts.source import SourceCounters
 
 LATE_NS = 500_000_000
-"""A stamp earlier by at most this is of a capture that was overtaken; if earlier, of a restart."""
+"""A stamp that is earlier by at most this came out of order; an even earlier one is a restart."""
 LATE_RUN = 10
 """This many late captures in a row are a restart, too."""
 MAX_LOST = 100_000

@@ -1,4 +1,4 @@
-"""Captures in NatNet's frames; what is needed to read them is asked of Motive."""
+"""Reads captures from NatNet's frames, and requests from Motive what that needs."""
 
 from collections.abc import Mapping, Sequence
 

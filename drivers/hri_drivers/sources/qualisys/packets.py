@@ -86,7 +86,7 @@ def content(packet: bytes) -> tuple[int, bytes]:
 
 
 def names(data: bytes) -> list[tuple[str, dict[int, str]]]:
-    """Name and segments by id of each skeleton in the parameters, in order.
+    """Return each skeleton's name and segments by id, in the order of the parameters.
 
     Raises:
         FrameError: they are not XML with skeletons.

@@ -1,4 +1,4 @@
-"""From stamps of headers to captures: repeated, late, restarted, and of which clock."""
+"""Turns header stamps into capture times, and detects repeats, late messages and restarts."""
 
 from collections.abc import Callable
 
@@ -47,8 +47,8 @@ class Captures:
         """The capture's time on the publisher's clock; ``None``: the message is not used.
 
         Args:
-            stamp_ns: the header's; ``None`` of a message without header, whose capture is as much
-                later than the one before it as it arrived later.
+            stamp_ns: the header's; ``None`` for a message without a header: its capture is placed
+                after the previous one by the time between the two arrivals.
             received_ns: arrival on the node's clock.
 
         Raises:

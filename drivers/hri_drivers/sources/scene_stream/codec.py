@@ -85,7 +85,7 @@ def body_bytes(people: int, joints: int, has_errors: bool = False) -> int:
 
 
 def encode(scene: SentScene, joints: Sequence[str], key: Key | None = None) -> list[bytes]:
-    """Datagrams of a scene; older nodes refuse those that state an error of a place.
+    """Datagrams of a scene; older nodes refuse those that state a position error.
 
     Raises:
         ValueError: too many people or joints, or arrays that do not fit the joints.

@@ -48,7 +48,7 @@ def needed(joints: Iterable[str]) -> frozenset[str]:
 
 
 def parent_of(bone: str, bones: Collection[str]) -> str | None:
-    """The nearest ancestor that the avatar has; ``None`` of the hips."""
+    """The nearest ancestor that the avatar has; ``None`` for the hips."""
     parent = PARENTS.get(bone)
     while parent is not None and parent not in bones:
         parent = PARENTS.get(parent)

@@ -130,7 +130,7 @@ class ZedReader:
             )
         state = member(body, "tracking_state", int)
         if state == TRACKING_OFF:
-            raise FrameError("ids are not kept; let the sender enable tracking")
+            raise FrameError("ids are not kept; enable tracking in the sender")
         places = np.array([place_of(each) for each in keypoints])
         places[(places == 0).all(axis=1)] = np.nan
         sure = np.array([number_of(each) for each in member(body, "keypoint_confidence", list)])
