@@ -95,7 +95,8 @@ class AuxFormer(Network):
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
 
         Each is a mean distance in metres: over the known future, the hidden coordinates, and all
-        observed past coordinates (some with noise added). Draws from torch's global generator.
+        observed past coordinates (some with noise added); the truth is the past without noise, even
+        where the window has some. Draws from torch's global generator.
         """
         options = self.options
         tasks = int(options.masking) + int(options.denoising)
@@ -120,14 +121,15 @@ class AuxFormer(Network):
                 self._features(torch.cat(filled[1:]), observed, future=False).chunk(tasks)
             )
         loss = mpjpe(self._future(self.predict, main, filled[0]), target)
-        truth = window.positions[:share], window.observed[:share]
+        past = target.past_of(window)
+        past = Target(past.positions[:share], past.observed[:share])
         if self.unmask is not None:
             loss = loss + options.mask_weight * self._mask_loss(
-                tokens=others[0], filled=filled[1], masked=inputs[0], truth=truth, target=target
+                tokens=others[0], filled=filled[1], masked=inputs[0], past=past, target=target
             )
         if self.denoise is not None:
             cleaned = self._past(self.denoise, others[-1], filled[-1])
-            loss = loss + options.denoise_weight * mpjpe(cleaned, Target(*truth))
+            loss = loss + options.denoise_weight * mpjpe(cleaned, past)
         return loss
 
     def _mask_loss(
@@ -136,12 +138,11 @@ class AuxFormer(Network):
         tokens: Tensor,
         filled: Tensor,
         masked: BodyFrames,
-        truth: tuple[Tensor, Tensor],
+        past: Target,
         target: Target,
     ) -> Tensor:
         """Mean distance over hidden coordinates of the past, and of the future as in the paper."""
-        positions, observed = truth
-        hidden = observed & ~masked.observed
+        positions, hidden = past.positions, past.observed & ~masked.observed
         recovered = self._past(cast(nn.Module, self.unmask), tokens, filled)
         if self.unmask_future is None:
             return mpjpe(recovered, Target(positions, hidden))

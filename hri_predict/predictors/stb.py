@@ -91,9 +91,10 @@ class STB(Network):
     def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """Eq. 19, brought from decimetres to metres."""
         padded = self._padded(window)
+        past = target.past_of(window)
         sequence = Target(
-            torch.cat([window.positions, target.positions], dim=1) * _DECIMETRES,
-            torch.cat([window.observed, target.observed], dim=1),
+            torch.cat([past.positions, target.positions], dim=1) * _DECIMETRES,
+            torch.cat([past.observed, target.observed], dim=1),
         )
         changes = self._changes(window)
         losses = [mpjpe(padded + change, sequence) for change in changes.values()]  # Eqs. 17, 18

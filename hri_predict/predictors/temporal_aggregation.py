@@ -154,7 +154,7 @@ class Aggregated(Network):
 
     def _near(self, target: Target) -> Target:
         steps = self.options.steps
-        return Target(target.positions[:, :steps], target.observed[:, :steps])
+        return Target(target.positions[:, :steps], target.observed[:, :steps], target.past)
 
 
 class AggregatedPredictor(NeuralPredictor):

@@ -21,7 +21,7 @@ from hri_predict.lab.training.optimisation import Optimisation, learning_rate_fa
 from hri_predict.lab.training.processes import Processes
 from hri_predict.lab.training.validation import Validation, validate
 from hri_predict.lab.training.windows.samples import SampleSource
-from hri_predict.predictors.neural.network import BodyFrames, Network, Target
+from hri_predict.predictors.neural.network import Network
 from hri_predict.predictors.neural.weights import save_weights
 
 # -- origin of a set of weights: code and data -----------------------------------------------------
@@ -213,11 +213,10 @@ class Run:
         mine, share = self.processes.share(batch)
         window, target = mine.entered(self.entry)
         device = self.optimisation.network.rest.device
-        if device.type != "cpu":
-            window = BodyFrames(window.positions.to(device), window.observed.to(device))
-            target = Target(target.positions.to(device), target.observed.to(device))
         progress = self.progress
-        loss = float(self.optimisation.step(window, target, share, progress.step))
+        loss = float(
+            self.optimisation.step(window.to(device), target.to(device), share, progress.step)
+        )
         progress.step += 1
         progress.loss_sum += loss
         now = time.monotonic()

@@ -151,6 +151,14 @@ def test_loss_counts_past_and_future_where_they_are_known() -> None:
     )
 
 
+def test_the_past_s_truth_is_without_the_noise_of_its_window() -> None:
+    net, given, wanted = without_change(network()), window(), target()
+    past = Target(given.positions + 0.1, torch.ones_like(given.observed))
+    nothing = torch.zeros_like(wanted.observed)
+    loss = float(net.loss(given, Target(wanted.positions, nothing, past), 0.0).detach())
+    assert loss == pytest.approx(2 * 0.1 * 3**0.5, rel=1e-4)
+
+
 def test_loss_ignores_what_is_not_known() -> None:
     net, given, wanted = network(), window(), target()
     moved = torch.where(wanted.observed[..., None], wanted.positions, 7.0)

@@ -237,6 +237,7 @@ class MotionSamples:
         positions, observed = move(augment, rng, positions, observed)
         newest = times.shape[1]
         captured, seen = positions[:, :newest], observed[:, :newest]
+        past, past_known = played.resampled(times, captured, seen, self.shape)
         captured = captured + draw_noise(settings.trackers, rng, times, captured.shape[2])
         seen = seen & ~draw_lost(settings.trackers, rng, size, newest)[..., None]
         history, held = played.resampled(times, captured, seen, self.shape)
@@ -249,6 +250,8 @@ class MotionSamples:
             future=np.where(known[..., None], positions[:, newest:], np.float32(0)),
             known=known,
             chosen=chosen,
+            past=np.where(past_known[..., None], past, np.float32(0)),
+            past_known=past_known,
         )
 
     def _origins(
@@ -312,21 +315,14 @@ class MotionSamples:
     def _samples(
         self,
         *,
-        history: NDArray[np.float32],
-        observed: Bools,
-        future: NDArray[np.float32],
-        known: Bools,
         chosen: NDArray[np.intp],
         tracks: Sequence[Track] | None = None,
+        **arrays: NDArray[np.float32] | Bools,
     ) -> Samples:
         tracks = self._tracks if tracks is None else tracks
-        actions = [self.actions.index(tracks[k].action) for k in chosen]
-        past, seen, ahead, sure = (
-            torch.from_numpy(np.ascontiguousarray(a)) for a in (history, observed, future, known)
-        )
-        return Samples(
-            history=past, observed=seen, future=ahead, known=sure, actions=torch.tensor(actions)
-        )
+        actions = torch.tensor([self.actions.index(tracks[k].action) for k in chosen])
+        made = {k: torch.from_numpy(np.ascontiguousarray(a)) for k, a in arrays.items()}
+        return Samples(actions=actions, **made)
 
 
 def _span_s(track: Track) -> float:

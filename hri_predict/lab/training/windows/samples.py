@@ -20,6 +20,8 @@ class Samples:
         future: (B, H, J, 3) metres, finite; anything where not known.
         known: (B, H, J) bool; false where a recording ends or lost the joint.
         actions: (B,) index into ``SampleSource.actions``.
+        past: (B, T, J, 3) metres, the history without noise; ``None``: ``history`` has none.
+        past_known: (B, T, J) bool, where ``past`` holds.
     """
 
     history: Tensor
@@ -27,11 +29,16 @@ class Samples:
     future: Tensor
     known: Tensor
     actions: Tensor
+    past: Tensor | None = None
+    past_known: Tensor | None = None
 
     def entered(self, network: Network) -> tuple[BodyFrames, Target]:
         """Return the batch in each person's own frame, as the network reads it."""
         window, frame = network.enter(self.history, self.observed)
-        return window, Target(frame.enter(self.future), self.known)
+        past = None
+        if self.past is not None and self.past_known is not None:
+            past = Target(frame.enter(self.past), self.past_known)
+        return window, Target(frame.enter(self.future), self.known, past)
 
 
 class SampleSource(Protocol):
