@@ -22,8 +22,9 @@ Where this differs from the paper, and why:
 - The shipped weights were trained with ``velocity: true`` and ``scale: features``, which are not
   the defaults.
 - ``velocity: true`` gives each token its joint's step from the frame before, too; zero where either
-  is hidden, so that nothing hidden is read. The paper does not print this; the authors' code has it
-  (``concat_vel``, https://github.com/MediaBrain-SJTU/AuxFormer).
+  is hidden, so that nothing hidden is read. The paper does not print this. The authors' code
+  (https://github.com/MediaBrain-SJTU/AuxFormer) has such a switch, ``concat_vel``, but leaves it
+  off for CMU.
 - Attention's products are divided by the square root of F, the width of all features, as printed
   in section 4.2, with ``scale: features``; by that of a head's width, as is usual, by default.
 - For speed, ``future_stride`` steps of the future share a token whose head predicts them all. The

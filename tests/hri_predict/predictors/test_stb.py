@@ -76,6 +76,13 @@ def test_increments_are_causal_and_nothing_in_the_future() -> None:
         torch.testing.assert_close(increments[:, t], expected)
 
 
+def test_the_last_increment_may_be_held_over_the_padding() -> None:
+    given = window()
+    (still,), (held,) = network()._features(given), network(padding="held")._features(given)
+    assert torch.equal(held[:, :5], still[:, :5])
+    assert torch.equal(held[:, 5:], still[:, 4:5].expand(-1, 3, -1, -1))
+
+
 @pytest.mark.parametrize(
     ("inputs", "blind"), [("increments", True), ("positions", False), ("both", False)]
 )
@@ -196,6 +203,7 @@ def test_each_branch_lets_one_joint_move_all(branch: str) -> None:
         {},
         {"inputs": "positions"},
         {"inputs": "both"},
+        {"padding": "held"},
         {"branches": "temporal"},
         {"branches": "spatial"},
         {"distillation": 0.0},

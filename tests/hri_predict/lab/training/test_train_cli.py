@@ -108,6 +108,13 @@ def test_flags_change_the_configuration(cli, config, tmp_path):
     assert card["config"]["data"]["root"] == str(recordings)
 
 
+def test_patience_without_anything_to_validate_on_is_told(cli, config):
+    changes = ["train.epochs=1", "train.patience=2", "data.refit=true"]
+    status, _, err = cli(config, *(word for c in changes for word in ("--set", c)))
+    assert status == 0, err
+    assert err.startswith("warning: train.patience has no effect with data.refit")
+
+
 def test_it_starts_from_given_weights(cli, config, tmp_path):
     cli(config, "--json")
     given = tmp_path / "run" / "trajectorycnn.safetensors"
