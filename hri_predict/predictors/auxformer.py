@@ -92,7 +92,7 @@ class AuxFormer(Network):
         tokens = self._features(window.positions, window.observed, future=True)
         return self._future(self.predict, tokens, window.positions)
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
 
         Each is a mean distance in metres: over the known future, the hidden coordinates, and all
@@ -102,7 +102,7 @@ class AuxFormer(Network):
         options = self.options
         tasks = int(options.masking) + int(options.denoising)
         if not tasks:
-            return mpjpe(self(window), target)
+            return super().losses(window, target, progress)
         size = len(window.observed)
         share = math.ceil(size * options.auxiliary_share)
         inputs = [BodyFrames(window.positions[:share], window.observed[:share])] * tasks
@@ -121,17 +121,17 @@ class AuxFormer(Network):
             others = list(
                 self._features(torch.cat(filled[1:]), observed, future=False).chunk(tasks)
             )
-        loss = mpjpe(self._future(self.predict, main, filled[0]), target)
+        losses = {"position": mpjpe(self._future(self.predict, main, filled[0]), target)}
         past = target.past_of(window)
         past = Target(past.positions[:share], past.observed[:share])
         if self.unmask is not None:
-            loss = loss + options.mask_weight * self._mask_loss(
+            losses["mask"] = options.mask_weight * self._mask_loss(
                 tokens=others[0], filled=filled[1], masked=inputs[0], past=past, target=target
             )
         if self.denoise is not None:
             cleaned = self._past(self.denoise, others[-1], filled[-1])
-            loss = loss + options.denoise_weight * mpjpe(cleaned, past)
-        return loss
+            losses["denoise"] = options.denoise_weight * mpjpe(cleaned, past)
+        return losses
 
     def _mask_loss(
         self,

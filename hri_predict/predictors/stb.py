@@ -92,7 +92,7 @@ class STB(Network):
         changes = torch.stack(list(self._changes(window).values())).mean(0)
         return last_pose(window) + changes[:, self.shape.history_steps :] / _DECIMETRES
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """Eq. 19, brought from decimetres to metres."""
         padded = self._padded(window)
         past = target.past_of(window)
@@ -101,11 +101,11 @@ class STB(Network):
             torch.cat([past.observed, target.observed], dim=1),
         )
         changes = self._changes(window)
-        losses = [mpjpe(padded + change, sequence) for change in changes.values()]  # Eqs. 17, 18
+        losses = {k: mpjpe(padded + change, sequence) for k, change in changes.items()}  # 17, 18
         if len(changes) == 2 and self.options.distillation > 0:
             divergence = distillation(changes["temporal"], changes["spatial"])
-            losses.append(self.options.distillation * divergence)
-        return torch.stack(losses).sum() / _DECIMETRES
+            losses["distillation"] = self.options.distillation * divergence
+        return {name: loss / _DECIMETRES for name, loss in losses.items()}
 
     def _padded(self, window: BodyFrames) -> Tensor:
         """X of Sec. 3.1: (B, T + H, J, 3) decimetres, the last pose repeated H times."""

@@ -42,8 +42,13 @@ class Optimisation:
             self._average = _averaged(network, settings.ema_decay)
             self.averaged = cast(Network, self._average.module).eval()
 
-    def step(self, window: BodyFrames, target: Target, share: float, number: int) -> Tensor:
-        """Take step ``number`` (from 0) on this process's windows; returns the batch's loss.
+    def step(
+        self, window: BodyFrames, target: Target, share: float, number: int
+    ) -> dict[str, float]:
+        """Take step ``number`` (from 0) on this process's windows; returns the batch's losses.
+
+        They are those of ``Network.losses``, their sum as ``loss``, and an adversary's as
+        ``critic``.
 
         Args:
             window: this process's histories.
@@ -56,16 +61,21 @@ class Optimisation:
         """
         progress = number / self._settings.total_steps
         self.network.train()
+        shown: dict[str, float] = {}
         if self._critic_adam is not None:
             self._critic_adam.zero_grad()
             with self._precision():
                 loss = self.network.critic_loss(window, target, progress)
             if loss is not None:
-                self._descend(self._critic_adam, self._critic, loss * share, number)
+                shown |= self._descend(
+                    self._critic_adam, self._critic, {"critic": loss * share}, number
+                )
         self._adam.zero_grad()  # also clears the critic's gradients where it did not detach
         with self._precision():
-            loss = self.network.loss(window, target, progress)
-        shown = self._descend(self._adam, self._model, loss * share, number)
+            losses = self.network.losses(window, target, progress)
+        mine = {name: loss * share for name, loss in losses.items()}
+        found = self._descend(self._adam, self._model, mine, number)
+        shown |= found | {"loss": sum(found.values())}
         if self._average is not None:
             self._average.update_parameters(self.network)
         return shown
@@ -76,15 +86,21 @@ class Optimisation:
         return torch.autocast(self._settings.device, torch.bfloat16, enabled=lower)
 
     def _descend(
-        self, adam: torch.optim.AdamW, parameters: list[nn.Parameter], loss: Tensor, number: int
-    ) -> Tensor:
-        loss.backward()
-        shown = loss.detach()
+        self,
+        adam: torch.optim.AdamW,
+        parameters: list[nn.Parameter],
+        losses: dict[str, Tensor],
+        number: int,
+    ) -> dict[str, float]:
+        parts = torch.stack(list(losses.values()))
+        parts.sum().backward()
+        shown = parts.detach()
         gradients = [p.grad for p in parameters if p.grad is not None]
         self._processes.add([*gradients, shown])
         norm = torch.nn.utils.get_total_norm(gradients)
-        if not math.isfinite(float(shown + norm)):
-            what = "loss" if not math.isfinite(float(shown)) else "gradient"
+        if not math.isfinite(float(shown.sum() + norm)):
+            bad = [k for k, v in zip(losses, shown, strict=True) if not math.isfinite(v)]
+            what = f"loss '{bad[0]}'" if bad else "gradient"
             raise PredictorError(
                 f"training step {number}: the {what} is not finite; lower train.learning_rate, or "
                 f"look for wrong positions in the data"
@@ -94,7 +110,7 @@ class Optimisation:
         for group in adam.param_groups:
             group["lr"] = factor * group["full_lr"]
         adam.step()
-        return shown
+        return dict(zip(losses, shown.tolist(), strict=True))
 
     @torch.no_grad()
     def settle(self) -> Network:

@@ -137,15 +137,20 @@ class Network(nn.Module):
         """
         return self
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
-        """Training loss of a batch, a scalar.
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
+        """What a training minimises the sum of, by name, each a scalar with its weight.
 
         Args:
             window: the histories.
             target: the true future.
             progress: completed share of the training, 0 to 1; for losses with stages.
         """
-        return mpjpe(self(window), target)
+        return {"position": mpjpe(self(window), target)}
+
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+        """The sum of ``losses``."""
+        first, *others = self.losses(window, target, progress).values()
+        return sum(others, first)
 
     def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """Loss of the adversary, or ``None``; it changes only the adversary's parameters."""
