@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from torch import Tensor
 
+from hri_predict.base.settings import Settings
 from hri_predict.predictors.neural.network import BodyFrames, Network, Shape, Target
 
 
@@ -60,3 +61,35 @@ class SampleSource(Protocol):
 
     def validation(self) -> Iterator[Samples]:
         """Yield the validation windows, always the same, in batches."""
+
+
+class Steps(Protocol):
+    """The shape that a configuration asks for (``config.ShapeSettings``).
+
+    Attributes:
+        history_steps: T.
+        horizon_steps: H.
+        rate_hz: steps per second.
+    """
+
+    history_steps: int
+    horizon_steps: int
+    rate_hz: float
+
+
+class SampleSourceClass(Protocol):
+    """A data set to train on, which ``judgement:`` names.
+
+    Attributes:
+        settings_model: the model that validates ``data:`` of a training configuration.
+    """
+
+    settings_model: type[Settings]
+
+    def opened(self, data: Any, steps: Steps) -> SampleSource:
+        """Open it as ``data``, of its ``settings_model``, says.
+
+        Raises:
+            ConfigError: there is nothing to train on.
+            RecordingError: a recording cannot be read.
+        """

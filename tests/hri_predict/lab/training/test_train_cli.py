@@ -17,9 +17,9 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.cli import main
-from hri_predict.lab.training import building
 from hri_predict.lab.training.building import build_network, open_samples
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
+from hri_predict.lab.training.parts import DATA_SETS
 from hri_predict.lab.training.windows.motion import MotionSamples
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, network_class_of
@@ -238,7 +238,9 @@ def test_help_has_an_example(cli):
         (["--set", "train.epochs=[1"], "its value is not valid YAML"),
         (["--set", "out.x=1"], "'out' has no keys"),
         (["--set", "train.epochs=0"], "train.epochs: input should be greater than or equal to 1"),
-        (["--set", "judgement=dance"], "judgement: input should be 'real' or 'benchmark'"),
+        (["--set", "judgement=dance"], "unknown data set 'dance'; there are: benchmark, real"),
+        (["--set", "train.schedule=cosin"], "unknown schedule 'cosin'; did you mean 'cosine'?"),
+        (["--set", "train.optimiser=sgd"], "unknown optimiser 'sgd'; there are: adam, adamw"),
         (["--set", "predictor=kalman"], "predictor 'kalman' has no network: nothing to train"),
         (["--set", "predictor=kdforma"], "unknown predictor 'kdforma'; did you mean 'kdformer'?"),
         (["--set", "options.chanels=1"], "options: chanels: unknown key; did you mean 'channels'?"),
@@ -286,5 +288,4 @@ def test_the_shipped_configurations_say_what_they_are(method, judgement):
     network = network_class_of(method)
     assert network is not None
     network.options_model.model_validate(config.options)
-    settings = building.DataSettings if judgement == "real" else building.BenchmarkData
-    settings.model_validate(config.data)
+    DATA_SETS[judgement].settings_model.model_validate(config.data)
