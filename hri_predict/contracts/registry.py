@@ -21,7 +21,9 @@ from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
 """Parts that third parties may bring, and that ``hri-predict conformance`` checks."""
-Kind = PartKind | Literal["commands", "predictor_settings", "cells", "faults"]
+TrainingKind = Literal["data_sets", "optimisers", "schedules"]
+"""What ``hri-predict train`` finds by name besides its own; see ``lab.training.parts``."""
+Kind = PartKind | TrainingKind | Literal["commands", "predictor_settings", "cells", "faults"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
 
@@ -57,7 +59,7 @@ def is_ours(kind: Kind, name: str) -> bool:
 
 
 @overload
-def load(kind: Literal["commands"], name: str) -> Any: ...
+def load(kind: TrainingKind | Literal["commands"], name: str) -> Any: ...
 @overload
 def load(kind: Literal["sources"], name: str) -> AnySourceClass: ...
 @overload

@@ -22,8 +22,9 @@ Where this differs from the paper, and why:
 - The shipped weights were trained with ``velocity: true`` and ``scale: features``, which are not
   the defaults.
 - ``velocity: true`` gives each token its joint's step from the frame before, too; zero where either
-  is hidden, so that nothing hidden is read. The paper does not print this; the authors' code has it
-  (``concat_vel``, https://github.com/MediaBrain-SJTU/AuxFormer).
+  is hidden, so that nothing hidden is read. The paper does not print this. The authors' code
+  (https://github.com/MediaBrain-SJTU/AuxFormer) has such a switch, ``concat_vel``, but leaves it
+  off for CMU.
 - Attention's products are divided by the square root of F, the width of all features, as printed
   in section 4.2, with ``scale: features``; by that of a head's width, as is usual, by default.
 - For speed, ``future_stride`` steps of the future share a token whose head predicts them all. The
@@ -91,16 +92,17 @@ class AuxFormer(Network):
         tokens = self._features(window.positions, window.observed, future=True)
         return self._future(self.predict, tokens, window.positions)
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
 
         Each is a mean distance in metres: over the known future, the hidden coordinates, and all
-        observed past coordinates (some with noise added). Draws from torch's global generator.
+        observed past coordinates (some with noise added); the truth is the past without noise, even
+        where the window has some. Draws from torch's global generator.
         """
         options = self.options
         tasks = int(options.masking) + int(options.denoising)
         if not tasks:
-            return mpjpe(self(window), target)
+            return super().losses(window, target, progress)
         size = len(window.observed)
         share = math.ceil(size * options.auxiliary_share)
         inputs = [BodyFrames(window.positions[:share], window.observed[:share])] * tasks
@@ -119,16 +121,17 @@ class AuxFormer(Network):
             others = list(
                 self._features(torch.cat(filled[1:]), observed, future=False).chunk(tasks)
             )
-        loss = mpjpe(self._future(self.predict, main, filled[0]), target)
-        truth = window.positions[:share], window.observed[:share]
+        losses = {"position": mpjpe(self._future(self.predict, main, filled[0]), target)}
+        past = target.past_of(window)
+        past = Target(past.positions[:share], past.observed[:share])
         if self.unmask is not None:
-            loss = loss + options.mask_weight * self._mask_loss(
-                tokens=others[0], filled=filled[1], masked=inputs[0], truth=truth, target=target
+            losses["mask"] = options.mask_weight * self._mask_loss(
+                tokens=others[0], filled=filled[1], masked=inputs[0], past=past, target=target
             )
         if self.denoise is not None:
             cleaned = self._past(self.denoise, others[-1], filled[-1])
-            loss = loss + options.denoise_weight * mpjpe(cleaned, Target(*truth))
-        return loss
+            losses["denoise"] = options.denoise_weight * mpjpe(cleaned, past)
+        return losses
 
     def _mask_loss(
         self,
@@ -136,12 +139,11 @@ class AuxFormer(Network):
         tokens: Tensor,
         filled: Tensor,
         masked: BodyFrames,
-        truth: tuple[Tensor, Tensor],
+        past: Target,
         target: Target,
     ) -> Tensor:
         """Mean distance over hidden coordinates of the past, and of the future as in the paper."""
-        positions, observed = truth
-        hidden = observed & ~masked.observed
+        positions, hidden = past.positions, past.observed & ~masked.observed
         recovered = self._past(cast(nn.Module, self.unmask), tokens, filled)
         if self.unmask_future is None:
             return mpjpe(recovered, Target(positions, hidden))

@@ -103,16 +103,16 @@ class Mixer(Network):
         own, other = self._ahead(BodyFrames(positions, observed)).chunk(2)
         return 0.5 * (own + self._mirrored(other))
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """MPJPE, plus that of the velocities."""
         predicted = self(window)
-        loss = mpjpe(predicted, target)
+        losses = {"position": mpjpe(predicted, target)}
         if self.options.velocity_weight == 0 or predicted.shape[1] < 2:
-            return loss
+            return losses
         known = target.observed[:, 1:] & target.observed[:, :-1]
         velocity = Target(target.positions.diff(dim=1) * self.shape.rate_hz, known)
         wrong = mpjpe(predicted.diff(dim=1) * self.shape.rate_hz, velocity)
-        return loss + self.options.velocity_weight * wrong
+        return losses | {"velocity": self.options.velocity_weight * wrong}
 
     def _ahead(self, window: BodyFrames) -> Tensor:
         last = last_pose(window)

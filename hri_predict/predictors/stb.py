@@ -7,7 +7,8 @@ Where this differs from the paper, or the paper leaves it open:
 
 - Eq. 4's increment x(t+1) - x(t) contains the first future frame at the last observed one. Here
   it is causal: x(t) - x(t-1), 0 at the first frame. Padded frames repeat the last pose, so their
-  increments are 0, too.
+  increments are 0, too; with ``padding: held`` they repeat the last increment, as the authors' code
+  does with its own, which holds the future's first frame.
 - Unobserved joints: increments are taken over filled-in values, and the observed mask is a further
   input (0 for padded frames). The loss over the past counts observed joints only.
 - Eqs. 12-15 need one value per joint, but the output has three coordinates. The value is the length
@@ -49,6 +50,8 @@ class STBOptions(NetworkOptions):
         width: C, channels of a frame (temporal branch) or of a coordinate (spatial branch).
         blocks: number of blocks of each branch's encoder.
         inputs: Table 5: increments, or the positions themselves; ``both`` isn't in the paper.
+        padding: increments of the padded frames: those of a body that is ``still``, or the last one
+            ``held``.
         branches: Table 5: one branch alone, or the mean of both.
         distillation: lambda of Eq. 19 (Table 6); 0 leaves the distillation out (Table 5).
     """
@@ -57,6 +60,7 @@ class STBOptions(NetworkOptions):
     blocks: int = Field(6, ge=1, le=64)
     dropout: float = Field(0.1, ge=0, lt=1)
     inputs: Literal["increments", "positions", "both"] = "increments"
+    padding: Literal["still", "held"] = "still"
     branches: Literal["both", "temporal", "spatial"] = "both"
     distillation: float = Field(0.1, ge=0, le=1000)
 
@@ -88,19 +92,20 @@ class STB(Network):
         changes = torch.stack(list(self._changes(window).values())).mean(0)
         return last_pose(window) + changes[:, self.shape.history_steps :] / _DECIMETRES
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """Eq. 19, brought from decimetres to metres."""
         padded = self._padded(window)
+        past = target.past_of(window)
         sequence = Target(
-            torch.cat([window.positions, target.positions], dim=1) * _DECIMETRES,
-            torch.cat([window.observed, target.observed], dim=1),
+            torch.cat([past.positions, target.positions], dim=1) * _DECIMETRES,
+            torch.cat([past.observed, target.observed], dim=1),
         )
         changes = self._changes(window)
-        losses = [mpjpe(padded + change, sequence) for change in changes.values()]  # Eqs. 17, 18
+        losses = {k: mpjpe(padded + change, sequence) for k, change in changes.items()}  # 17, 18
         if len(changes) == 2 and self.options.distillation > 0:
             divergence = distillation(changes["temporal"], changes["spatial"])
-            losses.append(self.options.distillation * divergence)
-        return torch.stack(losses).sum() / _DECIMETRES
+            losses["distillation"] = self.options.distillation * divergence
+        return {name: loss / _DECIMETRES for name, loss in losses.items()}
 
     def _padded(self, window: BodyFrames) -> Tensor:
         """X of Sec. 3.1: (B, T + H, J, 3) decimetres, the last pose repeated H times."""
@@ -126,6 +131,10 @@ class STB(Network):
             return [padded]
         # Eq. 4 made causal: the increment at t does not contain frame t + 1.
         increments = nn.functional.pad(padded[:, 1:] - padded[:, :-1], (0, 0, 0, 0, 1, 0))
+        if self.options.padding == "held":
+            past, horizon = self.shape.history_steps, self.shape.horizon_steps
+            last = increments[:, past - 1 : past].expand(-1, horizon, -1, -1)
+            increments = torch.cat([increments[:, :past], last], 1)
         return [increments] if self.options.inputs == "increments" else [increments, padded]
 
     def _by_time(self, features: list[Tensor], mask: Tensor) -> Tensor:

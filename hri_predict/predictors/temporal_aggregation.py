@@ -26,7 +26,6 @@ from hri_predict.predictors.neural.network import (
     NetworkOptions,
     Shape,
     Target,
-    mpjpe,
     network_class_of,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
@@ -129,11 +128,11 @@ class Aggregated(Network):
         predicted: Tensor = self.inner(window)
         return predicted[:, : self.options.steps]  # a network trained by itself predicts more
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
-        """Return the inner network's loss on its own steps, later the error over all."""
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
+        """Return the inner network's losses on its own steps, later the error over all."""
         if self._pretraining(progress):
-            return self.inner.loss(window, self._near(target), self._inner_progress(progress))
-        return mpjpe(self(window), target)
+            return self.inner.losses(window, self._near(target), self._inner_progress(progress))
+        return super().losses(window, target, progress)
 
     def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """Return the loss of the inner network's adversary during pretraining."""
@@ -154,7 +153,7 @@ class Aggregated(Network):
 
     def _near(self, target: Target) -> Target:
         steps = self.options.steps
-        return Target(target.positions[:, :steps], target.observed[:, :steps])
+        return Target(target.positions[:, :steps], target.observed[:, :steps], target.past)
 
 
 class AggregatedPredictor(NeuralPredictor):

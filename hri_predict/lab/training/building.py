@@ -7,10 +7,8 @@ import torch
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.lab.training.config import TrainingConfig
-from hri_predict.lab.training.windows.benchmark import BenchmarkData, BenchmarkSamples
-from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
-from hri_predict.lab.training.windows.samples import SampleSource
-from hri_predict.predictors.neural.body import BODY
+from hri_predict.lab.training.parts import part
+from hri_predict.lab.training.windows.samples import SampleSource, SampleSourceClass
 from hri_predict.predictors.neural.network import (
     Network,
     NetworkOptions,
@@ -27,24 +25,15 @@ def open_samples(config: TrainingConfig) -> SampleSource:
         ConfigError: a key of ``data`` is wrong, or there is nothing to train on.
         RecordingError: a recording cannot be read.
     """
-    where, shape = "training configuration: data", config.shape
-    steps = shape.history_steps, shape.horizon_steps
-    if config.judgement == "benchmark":
-        source = BenchmarkSamples(validated(BenchmarkData, config.data, where), *steps)
-        if source.shape.rate_hz != shape.rate_hz:
-            raise ConfigError(
-                f"training configuration: shape.rate_hz {shape.rate_hz:g}: the benchmark has "
-                f"{source.shape.rate_hz:g}; leave it out"
-            )
-        return source
-    settings = validated(DataSettings, config.data, where)
-    ours = Shape(
-        skeleton=BODY,
-        history_steps=shape.history_steps,
-        horizon_steps=shape.horizon_steps,
-        rate_hz=shape.rate_hz,
-    )
-    return MotionSamples(settings, ours)
+    made: SampleSourceClass = part("data_sets", config.judgement)
+    data = validated(made.settings_model, config.data, "training configuration: data")
+    source, rate_hz = made.opened(data, config.shape), config.shape.rate_hz
+    if source.shape.rate_hz != rate_hz:
+        raise ConfigError(
+            f"training configuration: shape.rate_hz {rate_hz:g}: the {config.judgement} has "
+            f"{source.shape.rate_hz:g}; leave it out"
+        )
+    return source
 
 
 def build_network(config: TrainingConfig, source: SampleSource) -> Network:

@@ -33,7 +33,10 @@ class TrainSettings(Settings):
     warmup: float = Field(
         0.05, ge=0, le=0.05, description="share of the run's steps in which the learning rate rises"
     )
-    schedule: Literal["cosine", "constant"] = "cosine"
+    optimiser: str = Field("adamw", description="adamw, adam, or that of an installed package")
+    schedule: str = Field("cosine", description="cosine, constant, steps, or a package's")
+    decay: float = Field(0.96, gt=0, le=1, description="steps: factor of the learning rate ...")
+    decay_epochs: float = Field(2.0, gt=0, description="... after each so many epochs")
     ema_decay: float = Field(
         0.999,
         ge=0,
@@ -54,7 +57,7 @@ class TrainSettings(Settings):
     max_minutes: float | None = Field(
         None,
         gt=0,
-        description="longest training, resumed parts included; the best weights are kept",
+        description="longest training, resumed parts included; the schedule ends with it",
     )
     checkpoint_minutes: float = Field(
         5.0, gt=0, description="minutes between checkpoints within an epoch"
@@ -89,10 +92,10 @@ class TrainingConfig(Settings):
     """A whole training run."""
 
     predictor: str
-    judgement: Literal["real", "benchmark"]
+    judgement: str = Field(description="data set: real, benchmark, or a package's")
     shape: ShapeSettings
     options: dict[str, Any] = Field({}, description="the network's own sizes and switches")
-    data: dict[str, Any] = Field({}, description="see motion.DataSettings")
+    data: dict[str, Any] = Field({}, description="see the data set's settings_model")
     train: TrainSettings = TrainSettings()
     initial_weights: Path | None = Field(None, description="weights to start from (fine-tuning)")
     out: Path = Field(description="folder of the run: checkpoints, log, weights")

@@ -21,7 +21,7 @@ from hri_predict.lab.training.optimisation import Optimisation, learning_rate_fa
 from hri_predict.lab.training.processes import Processes
 from hri_predict.lab.training.validation import Validation, validate
 from hri_predict.lab.training.windows.samples import SampleSource
-from hri_predict.predictors.neural.network import BodyFrames, Network, Target
+from hri_predict.predictors.neural.network import Network
 from hri_predict.predictors.neural.weights import save_weights
 
 # -- origin of a set of weights: code and data -----------------------------------------------------
@@ -63,7 +63,7 @@ class Epoch:
 
     number: int  # from 1
     step: int  # steps taken since the run began
-    loss: float  # mean over its steps
+    losses: dict[str, float]  # means over its steps, by name; ``loss`` is their sum
     validation: Validation | None
     best: bool
     learning_rate: float
@@ -105,7 +105,7 @@ class _Progress:
     """State of the run's progress; stored in each checkpoint as JSON."""
 
     step: int = 0
-    loss_sum: float = 0.0  # over the epoch's steps so far
+    losses: dict[str, float] = field(default_factory=dict)  # sums over the epoch's steps so far
     seconds: float = 0.0
     best_mm: float = float("inf")
     best_epoch: int = 0
@@ -213,18 +213,16 @@ class Run:
         mine, share = self.processes.share(batch)
         window, target = mine.entered(self.entry)
         device = self.optimisation.network.rest.device
-        if device.type != "cpu":
-            window = BodyFrames(window.positions.to(device), window.observed.to(device))
-            target = Target(target.positions.to(device), target.observed.to(device))
         progress = self.progress
-        loss = float(self.optimisation.step(window, target, share, progress.step))
+        losses = self.optimisation.step(window.to(device), target.to(device), share, progress.step)
         progress.step += 1
-        progress.loss_sum += loss
+        for name, loss in losses.items():
+            progress.losses[name] = progress.losses.get(name, 0.0) + loss
         now = time.monotonic()
         progress.seconds += now - self._clock
         self._clock = now
         if self.processes.rank == 0:
-            self.view.stepped(progress.step, loss)
+            self.view.stepped(progress.step, losses["loss"])
         limit = self.settings.max_minutes
         late = limit is not None and progress.seconds >= 60.0 * limit
         flags = torch.tensor([float(self.stop()), float(late)])
@@ -238,7 +236,7 @@ class Run:
         steps = progress.step - (number - 1) * per_epoch
         network = self.optimisation.settle()
         validation = validate(network, self.entry, self.source, self.processes)
-        loss = progress.loss_sum / steps
+        losses = {name: total / steps for name, total in progress.losses.items()}
         # without validation windows (a refit on everything) the newest weights are the best
         best = validation is None or validation.mm < progress.best_mm
         if best:
@@ -248,7 +246,7 @@ class Run:
             self._export(network)
         if steps == per_epoch:
             progress.stale = 0 if best else progress.stale + 1
-            progress.loss_sum = 0.0
+            progress.losses = {}
         self._save()
         if self.processes.rank == 0:
             rate = self.settings.learning_rate * learning_rate_factor(
@@ -259,7 +257,7 @@ class Run:
                 Epoch(
                     number=number,
                     step=progress.step,
-                    loss=loss,
+                    losses=losses,
                     validation=validation,
                     best=best,
                     learning_rate=rate,

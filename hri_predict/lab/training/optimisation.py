@@ -1,4 +1,4 @@
-"""One step of training: AdamW with warm-up and cosine, clipped gradients, averaged weights."""
+"""One step of training: warm-up and schedule, clipped gradients, averaged weights."""
 
 import math
 from typing import Any, cast
@@ -9,6 +9,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from hri_predict.base.errors import PredictorError
 from hri_predict.lab.training.config import TrainSettings
+from hri_predict.lab.training.parts import part
 from hri_predict.lab.training.processes import Processes
 from hri_predict.predictors.neural.network import BodyFrames, Network, Target
 
@@ -16,8 +17,9 @@ from hri_predict.predictors.neural.network import BodyFrames, Network, Target
 class Optimisation:
     """The optimisers of a network and the running average of its weights.
 
-    AdamW: Loshchilov and Hutter 2019, https://arxiv.org/abs/1711.05101. The average (Polyak and
-    Juditsky 1992) forgets faster at first: its decay is at most (1 + n) / (10 + n) at step n.
+    By default AdamW: Loshchilov and Hutter 2019, https://arxiv.org/abs/1711.05101. The average
+    (Polyak and Juditsky 1992) forgets faster at first: its decay is at most (1 + n) / (10 + n) at
+    step n.
 
     Attributes:
         network: the network that is trained.
@@ -32,40 +34,63 @@ class Optimisation:
         processes.same([p.data for p in network.parameters()])
         self._model = list(network.model_parameters())
         self._critic = list(network.critic_parameters())
-        self._adam = _adam(self._model, settings.learning_rate, settings.weight_decay)
-        self._critic_adam = (
-            _adam(self._critic, settings.critic_learning_rate, 0.0) if self._critic else None
+        self._adam = _optimiser(
+            settings, self._model, settings.learning_rate, settings.weight_decay
         )
+        self._critic_adam = (
+            _optimiser(settings, self._critic, settings.critic_learning_rate, 0.0)
+            if self._critic
+            else None
+        )
+        part("schedules", settings.schedule)  # refuses an unknown one before the first step
         self.averaged = network
         self._average: AveragedModel | None = None
         if settings.ema_decay:
             self._average = _averaged(network, settings.ema_decay)
             self.averaged = cast(Network, self._average.module).eval()
 
-    def step(self, window: BodyFrames, target: Target, share: float, number: int) -> Tensor:
-        """Take step ``number`` (from 0) on this process's windows; returns the batch's loss.
+    def step(
+        self,
+        window: BodyFrames,
+        target: Target,
+        share: float,
+        number: int,
+        progress: float | None = None,
+    ) -> dict[str, float]:
+        """Take step ``number`` (from 0) on this process's windows; returns the batch's losses.
+
+        They are those of ``Network.losses``, their sum as ``loss``, and an adversary's as
+        ``critic``.
 
         Args:
             window: this process's histories.
             target: their futures.
             share: this process's share of the batch's loss.
             number: number of steps taken before.
+            progress: completed share of the training; default: by the steps.
 
         Raises:
             PredictorError: the loss or its gradient is not finite.
         """
-        progress = number / self._settings.total_steps
+        if progress is None:
+            progress = number / self._settings.total_steps
+        factor = learning_rate_factor(number, self._settings, progress)
         self.network.train()
+        shown: dict[str, float] = {}
         if self._critic_adam is not None:
             self._critic_adam.zero_grad()
             with self._precision():
                 loss = self.network.critic_loss(window, target, progress)
             if loss is not None:
-                self._descend(self._critic_adam, self._critic, loss * share, number)
+                shown |= self._descend(
+                    self._critic_adam, self._critic, {"critic": loss * share}, number, factor
+                )
         self._adam.zero_grad()  # also clears the critic's gradients where it did not detach
         with self._precision():
-            loss = self.network.loss(window, target, progress)
-        shown = self._descend(self._adam, self._model, loss * share, number)
+            losses = self.network.losses(window, target, progress)
+        mine = {name: loss * share for name, loss in losses.items()}
+        found = self._descend(self._adam, self._model, mine, number, factor)
+        shown |= found | {"loss": sum(found.values())}
         if self._average is not None:
             self._average.update_parameters(self.network)
         return shown
@@ -76,25 +101,31 @@ class Optimisation:
         return torch.autocast(self._settings.device, torch.bfloat16, enabled=lower)
 
     def _descend(
-        self, adam: torch.optim.AdamW, parameters: list[nn.Parameter], loss: Tensor, number: int
-    ) -> Tensor:
-        loss.backward()
-        shown = loss.detach()
+        self,
+        adam: torch.optim.Optimizer,
+        parameters: list[nn.Parameter],
+        losses: dict[str, Tensor],
+        number: int,
+        factor: float,
+    ) -> dict[str, float]:
+        parts = torch.stack(list(losses.values()))
+        parts.sum().backward()
+        shown = parts.detach()
         gradients = [p.grad for p in parameters if p.grad is not None]
         self._processes.add([*gradients, shown])
         norm = torch.nn.utils.get_total_norm(gradients)
-        if not math.isfinite(float(shown + norm)):
-            what = "loss" if not math.isfinite(float(shown)) else "gradient"
+        if not math.isfinite(float(shown.sum() + norm)):
+            bad = [k for k, v in zip(losses, shown, strict=True) if not math.isfinite(v)]
+            what = f"loss '{bad[0]}'" if bad else "gradient"
             raise PredictorError(
                 f"training step {number}: the {what} is not finite; lower train.learning_rate, or "
                 f"look for wrong positions in the data"
             )
         torch.nn.utils.clip_grads_with_norm_(parameters, self._settings.clip_norm, norm)
-        factor = learning_rate_factor(number, self._settings)
         for group in adam.param_groups:
             group["lr"] = factor * group["full_lr"]
         adam.step()
-        return shown
+        return dict(zip(losses, shown.tolist(), strict=True))
 
     @torch.no_grad()
     def settle(self) -> Network:
@@ -126,15 +157,16 @@ class Optimisation:
             self._average.n_averaged.fill_(number + 1)
 
 
-def learning_rate_factor(number: int, settings: TrainSettings) -> float:
-    """Share of the learning rate at step ``number``: linear warm-up times half a cosine to zero.
+def learning_rate_factor(
+    number: int, settings: TrainSettings, progress: float | None = None
+) -> float:
+    """Share of the learning rate at step ``number``: linear warm-up times the schedule.
 
-    It depends on the step alone, so that a resumed run continues exactly.
+    Without ``progress`` it depends on the step alone, so that a resumed run continues exactly.
     """
     warm = min(1.0, (number + 1) / (settings.warmup_steps + 1))
-    if settings.schedule == "constant":
-        return warm
-    return warm * 0.5 * (1.0 + math.cos(math.pi * number / settings.total_steps))
+    done = number / settings.total_steps if progress is None else progress
+    return warm * float(part("schedules", settings.schedule)(settings, done))
 
 
 def _averaged(network: Network, most: float) -> AveragedModel:
@@ -153,11 +185,14 @@ def _averaged(network: Network, most: float) -> AveragedModel:
     return average
 
 
-def _adam(parameters: list[nn.Parameter], rate: float, decay: float) -> torch.optim.AdamW:
-    """AdamW whose weight decay leaves vectors (biases, scales of norms) alone."""
+def _optimiser(
+    settings: TrainSettings, parameters: list[nn.Parameter], rate: float, decay: float
+) -> torch.optim.Optimizer:
+    """The optimiser; its weight decay leaves vectors (biases, scales of norms) alone."""
     groups = [
         {"params": [p for p in parameters if p.dim() >= 2], "weight_decay": decay},
         {"params": [p for p in parameters if p.dim() < 2], "weight_decay": 0.0},
     ]
     kept = [group | {"full_lr": rate} for group in groups if group["params"]]
-    return torch.optim.AdamW(kept, lr=rate, fused=True)
+    made: torch.optim.Optimizer = part("optimisers", settings.optimiser)(kept, lr=rate, fused=True)
+    return made

@@ -96,6 +96,7 @@ class Processes:
             return batch, 1.0
         size = len(batch.actions)
         part = slice(self.rank * size // self.count, (self.rank + 1) * size // self.count)
-        mine = Samples(**{each.name: getattr(batch, each.name)[part] for each in fields(batch)})
+        whole = {each.name: getattr(batch, each.name) for each in fields(batch)}
+        mine = Samples(**{name: v[part] for name, v in whole.items() if v is not None})
         known = float(batch.known.sum())
         return mine, float(mine.known.sum()) / known if known else 1.0 / self.count

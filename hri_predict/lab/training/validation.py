@@ -51,8 +51,8 @@ def validate(
         if turn % processes.count != processes.rank:
             continue
         window, target = batch.entered(entry)
-        moved = type(window)(window.positions.to(device), window.observed.to(device))
-        distance = (network(moved).cpu().double() - target.positions.double()).norm(dim=-1)
+        predicted = network(window.to(device)).cpu().double()
+        distance = (predicted - target.positions.double()).norm(dim=-1)
         known = target.observed
         error.index_add_(0, batch.actions, (distance * known).sum(-1))
         count.index_add_(0, batch.actions, known.sum(-1).double())

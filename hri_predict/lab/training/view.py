@@ -39,11 +39,11 @@ class TrainingView:
 
     def ended_epoch(self, epoch: Epoch) -> None:
         """Print a line and log the numbers."""
-        error = ""
+        error, best = "", " (best)" if epoch.best else ""
         if epoch.validation is not None:
             error = f"  validation {epoch.validation.mm:.1f} {self._config.error_unit}"
         line = (
-            f"epoch {epoch.number}  loss {epoch.loss:.4f}{error}{' (best)' if epoch.best else ''}"
+            f"epoch {epoch.number}  loss {epoch.losses['loss']:.4f}{error}{best}"
             f"  {epoch.minutes:.1f} min"
         )
         if self._bar is not None:
@@ -58,7 +58,10 @@ class TrainingView:
         return f", {epoch.minutes / done - epoch.minutes:.1f} min left" if done < 1 else ""
 
     def _write(self, epoch: Epoch) -> None:
-        self._log.add_scalar("loss", epoch.loss, epoch.number)
+        for name, value in epoch.losses.items():
+            self._log.add_scalar(
+                "loss" if name == "loss" else f"losses/{name}", value, epoch.number
+            )
         self._log.add_scalar("learning_rate", epoch.learning_rate, epoch.number)
         if epoch.validation is None:
             return

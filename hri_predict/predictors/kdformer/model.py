@@ -232,15 +232,17 @@ class KDFormer(Network):
             return self._predict_rotations(window)
         return self._predict(window)[1]
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """The quaternion loss (Eq. 28), in position space with the position error beside it."""
         if self.options.space == "rotations":
-            return self._rotation_loss(self._predict_rotations(window), target, target.observed)
+            rotations = self._predict_rotations(window)
+            return {"rotation": self._rotation_loss(rotations, target, target.observed)}
         rotations, positions = self._predict(window)
         true = Target(self.tree.rotations(target.positions, self.rest), target.observed)
         known = self.tree.known(target.observed)
         turned = self._rotation_loss(rotations, true, known)
-        return mpjpe(positions, target) + self.options.quaternion_weight * turned
+        weighted = self.options.quaternion_weight * turned
+        return {"position": mpjpe(positions, target), "rotation": weighted}
 
     def forward_core(self, rotations: Tensor, forces: Tensor, observed: Tensor) -> Tensor:
         """Future rotations (B, H, J', 3).

@@ -57,13 +57,34 @@ class BodyFrames:
     positions: Tensor
     observed: Tensor
 
+    def to(self, device: torch.device) -> "BodyFrames":
+        """The same on another device."""
+        return BodyFrames(self.positions.to(device), self.observed.to(device))
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """The true future in the same body frame, (B, H, J, 3), and where it is known."""
+    """The true future in the same body frame, (B, H, J, 3), and where it is known.
+
+    Attributes:
+        past: the true past, (B, T, J, 3), without the noise that augmentation gave the window;
+            ``None``: the window itself is true where it is observed.
+    """
 
     positions: Tensor
     observed: Tensor
+    past: "Target | None" = None
+
+    def past_of(self, window: BodyFrames) -> "Target":
+        """The truth (B, T, J, 3) of a window, known where its joints are observed."""
+        if self.past is None:
+            return Target(window.positions, window.observed)
+        return Target(self.past.positions, self.past.observed & window.observed)
+
+    def to(self, device: torch.device) -> "Target":
+        """The same on another device."""
+        past = None if self.past is None else self.past.to(device)
+        return Target(self.positions.to(device), self.observed.to(device), past)
 
 
 class NetworkOptions(Settings):
@@ -116,15 +137,20 @@ class Network(nn.Module):
         """
         return self
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
-        """Training loss of a batch, a scalar.
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
+        """What a training minimises the sum of, by name, each a scalar with its weight.
 
         Args:
             window: the histories.
             target: the true future.
             progress: completed share of the training, 0 to 1; for losses with stages.
         """
-        return mpjpe(self(window), target)
+        return {"position": mpjpe(self(window), target)}
+
+    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+        """The sum of ``losses``."""
+        first, *others = self.losses(window, target, progress).values()
+        return sum(others, first)
 
     def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """Loss of the adversary, or ``None``; it changes only the adversary's parameters."""

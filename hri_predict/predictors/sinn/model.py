@@ -201,20 +201,22 @@ class SINN(Network):
         root = self.shape.skeleton.parents.index(-1)
         return window.positions - window.positions[:, :, root : root + 1]
 
-    def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
+    def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """L_so over the operator's steps, later L_g over all; both with the position error."""
         pretraining = progress < self.options.pretraining
         if pretraining:
             window, target = self._anywhere(window, target, progress)
         positions, zeta, last = self._rolled_out(window, target.positions.shape[1])
         truth, known = self._truth(window, last, target)
-        # Eq. 10, later Eq. 11
-        loss = self.options.momentum_weight * momentum_error(zeta, truth, known, not pretraining)
-        loss = loss + self.options.position_weight * mpjpe(positions, target)
+        momentum = momentum_error(zeta, truth, known, not pretraining)  # Eq. 10, later Eq. 11
+        losses = {
+            "momentum": self.options.momentum_weight * momentum,
+            "position": self.options.position_weight * mpjpe(positions, target),
+        }
         if pretraining or self.options.adversarial_weight == 0:
-            return loss
+            return losses
         score = self.critic(self._motion(zeta, known), frozen=True).mean()
-        return loss + self.options.adversarial_weight * score
+        return losses | {"adversarial": self.options.adversarial_weight * score}
 
     def critic_loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor | None:
         """L_c (Eq. 12) with a gradient penalty; ``None`` while the operator alone learns."""

@@ -223,6 +223,17 @@ def test_each_network_on_the_benchmark_reads_its_own_weights(cli, pack, tmp_path
     assert error.startswith("error: --predictor: errors differ (sinn euler, trajectorycnn mpjpe)")
 
 
+def test_a_network_that_reads_more_than_the_windows_have_is_told(cli, pack, tmp_path):
+    shape = Shape(skeleton=CMU25, history_steps=25, horizon_steps=25, rate_hz=25.0, framed=True)
+    weights = untrained(tmp_path / "mixer.safetensors", "mixer", 3, shape)
+    asked = ["--benchmark", "cmu", "--data", pack, "--windows", "8-seeds", "--predictor", "mixer"]
+    status, _, error = cli(*asked, "--weights", weights)
+    assert status == 0
+    assert "mixer observes 25 frames, of which 15 are missing in windows of 10" in error
+    status, text, error = cli(*asked, "--weights", weights, "--n-in", "25", "--json")
+    assert (status, error, json.loads(text)["n_in"]) == (0, "", 25)
+
+
 @pytest.mark.parametrize("more", [[], ["--benchmark", "cmu"]])
 def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, more, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)

@@ -220,6 +220,22 @@ def test_loss_is_the_sum_of_its_three_tasks() -> None:
     torch.testing.assert_close(total, expected)
 
 
+def test_what_is_learnt_of_the_past_is_its_truth() -> None:
+    """Noise of augmentation is in the window, and never in what the tasks are to recover."""
+    window, known = _window(3), torch.ones(3, HISTORY, JOINTS, dtype=torch.bool)
+    past = Target(window.positions + 1.0, known)
+    target = Target(_target(3).positions, torch.zeros(3, HORIZON, JOINTS, dtype=torch.bool), past)
+    network = AuxFormer(SHAPE, AuxFormerOptions.model_validate(SMALL | {"noise_m": 0.0}))
+    masked = past.observed & window.observed
+    torch.manual_seed(6)
+    hidden = masked & ~network._masked(window).observed
+    torch.manual_seed(6)
+    total = network.loss(window, target, 0.0)
+    filled = network._filled(BodyFrames(window.positions, window.observed & ~hidden))
+    expected = mpjpe(filled, Target(past.positions, hidden)) + 3**0.5  # 1 m along each axis
+    torch.testing.assert_close(total, expected)
+
+
 def test_loss_draws_from_the_global_generator() -> None:
     network, window, target = _network(), _window(2), _target(2)
     torch.manual_seed(7)

@@ -76,6 +76,13 @@ def test_increments_are_causal_and_nothing_in_the_future() -> None:
         torch.testing.assert_close(increments[:, t], expected)
 
 
+def test_the_last_increment_may_be_held_over_the_padding() -> None:
+    given = window()
+    (still,), (held,) = network()._features(given), network(padding="held")._features(given)
+    assert torch.equal(held[:, :5], still[:, :5])
+    assert torch.equal(held[:, 5:], still[:, 4:5].expand(-1, 3, -1, -1))
+
+
 @pytest.mark.parametrize(
     ("inputs", "blind"), [("increments", True), ("positions", False), ("both", False)]
 )
@@ -151,6 +158,14 @@ def test_loss_counts_past_and_future_where_they_are_known() -> None:
     )
 
 
+def test_the_past_s_truth_is_without_the_noise_of_its_window() -> None:
+    net, given, wanted = without_change(network()), window(), target()
+    past = Target(given.positions + 0.1, torch.ones_like(given.observed))
+    nothing = torch.zeros_like(wanted.observed)
+    loss = float(net.loss(given, Target(wanted.positions, nothing, past), 0.0).detach())
+    assert loss == pytest.approx(2 * 0.1 * 3**0.5, rel=1e-4)
+
+
 def test_loss_ignores_what_is_not_known() -> None:
     net, given, wanted = network(), window(), target()
     moved = torch.where(wanted.observed[..., None], wanted.positions, 7.0)
@@ -188,6 +203,7 @@ def test_each_branch_lets_one_joint_move_all(branch: str) -> None:
         {},
         {"inputs": "positions"},
         {"inputs": "both"},
+        {"padding": "held"},
         {"branches": "temporal"},
         {"branches": "spatial"},
         {"distillation": 0.0},

@@ -26,7 +26,7 @@ from hri_predict.lab.training.windows.augment import AugmentSettings, disturb, m
 from hri_predict.lab.training.windows.bodies import BodySettings, draw_bodies
 from hri_predict.lab.training.windows.clips import Clips
 from hri_predict.lab.training.windows.played import Played
-from hri_predict.lab.training.windows.samples import Samples
+from hri_predict.lab.training.windows.samples import Samples, Steps
 from hri_predict.lab.training.windows.trackers import (
     TrackerSettings,
     draw_lost,
@@ -114,6 +114,19 @@ class MotionSamples:
             validate.
         RecordingError: a recording cannot be read, or nothing can be learnt from it.
     """
+
+    settings_model = DataSettings
+
+    @classmethod
+    def opened(cls, data: DataSettings, steps: Steps) -> "MotionSamples":
+        """Open the recordings as windows of these steps."""
+        shape = Shape(
+            skeleton=BODY,
+            history_steps=steps.history_steps,
+            horizon_steps=steps.horizon_steps,
+            rate_hz=steps.rate_hz,
+        )
+        return cls(data, shape)
 
     def __init__(self, settings: DataSettings, shape: Shape) -> None:
         if shape.skeleton is not BODY:
@@ -237,6 +250,7 @@ class MotionSamples:
         positions, observed = move(augment, rng, positions, observed)
         newest = times.shape[1]
         captured, seen = positions[:, :newest], observed[:, :newest]
+        past, past_known = played.resampled(times, captured, seen, self.shape)
         captured = captured + draw_noise(settings.trackers, rng, times, captured.shape[2])
         seen = seen & ~draw_lost(settings.trackers, rng, size, newest)[..., None]
         history, held = played.resampled(times, captured, seen, self.shape)
@@ -249,6 +263,8 @@ class MotionSamples:
             future=np.where(known[..., None], positions[:, newest:], np.float32(0)),
             known=known,
             chosen=chosen,
+            past=np.where(past_known[..., None], past, np.float32(0)),
+            past_known=past_known,
         )
 
     def _origins(
@@ -312,21 +328,14 @@ class MotionSamples:
     def _samples(
         self,
         *,
-        history: NDArray[np.float32],
-        observed: Bools,
-        future: NDArray[np.float32],
-        known: Bools,
         chosen: NDArray[np.intp],
         tracks: Sequence[Track] | None = None,
+        **arrays: NDArray[np.float32] | Bools,
     ) -> Samples:
         tracks = self._tracks if tracks is None else tracks
-        actions = [self.actions.index(tracks[k].action) for k in chosen]
-        past, seen, ahead, sure = (
-            torch.from_numpy(np.ascontiguousarray(a)) for a in (history, observed, future, known)
-        )
-        return Samples(
-            history=past, observed=seen, future=ahead, known=sure, actions=torch.tensor(actions)
-        )
+        actions = torch.tensor([self.actions.index(tracks[k].action) for k in chosen])
+        made = {k: torch.from_numpy(np.ascontiguousarray(a)) for k, a in arrays.items()}
+        return Samples(actions=actions, **made)
 
 
 def _span_s(track: Track) -> float:

@@ -2,11 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from torch import Tensor
 
+from hri_predict.base.settings import Settings
 from hri_predict.predictors.neural.network import BodyFrames, Network, Shape, Target
 
 
@@ -20,6 +21,8 @@ class Samples:
         future: (B, H, J, 3) metres, finite; anything where not known.
         known: (B, H, J) bool; false where a recording ends or lost the joint.
         actions: (B,) index into ``SampleSource.actions``.
+        past: (B, T, J, 3) metres, the history without noise; ``None``: ``history`` has none.
+        past_known: (B, T, J) bool, where ``past`` holds.
     """
 
     history: Tensor
@@ -27,11 +30,16 @@ class Samples:
     future: Tensor
     known: Tensor
     actions: Tensor
+    past: Tensor | None = None
+    past_known: Tensor | None = None
 
     def entered(self, network: Network) -> tuple[BodyFrames, Target]:
         """Return the batch in each person's own frame, as the network reads it."""
         window, frame = network.enter(self.history, self.observed)
-        return window, Target(frame.enter(self.future), self.known)
+        past = None
+        if self.past is not None and self.past_known is not None:
+            past = Target(frame.enter(self.past), self.past_known)
+        return window, Target(frame.enter(self.future), self.known, past)
 
 
 class SampleSource(Protocol):
@@ -53,3 +61,35 @@ class SampleSource(Protocol):
 
     def validation(self) -> Iterator[Samples]:
         """Yield the validation windows, always the same, in batches."""
+
+
+class Steps(Protocol):
+    """The shape that a configuration asks for (``config.ShapeSettings``).
+
+    Attributes:
+        history_steps: T.
+        horizon_steps: H.
+        rate_hz: steps per second.
+    """
+
+    history_steps: int
+    horizon_steps: int
+    rate_hz: float
+
+
+class SampleSourceClass(Protocol):
+    """A data set to train on, which ``judgement:`` names.
+
+    Attributes:
+        settings_model: the model that validates ``data:`` of a training configuration.
+    """
+
+    settings_model: type[Settings]
+
+    def opened(self, data: Any, steps: Steps) -> SampleSource:
+        """Open it as ``data``, of its ``settings_model``, says.
+
+        Raises:
+            ConfigError: there is nothing to train on.
+            RecordingError: a recording cannot be read.
+        """

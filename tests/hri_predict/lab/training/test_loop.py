@@ -60,9 +60,9 @@ class Small(Network):
         residual = self.layers((window.positions - last_pose(window)).movedim(1, -1))
         return last_pose(window) + residual.movedim(-1, 1)
 
-    def loss(self, window, target, progress):
+    def losses(self, window, target, progress):
         scale = float("nan") if progress >= self.options.blow_up_at else 1.0
-        return scale * mpjpe(self(window), target)
+        return {"position": scale * mpjpe(self(window), target)}
 
     def critic_loss(self, window, target, progress):
         if self.critic is None or progress < 0.5:
@@ -288,7 +288,9 @@ def test_another_run_is_not_resumed(tmp_path):
 
 
 def test_a_loss_that_is_not_finite_names_its_step(tmp_path):
-    with pytest.raises(PredictorError, match=r"^training step 9: the loss is not finite") as error:
+    with pytest.raises(
+        PredictorError, match=r"^training step 9: the loss 'position' is not finite"
+    ) as error:
         run(tmp_path, {"blow_up_at": 9 / 16})
     assert "\n" not in str(error.value)
 
@@ -371,3 +373,11 @@ def test_two_processes_go_one_process_s_way(tmp_path):
         torch.testing.assert_close(two["optimisation"]["averaged"][name], value, rtol=0, atol=1e-6)
     first, second = (json.loads(c["progress"])["best_mm"] for c in (one, two))
     assert second == pytest.approx(first, abs=1e-2)
+
+
+def test_every_loss_has_its_name_in_the_epochs(tmp_path):
+    _, _, view = run(tmp_path, {"critic": True})
+    assert view.epochs[0].losses.keys() == {"position", "loss"}
+    assert view.epochs[-1].losses.keys() == {"position", "critic", "loss"}
+    for epoch in view.epochs:
+        assert epoch.losses["loss"] == pytest.approx(epoch.losses["position"])

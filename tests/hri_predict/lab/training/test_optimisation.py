@@ -72,6 +72,12 @@ def test_the_learning_rate_rises_then_falls_along_a_cosine():
     assert {learning_rate_factor(n, steady) for n in range(16)} == {1.0}
 
 
+def test_steps_fall_by_a_factor_after_so_many_epochs():
+    chosen = settings(warmup=0, schedule="steps", decay=0.5, decay_epochs=2)
+    factors = [learning_rate_factor(n, chosen) for n in range(16)]
+    assert factors == [1.0] * 8 + [0.5] * 8
+
+
 @given(epochs=st.integers(1, 200), share=st.floats(0, 0.05))
 def test_a_run_of_any_length_reaches_its_learning_rate(epochs, share):
     chosen = settings(epochs=epochs, warmup=share)

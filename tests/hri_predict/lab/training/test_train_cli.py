@@ -17,9 +17,9 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
 from hri_predict.base.skeleton import make_skeleton
 from hri_predict.cli import main
-from hri_predict.lab.training import building
 from hri_predict.lab.training.building import build_network, open_samples
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
+from hri_predict.lab.training.parts import DATA_SETS
 from hri_predict.lab.training.windows.motion import MotionSamples
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Shape, network_class_of
@@ -106,6 +106,13 @@ def test_flags_change_the_configuration(cli, config, tmp_path):
     card = load_weights(out / "trajectorycnn.safetensors").card
     assert card["config"]["options"]["channels"] == 5
     assert card["config"]["data"]["root"] == str(recordings)
+
+
+def test_patience_without_anything_to_validate_on_is_told(cli, config):
+    changes = ["train.epochs=1", "train.patience=2", "data.refit=true"]
+    status, _, err = cli(config, *(word for c in changes for word in ("--set", c)))
+    assert status == 0, err
+    assert err.startswith("warning: train.patience has no effect with data.refit")
 
 
 def test_it_starts_from_given_weights(cli, config, tmp_path):
@@ -231,7 +238,9 @@ def test_help_has_an_example(cli):
         (["--set", "train.epochs=[1"], "its value is not valid YAML"),
         (["--set", "out.x=1"], "'out' has no keys"),
         (["--set", "train.epochs=0"], "train.epochs: input should be greater than or equal to 1"),
-        (["--set", "judgement=dance"], "judgement: input should be 'real' or 'benchmark'"),
+        (["--set", "judgement=dance"], "unknown data set 'dance'; there are: benchmark, real"),
+        (["--set", "train.schedule=cosin"], "unknown schedule 'cosin'; did you mean 'cosine'?"),
+        (["--set", "train.optimiser=sgd"], "unknown optimiser 'sgd'; there are: adam, adamw"),
         (["--set", "predictor=kalman"], "predictor 'kalman' has no network: nothing to train"),
         (["--set", "predictor=kdforma"], "unknown predictor 'kdforma'; did you mean 'kdformer'?"),
         (["--set", "options.chanels=1"], "options: chanels: unknown key; did you mean 'channels'?"),
@@ -279,5 +288,4 @@ def test_the_shipped_configurations_say_what_they_are(method, judgement):
     network = network_class_of(method)
     assert network is not None
     network.options_model.model_validate(config.options)
-    settings = building.DataSettings if judgement == "real" else building.BenchmarkData
-    settings.model_validate(config.data)
+    DATA_SETS[judgement].settings_model.model_validate(config.data)

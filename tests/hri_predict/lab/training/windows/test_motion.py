@@ -67,6 +67,24 @@ def test_steps_are_a_25th_of_a_second_apart(folder):
     assert seen[:, SHAPE.history_steps - 1].all()  # a window ends at something observed
 
 
+def test_the_past_of_a_noisy_history_is_without_its_noise(folder):
+    augment = PLAIN.model_copy(update={"noise": 1.0, "outliers": 1.0})
+    noise = AS_RECORDED["trackers"].model_copy(update={"noise": 1.0, "correlated": 1.0})
+    source = samples(folder, augment)
+    source._settings = source._settings.model_copy(update={"trackers": noise})
+    batch = source.batch(np.random.default_rng(1), 64)
+    ahead = torch.tensor([1.0, 2.0, 3.0]) / 25
+    for positions, known, least, most in (
+        (batch.past, batch.past_known, 0.0, 2e-5),
+        (batch.history, batch.observed, 0.01, 1.0),
+    ):
+        error = (positions.diff(dim=1) - ahead)[known[:, 1:] & known[:, :-1]].abs().max()
+        assert least <= float(error) < most
+    both = batch.past_known[:, -1] & batch.known[:, 0]  # it leads on to the future
+    step = (batch.future[:, 0] - batch.past[:, -1])[both]
+    torch.testing.assert_close(step, ahead.expand_as(step), rtol=0, atol=2e-5)
+
+
 def test_outside_the_recording_nothing_is_known(folder):
     batch = samples(folder).batch(np.random.default_rng(2), 256)
     assert not batch.known.all()

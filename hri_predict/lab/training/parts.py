@@ -1,0 +1,77 @@
+"""What a training configuration names: data sets, optimisers and schedules, ours and others'.
+
+A package adds one by an entry point of the groups ``hri_predict.data_sets``,
+``hri_predict.optimisers`` and ``hri_predict.schedules``.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import torch
+
+from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.contracts import registry
+from hri_predict.lab.training.config import TrainSettings
+from hri_predict.lab.training.windows.benchmark import BenchmarkSamples
+from hri_predict.lab.training.windows.motion import MotionSamples
+
+DATA_SETS: Mapping[str, Any] = {"real": MotionSamples, "benchmark": BenchmarkSamples}
+"""``judgement:`` -> a ``samples.SampleSourceClass``."""
+
+OPTIMISERS: Mapping[str, Callable[..., torch.optim.Optimizer]] = {
+    "adamw": torch.optim.AdamW,
+    "adam": torch.optim.Adam,
+}
+"""``train.optimiser:`` -> class, called with groups of parameters, and with ``lr`` and ``fused``.
+
+Each group states its own ``weight_decay``: none for vectors (biases, scales of norms).
+"""
+
+
+def cosine(settings: TrainSettings, progress: float) -> float:
+    """Half a cosine to zero."""
+    return 0.5 * (1.0 + math.cos(math.pi * min(progress, 1.0)))
+
+
+def constant(settings: TrainSettings, progress: float) -> float:
+    """No change."""
+    return 1.0
+
+
+def steps(settings: TrainSettings, progress: float) -> float:
+    """Times ``decay`` every ``decay_epochs`` epochs."""
+    passed = math.floor(progress * settings.epochs / settings.decay_epochs + 1e-9)
+    return float(settings.decay**passed)
+
+
+SCHEDULES: Mapping[str, Callable[[TrainSettings, float], float]] = {
+    "cosine": cosine,
+    "constant": constant,
+    "steps": steps,
+}
+"""``train.schedule:`` -> share of the learning rate at a share of the run, without its warm-up."""
+
+_OURS: Mapping[registry.TrainingKind, Mapping[str, Any]] = {
+    "data_sets": DATA_SETS,
+    "optimisers": OPTIMISERS,
+    "schedules": SCHEDULES,
+}
+
+
+def part(kind: registry.TrainingKind, name: str) -> Any:
+    """What ``name`` stands for, of ours or of an installed package.
+
+    Raises:
+        ConfigError: nothing has this name, or it cannot be imported.
+    """
+    ours = _OURS[kind]
+    if name in ours:
+        return ours[name]
+    known = sorted({*ours, *registry.names(kind)})
+    if name not in known:
+        raise ConfigError(
+            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; there are: "
+            f"{', '.join(known)}"
+        )
+    return registry.load(kind, name)
