@@ -69,15 +69,14 @@ class Text:
 
 def texts_of(source: str) -> Iterator[Text]:
     """Yield the docstrings and strings of two words and more in a module's source."""
-    tree = ast.parse(source)
+    nodes = list(ast.walk(ast.parse(source)))
     docstrings = {
         id(node.value)
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     }
-    joined = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
-    parts = {id(value) for node in joined for value in node.values}
-    for node in (n for n in ast.walk(tree) if isinstance(n, ast.expr)):
+    parts = {id(value) for n in nodes if isinstance(n, ast.JoinedStr) for value in n.values}
+    for node in (n for n in nodes if isinstance(n, ast.JoinedStr | ast.Constant)):
         if isinstance(node, ast.JoinedStr):
             text = " ".join(_constant(value) for value in node.values)
         elif id(node) in parts:

@@ -57,6 +57,12 @@ def make(rate_hz=50.0, source=None, links=(), virtual=False) -> Any:
 # -- real time
 
 
+@pytest.fixture(autouse=True)
+def garbage_stays(monkeypatch):
+    """The loop collects garbage at its start, which takes long among all the tests' own objects."""
+    monkeypatch.setattr("hri_predict.run.runtime.gc.collect", lambda: 0)
+
+
 def paced(tick_ms, duration_s=0.24):
     """The real-time loop at 50 Hz on a clock of the test's; tick k takes ``tick_ms[k]``."""
     assembly = make(source=Source(count=0), virtual=True)

@@ -60,7 +60,13 @@ FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", FAULTS)
+ONE_MORE = {"none", "back silent", "front loses him", "back's clock back", "in turn"}
+"""Of a kind that another one shows daily, at the other sensor or the other way round."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.long] * (n in ONE_MORE)) for n in FAULTS]
+)
 def test_it_is_never_clear_beside_a_person(name):
     front, back = FAULTS[name]
     watch = node_with(merged(front, back), 4.5)
