@@ -22,11 +22,14 @@ def test_each_figure_of_a_line_is_a_row_named_by_the_line():
         {"link": "bus", "rate_hz": 25.0, "total_ms": spread, "speed_m_s": 0.5, "sent": 3},
         {"link": "wire", "rate_hz": 25.0, "not_here": "no such wire"},
         {"link": "port", "rate_hz": 25.0, "age_ms": None},
+        {"link": "node", "rate_hz": 25.0, "cpu_percent": {"all": 9.0, "loop": 7.0}},
     ]
     assert list(rows_of(lines, "link", "rate_hz", more_is_better=("speed_m_s",))) == [
         Row(part="bus, 25 Hz: total", unit="ms", **spread),
         Row(part="bus, 25 Hz: speed", unit="m/s", p50=0.5, more_is_better=True),
         Row(part="wire, 25 Hz", unit="", note="no such wire"),
+        Row(part="node, 25 Hz: cpu, all", unit="%", p50=9.0),
+        Row(part="node, 25 Hz: cpu, loop", unit="%", p50=7.0),
     ]
 
 
