@@ -110,7 +110,10 @@ def heard(
         result["summary"] = json.loads(node.communicate(timeout=30.0)[0])
         result["alerts"] = result["summary"].get("alerts", {})
         told = receiver.report()
-    return result | (figures(told, *result["window_ns"], rate_hz) if seconds > 0 else {})
+    if seconds > 0:
+        begin_ns, end_ns = result["window_ns"]
+        result |= figures(told, begin_ns, end_ns, rate_hz)
+    return result
 
 
 @contextlib.contextmanager

@@ -125,12 +125,7 @@ def _states(protocol: str, seconds: float) -> dict[str, Any]:
         wire.close()
     finally:
         server.kill()
-    return {
-        "sent": readings,
-        "heard": len(spans_ms),
-        "superseded": 0,
-        "latency_ms": spread(spans_ms, 2),
-    }
+    return _line(readings, spans_ms, 0)
 
 
 class RtdeController:
@@ -281,9 +276,10 @@ def _measured(link: Link, seconds: float, report: Callable[[], dict[int, int]]) 
     spans_ms = [1e-6 * (heard[n] - at) for n, at in posted.items() if n in heard]
     if not spans_ms:
         raise LinkError("the other end heard nothing; run again on a machine with less to do")
-    return {
-        "sent": len(posted),
-        "heard": len(spans_ms),
-        "superseded": link.counters.superseded,
-        "latency_ms": spread(spans_ms, 2),
-    }
+    return _line(len(posted), spans_ms, link.counters.superseded)
+
+
+def _line(sent: int, spans_ms: list[float], superseded: int) -> dict[str, Any]:
+    latency_ms = spread(spans_ms, 2)
+    figures = {"heard": len(spans_ms), "superseded": superseded, "latency_ms": latency_ms}
+    return {"sent": sent, **figures}

@@ -66,16 +66,10 @@ def ports(
 
     Example: hri-predict bench ports --minutes 0.5
     """
-    _need_extras()
     rows = measure(costs(60.0 * minutes, predictor), 7, "ports")
     if not as_json:
         rows = [{key: _DASHES if v is None else v for key, v in row.items()} for row in rows]
     report(rows, as_json, "What each receiver hears of one node", _COLUMNS)
-
-
-def _need_extras() -> None:
-    need_extra("pymodbus", "modbus")
-    need_extra("rclpy", "ros2")
 
 
 def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
@@ -85,6 +79,8 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
     of the node's cycles, heartbeats and watchdog counts; ``deviation_ms``: of the intervals between
     them from the period; ``age_ms``: as the advice says; both ``None`` where a port has none.
     """
+    need_extra("pymodbus", "modbus")
+    need_extra("rclpy", "ros2")
     modbus = free_tcp_port()
     with contextlib.closing(RtdeController()) as robot, _people() as source:
 
@@ -105,19 +101,17 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
         wanted = ((NODE, "HEARTBEAT"), (ROBOT, "AGE"))
         found = _run(seconds, predictor, change=all_ports, partner=(poll, modbus, *wanted))
         begin_ns, end_ns = found["window_ns"]
-        yield _people_heard(found["summary"])
-        yield _can("CAN FD, 25 Hz, all ports", found)
-        polled = [row for row in found["partner"] if begin_ns <= row[0] <= end_ns]
-        yield {"receiver": "Modbus, polled every 10 ms", **_polled(polled)}
-        counts = [row for row in robot.heard if begin_ns <= row[0] <= end_ns]
-        yield {
-            "receiver": "RTDE, 125 Hz",
-            **_row([at for at, _ in counts], [n for _, n in counts], RTDE_HZ, []),
-        }
-        yield _bare("bare loop, all ports", found)
-    alone = _run(seconds, predictor)
-    yield _can("CAN FD, 25 Hz, alone", alone)
-    yield _bare("bare loop, alone", alone)
+        summary = found["summary"]  # the node's own counts, from its start to its end
+        counted = summary["source"]["live"]
+        more = {key: summary[key] for key in ("late_ticks", "seconds_at", "unknown_because")}
+        yield _line("node: ROS 2, 30 Hz", counted["scenes"], counted["lost"], **more)
+        can, bare = _cell("all ports", found)
+        yield can
+        yield _polled([row for row in found["partner"] if begin_ns <= row[0] <= end_ns])
+        at_ns, counts = zip(*(r for r in robot.heard if begin_ns <= r[0] <= end_ns), strict=True)
+        yield _numbered("RTDE, 125 Hz", at_ns, counts, RTDE_HZ)
+        yield bare
+    yield from _cell("alone", _run(seconds, predictor))
 
 
 def _run(seconds: float, predictor: str, **others: Any) -> dict[str, Any]:
@@ -133,7 +127,6 @@ def _run(seconds: float, predictor: str, **others: Any) -> dict[str, Any]:
 
 def rows(scope: Scope) -> Iterator[Row]:
     """Milliseconds at each receiver, with all ports and with CAN alone."""
-    _need_extras()
     return rows_of(costs(2.0 * scope.seconds, scope.network), "receiver")
 
 
@@ -170,51 +163,48 @@ def _publish(pipe: Connection) -> None:
 
 
 def _polled(rows: Sequence[tuple[int, ...]]) -> dict[str, Any]:
-    ages = [age for _, _, age in rows if age != NOT_AVAILABLE]
-    return _row([at for at, _, _ in rows], [beat for _, beat, _ in rows], RATE_HZ, ages)
+    at_ns, beats, ages = zip(*rows, strict=True)
+    known = [age for age in ages if age != NOT_AVAILABLE]
+    return _numbered("Modbus, polled every 10 ms", at_ns, beats, RATE_HZ, ages_ms=known)
 
 
-def _people_heard(summary: dict[str, Any]) -> dict[str, Any]:
-    """The counts of the node itself, from its start to its end."""
-    counted = summary["source"]["live"]
-    return {
-        "receiver": "node: ROS 2, 30 Hz",
-        "heard": counted["scenes"],
-        "lost": counted["lost"],
-        "deviation_ms": None,
-        "age_ms": None,
-        **{key: summary[key] for key in ("late_ticks", "seconds_at", "unknown_because")},
-    }
-
-
-def _can(receiver: str, found: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "receiver": receiver,
-        "heard": found["heard"],
-        "lost": found["missing"],
-        "deviation_ms": spread(found["deviation_ms"], 2),
-        "age_ms": spread(found["ages_ms"], 0),
-        "cpu_percent": found["cpu_percent"],
-    }
-
-
-def _bare(receiver: str, found: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "receiver": receiver,
-        "heard": len(found["bare_ms"]) + 1,
-        "lost": 0,
-        "deviation_ms": spread(found["bare_ms"], 2),
-        "age_ms": None,
-    }
-
-
-def _row(
-    at_ns: Sequence[int], numbers: Sequence[int], rate_hz: float, ages_ms: Sequence[float]
+def _numbered(
+    receiver: str, at_ns: Sequence[int], numbers: Sequence[int], rate_hz: float, **more: Any
 ) -> dict[str, Any]:
+    """A row of messages that are numbered, modulo 65536."""
     steps = [(b - a) % 65_536 for a, b in itertools.pairwise(numbers)]
+    lost = sum(step - 1 for step in steps if step > 1)
+    return _line(receiver, len(numbers), lost, deviations_ms=deviations(at_ns, rate_hz), **more)
+
+
+def _cell(what: str, found: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """The rows of a cell's CAN bus and its bare loop."""
+    yield _line(
+        f"CAN FD, 25 Hz, {what}",
+        found["heard"],
+        found["missing"],
+        deviations_ms=found["deviation_ms"],
+        ages_ms=found["ages_ms"],
+        cpu_percent=found["cpu_percent"],
+    )
+    bare = found["bare_ms"]
+    yield _line(f"bare loop, {what}", len(bare) + 1, 0, deviations_ms=bare)
+
+
+def _line(
+    receiver: str,
+    heard: int,
+    lost: int,
+    *,
+    deviations_ms: Sequence[float] = (),
+    ages_ms: Sequence[float] = (),
+    **more: Any,
+) -> dict[str, Any]:
     return {
-        "heard": len(numbers),
-        "lost": sum(step - 1 for step in steps if step > 1),
-        "deviation_ms": spread(deviations(at_ns, rate_hz), 2),
+        "receiver": receiver,
+        "heard": heard,
+        "lost": lost,
+        "deviation_ms": spread(deviations_ms, 2) if deviations_ms else None,
         "age_ms": spread(ages_ms, 0) if ages_ms else None,
+        **more,
     }

@@ -135,7 +135,8 @@ def rows_of(
     """A row for each figure in the lines of a command's table.
 
     Args:
-        lines: key -> figure, or a spread; a key without a unit at its end is left out.
+        lines: key -> figure, or a spread; or these by group; a key without a unit at its end is
+            left out.
         names: keys that name a line.
         more_is_better: keys of speeds and the like.
     """
@@ -147,7 +148,10 @@ def rows_of(
             end = next((end for end in _UNITS if key.endswith(end)), None)
             if end is None or value is None:
                 continue
-            figures = value if isinstance(value, Mapping) else {"p50": value}
             part = f"{name}: {key.removesuffix(end).replace('_', ' ')}"
-            better = key in more_is_better
-            yield Row(part=part, unit=_UNITS[end], more_is_better=better, **figures)
+            groups = value if isinstance(value, Mapping) and "p50" not in value else {"": value}
+            for group, found in groups.items():
+                figures = found if isinstance(found, Mapping) else {"p50": found}
+                whole = f"{part}, {group}" if group else part
+                better = key in more_is_better
+                yield Row(part=whole, unit=_UNITS[end], more_is_better=better, **figures)

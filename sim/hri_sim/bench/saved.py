@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from hri_predict import __version__
 from hri_predict.base.errors import ConfigError
@@ -38,9 +39,9 @@ class Change:
 
     section: str
     part: str
-    p50: float | None
-    p99: float | None
     verdict: str
+    p50: float | None = None
+    p99: float | None = None
 
 
 def as_json(machine: Mapping[str, Any], sections: Sections) -> dict[str, Any]:
@@ -82,9 +83,7 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
         told = json.loads(path.read_text(encoding="utf-8"))
         if told["format"] != FORMAT:
             raise ValueError(told["format"])
-        sections = {
-            str(name): [_row(row) for row in rows] for name, rows in told["sections"].items()
-        }
+        sections = TypeAdapter(dict[str, list[Row]]).validate_python(told["sections"])
         machine = dict(told["machine"])
     except OSError as error:
         raise ConfigError(f"--baseline {path}: {error.strerror}; {_REMEDY}") from error
@@ -93,15 +92,6 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
             f"--baseline {path}: not a bench of this version ({FORMAT}); {_REMEDY}"
         ) from error
     return machine, sections
-
-
-def _row(data: Any) -> Row:
-    row = Row(**data)
-    for name in ("p50", "p99"):
-        value = getattr(row, name)
-        if value is not None and not isinstance(value, int | float):
-            raise ValueError(name)
-    return row
 
 
 def compare(before: Sections, now: Sections, factor: float) -> list[Change]:
@@ -115,17 +105,13 @@ def compare(before: Sections, now: Sections, factor: float) -> list[Change]:
     for section, rows in now.items():
         old = {row.part: row for row in before.get(section, ())}
         changes += [_change(section, old.pop(row.part, None), row, factor) for row in rows]
-        changes += [_gone(section, row.part) for row in old.values()]
+        changes += [Change(section=section, part=part, verdict="gone") for part in old]
     return changes
-
-
-def _gone(section: str, part: str) -> Change:
-    return Change(section=section, part=part, p50=None, p99=None, verdict="gone")
 
 
 def _change(section: str, old: Row | None, row: Row, factor: float) -> Change:
     if old is None:
-        return Change(section=section, part=row.part, p50=None, p99=None, verdict="new")
+        return Change(section=section, part=row.part, verdict="new")
     p50, p99 = _ratio(old.p50, row.p50), _ratio(old.p99, row.p99)
     worse = [1.0 / r if row.more_is_better else r for r in (p50, p99) if r is not None]
     if row.p50 is None and old.p50 is not None:

@@ -90,8 +90,8 @@ def trackers(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Figures of each tracker with each noise, one walk each."""
-    found = walked(cases(), 1, scope.network)
+    """Figures of each tracker with each noise, one walk each; of a quick run, without noise."""
+    found = walked(cases(None if scope.episodes else "none"), 1, scope.network)
     return rows_of(found, "tracker", "noise", more_is_better=("predictive_m_s", "iso_m_s"))
 
 

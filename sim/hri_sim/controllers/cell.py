@@ -28,7 +28,7 @@ from hri_predict.contracts.source import Source
 from hri_predict.robots.model import RobotModel, RobotSettings
 from hri_sim.controllers.controller import ControllerSettings
 from hri_sim.controllers.process import job_for
-from hri_sim.controllers.station import Post, Station, at_far_end, channels, codec_for, posts
+from hri_sim.controllers.station import Post, Station, at_far_end, codec_for, posts
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.referee import KnownPeople, KnowsTruth, Referee, TruePeople
 
@@ -274,7 +274,7 @@ class MockCell:
         self._processes.clear()
         for station, far in self._stations:
             far.close()
-            self._ended.append(station.report())
+            self._ended.append(station.core.report())
         self._stations.clear()
         self._due_ns.clear()
         for wiring in self._wirings.values():
@@ -291,7 +291,8 @@ class MockCell:
         return sorted({post.robot_index for post in self._posts.values()})
 
     def _channels(self, index: int) -> list[str]:
-        return channels(list(self._posts.values()), index)
+        """Names of one robot's controllers, in order."""
+        return [post.name for post in self._posts.values() if post.robot_index == index]
 
     def _spawn(self, post: Post) -> "_Process":
         names = self._channels(post.robot_index)

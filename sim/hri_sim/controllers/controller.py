@@ -34,7 +34,6 @@ from hri_predict.protocol.messages import (
     Level,
     Message,
     OperatingMode,
-    RobotMode,
     RobotState,
     Schema,
 )
@@ -42,7 +41,7 @@ from hri_predict.protocol.reception import FORGET_S, SchemaGate
 from hri_predict.robots.mobile_base import COORDINATES
 from hri_sim.controllers.arm import base_of
 from hri_sim.controllers.button import Button
-from hri_sim.controllers.lies import LieSettings, RequestSettings
+from hri_sim.controllers.lies import AUTOMATIC, LieSettings, RequestSettings, Said
 from hri_sim.controllers.tools import NOTHING, Mounted, ToolChange
 
 U = TypeVar("U")
@@ -247,11 +246,9 @@ class ControllerCore(Generic[U]):
         now_ns: int,
         q: Floats | None,
         qd: Floats | None,
-        mode: RobotMode,
+        said: Said = AUTOMATIC,
         *,
         mounted: Mounted = NOTHING,
-        request: OperatingMode = OperatingMode.AUTOMATIC,
-        enabling: bool = False,
     ) -> list[U]:
         """Return what to send now: RobotState when due, Acknowledge if the button is pressed.
 
@@ -259,10 +256,8 @@ class ControllerCore(Generic[U]):
             now_ns: controller's clock.
             q, qd: (N,) rad and rad/s, m and m/s, a moving base's coordinates first; ``None`` while
                 unknown: then nothing is sent.
-            mode: operating mode to report.
+            said: what else RobotState reports.
             mounted: the tool.
-            request: operating mode that the operator asks for.
-            enabling: whether the enabling device is held.
         """
         units: list[U] = []
         if self._next_state_ns is None:
@@ -276,15 +271,15 @@ class ControllerCore(Generic[U]):
             self._sent_ns.append(now_ns)
             state = RobotState(
                 robot=self._robot,
-                mode=mode,
+                mode=said.mode,
                 counter=self._counter,
                 positions=tuple(q[self._lead :].tolist()),
                 velocities=tuple(qd[self._lead :].tolist()),
                 tool=mounted.number,
                 tool_confirmed=mounted.confirmed,
                 base=base_of(q, qd) if self._lead else None,
-                request=request,
-                enabling=enabling,
+                request=said.request,
+                enabling=said.enabling,
             )
             units += self._codec.encode(state)
             self._report.states_sent += 1

@@ -137,6 +137,9 @@ class Said:
     enabling: bool = False
 
 
+AUTOMATIC = Said()
+
+
 class Requests:
     """All requests of one controller; of several at a time the first in the list counts.
 
@@ -158,4 +161,4 @@ class Requests:
                 manual = each.request == "teach" if each.manual is None else each.manual
                 mode = RobotMode.MANUAL if manual else RobotMode.AUTOMATIC
                 return Said(mode, OperatingMode[each.request.upper()], each.enabling)
-        return Said()
+        return AUTOMATIC

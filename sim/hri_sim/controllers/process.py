@@ -77,7 +77,7 @@ def main(arguments: Sequence[str]) -> int:
         _run(station=station, transport=transport, clock=clock, ended=ended, orphaned=orphaned)
     finally:
         transport.close()
-        _tell(asdict(station.report()))
+        _tell(asdict(station.core.report()))
     return 0
 
 
@@ -108,7 +108,7 @@ def _run(
             try:
                 transport.write(unit)
             except LinkError:
-                station.write_failed()
+                station.core.write_failed()
         if orphaned.is_set():
             linger_until_ns = linger_until_ns or now_ns + int(_LINGER_S * 1e9)
             if station.at_rest or now_ns >= linger_until_ns:

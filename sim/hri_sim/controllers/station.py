@@ -20,7 +20,6 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.clock import Clock
 from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.settings import validated
-from hri_predict.contracts.cell import ControllerReport
 from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.messages import OperatingMode, RobotMode
 from hri_predict.robots.model import RobotModel, RobotSettings, TrajectoryMotion, load_robot
@@ -32,7 +31,7 @@ from hri_sim.controllers.controller import (
     ControllerSettings,
     Permit,
 )
-from hri_sim.controllers.lies import Lies, Requests
+from hri_sim.controllers.lies import Lies, Requests, Said
 from hri_sim.controllers.tools import Mounted, ToolChanger
 from hri_sim.controllers.wiring import Wiring
 from hri_sim.faults.link_faults import LINK_FAULTS, FaultyTransport
@@ -202,11 +201,6 @@ def posts(
     ]
 
 
-def channels(all_posts: Sequence[Post], robot_index: int) -> list[str]:
-    """Return the names of one robot's controllers: the channels of its wiring, in order."""
-    return [post.name for post in all_posts if post.robot_index == robot_index]
-
-
 def codec_for(link: LinkSettings) -> Codec[Any]:
     """Return a codec for the far end of ``link``.
 
@@ -221,7 +215,11 @@ def codec_for(link: LinkSettings) -> Codec[Any]:
 
 
 class Station(Generic[U]):
-    """A running controller. ``cycle`` is its program: read, decide, move, answer."""
+    """A running controller. ``cycle`` is its program: read, decide, move, answer.
+
+    Attributes:
+        core: its logic, which also makes its report.
+    """
 
     def __init__(self, post: Post, codec: Codec[U], wiring: Wiring) -> None:
         """Set up the controller of ``post``.
@@ -231,7 +229,7 @@ class Station(Generic[U]):
         """
         self.post = post
         self.period_ns = int(post.settings.period_s * 1e9)
-        self._core = ControllerCore(
+        self.core = ControllerCore(
             name=post.name,
             settings=post.settings,
             robot=post.robot_index,
@@ -260,23 +258,23 @@ class Station(Generic[U]):
 
     def cycle(self, units: Sequence[U], now_ns: int) -> list[U]:
         """Take the units received by ``now_ns``, decide, move the arm; return the units to send."""
-        self._core.receive(units, now_ns)
-        permit = self._core.permit(now_ns)
+        self.core.receive(units, now_ns)
+        permit = self.core.permit(now_ns)
         self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns)
         if self._arm is None:
-            self._core.obey(permit, now_ns)
+            self.core.obey(permit, now_ns)
             truth = self._wiring.truth()
             if truth is None:
-                return self._core.outgoing(now_ns, None, None, mode=RobotMode.UNKNOWN)
+                return self.core.outgoing(now_ns, None, None)
             told = self._lies.told(*truth.at(now_ns), now_ns)
             if not truth.alive(now_ns):
-                unknown = RobotMode.UNKNOWN
-                return self._core.outgoing(now_ns, *told, mode=unknown, mounted=truth.mounted)
+                unknown = Said(RobotMode.UNKNOWN)
+                return self.core.outgoing(now_ns, *told, unknown, mounted=truth.mounted)
             return self._answer(now_ns, *told, truth.mounted)
         allowed = self._wiring.permitted_speed(now_ns)
         if allowed < permit.speed_m_s:
             permit = Permit(allowed, "other channel", permit.mode)
-        self._core.obey(permit, now_ns)
+        self.core.obey(permit, now_ns)
         fastest = self.post.robot.max_speed_m_s
         speed = self._lies.permitted(permit.speed_m_s, fastest, now_ns)
         mounted = self._changer.at(now_ns)
@@ -291,29 +289,12 @@ class Station(Generic[U]):
 
     def _answer(self, now_ns: int, q: Floats, qd: Floats, mounted: Mounted) -> list[U]:
         """Return what is sent while the robot is known: its state, its tool, and requests."""
-        said = self._requests.said(now_ns)
-        return self._core.outgoing(
-            now_ns,
-            q,
-            qd,
-            mode=said.mode,
-            request=said.request,
-            enabling=said.enabling,
-            mounted=mounted,
-        )
-
-    def write_failed(self) -> None:
-        """Count a unit that the link did not send."""
-        self._core.write_failed()
+        return self.core.outgoing(now_ns, q, qd, self._requests.said(now_ns), mounted=mounted)
 
     @property
     def at_rest(self) -> bool:
         """Whether the arm stands; always true for a monitor, which has no arm."""
         return self._arm is None or self._arm.at_rest
-
-    def report(self) -> ControllerReport:
-        """Return the controller's report up to now."""
-        return self._core.report()
 
 
 def _check_tools(settings: ControllerSettings, robot: RobotSettings, where: str) -> None:

@@ -20,7 +20,7 @@ from hri_predict.base.settings import validated
 from hri_predict.base.work.workers_for import workers_for
 from hri_predict.node.listeners import Tick
 from hri_predict.people.settings import PeopleSettings
-from hri_predict.protocol.messages import Level
+from hri_predict.run import assemble
 from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 from hri_predict.run.session import Options, View, run
@@ -235,7 +235,7 @@ class _Watch(View):
     """Sums what was permitted."""
 
     def __init__(self) -> None:
-        self.ticks = self.clear = 0
+        self.ticks = 0
         self.permitted = 0.0
         self.lost = 0
 
@@ -245,7 +245,6 @@ class _Watch(View):
             return
         advice = tick.advices[0]
         self.ticks += 1
-        self.clear += advice.level is Level.CLEAR
         self.permitted += advice.speed_limit_m_s or 0.0
         self.lost += bool(tick.snapshot.lost)
 
@@ -292,18 +291,11 @@ def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:
         if not request.occlude:
             episode = replace(episode, boxes=[], cameras=[[0.0, 0.0, 50.0]], rename=0.0)
         try:
-            configured_source = configured(base, episode, "iso", free_space=False)
-            _check_script(configured_source)
+            assemble.build_source(configured(base, episode, "iso", free_space=False))
         except HriPredictError:
             continue
         return episode
     raise ConfigError(f"--seed {request.seed}: episode {index} cannot be drawn; take another seed")
-
-
-def _check_script(config: Config) -> None:
-    from hri_predict.run.assemble import build_source
-
-    build_source(config)
 
 
 def simulate(

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+
+from hri_predict.lab.evaluation.table import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,19 +95,6 @@ class DistanceRequest:
     out: Path | None = None
 
 
-class ReportTable(Protocol):
-    """A table of texts: one row per line, the first column names it."""
-
-    @property
-    def title(self) -> str: ...  # noqa: D102
-
-    @property
-    def columns(self) -> Sequence[str]: ...  # noqa: D102
-
-    @property
-    def rows(self) -> Sequence[Sequence[str]]: ...  # noqa: D102
-
-
 @dataclass(frozen=True, kw_only=True)
 class SimulationReport:
     """The result of a simulation, as shown and written.
@@ -118,7 +106,7 @@ class SimulationReport:
         disagreements: one line for each episode with a different result in the whole node.
     """
 
-    tables: Sequence[ReportTable]
+    tables: Sequence[Table]
     notes: Sequence[str]
     json: str
     files: Sequence[Path]

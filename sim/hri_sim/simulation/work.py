@@ -1,7 +1,7 @@
 """Blocks of episodes: one process runs one block at a time; finished blocks are not repeated."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -155,30 +155,19 @@ def run_block(plan: SimulationPlan, block: Block) -> dict[str, Any]:
         scenario = scenario_of(plan, cell, index, motions)
         together = _bodies(plan, block.predictor, scenario)
         shared = truth_of(cell, scenario)
-        alone = run_episode(
-            cell=cell,
-            scenario=scenario,
-            variant=modes[0],
-            bodies=together,
-            truth=shared,
-            nobody=True,
-        )
+        played: dict[str, Any] = {
+            "cell": cell, "scenario": scenario, "bodies": together, "truth": shared,
+        }  # fmt: skip
+        alone = run_episode(variant=modes[0], nobody=True, **played)
         truth = Truth.of(alone, cell.models)
-        found = outcome(cell=cell, scenario=scenario, log=alone, alone=alone, truth=truth).as_dict()
-        rows["outcomes"].append({"variant": ALONE.name} | found)
-        rows["predictions"].append(
-            prediction(
-                cell=cell, scenario=scenario, alone=alone, truth=truth, bodies=together
-            ).as_dict()
-        )
+        known: dict[str, Any] = {
+            "cell": cell, "scenario": scenario, "alone": alone, "truth": truth,
+        }  # fmt: skip
+        rows["outcomes"].append({"variant": ALONE.name} | asdict(outcome(log=alone, **known)))
+        rows["predictions"].append(asdict(prediction(bodies=together, **known)))
         for variant in modes:
-            log = run_episode(
-                cell=cell, scenario=scenario, variant=variant, bodies=together, truth=shared
-            )
-            found = outcome(
-                cell=cell, scenario=scenario, log=log, alone=alone, truth=truth
-            ).as_dict()
-            rows["outcomes"].append({"variant": variant.name} | found)
+            log = run_episode(variant=variant, **played)
+            rows["outcomes"].append({"variant": variant.name} | asdict(outcome(log=log, **known)))
             checked = (plan.names[block.predictor], index) in plan.checked
             if checked and not variant.is_foreknown:  # a node does not know the future
                 said = disagreement(cell, scenario, variant, log)

@@ -17,7 +17,7 @@ from hri_drivers.links.framed import SerialCodec
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame
 from hri_predict.protocol.codec import encode_payloads
 from hri_predict.protocol.definition import BY_TYPE
-from hri_predict.protocol.messages import Advice, Level, Message, RobotMode, Zone
+from hri_predict.protocol.messages import Advice, Level, Message, Zone
 from hri_predict.protocol.reasons import Reason
 from hri_predict.protocol.reception import OURS
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
@@ -136,7 +136,7 @@ def by_mock(story: Story) -> list[bool]:
         if what == "at":
             now_ns = 1_000_000 * more[0]
         elif what == "state":
-            assert core.outgoing(now_ns, np.zeros(1), np.zeros(1), RobotMode.AUTOMATIC)
+            assert core.outgoing(now_ns, np.zeros(1), np.zeros(1))
         elif what == "rx":
             core.receive(more, now_ns)
         else:

@@ -23,7 +23,7 @@ import yaml
 from hri_drivers.links.can.link import CanCodec, CanLink, CanLinkSettings
 from hri_predict.base.files import data_path
 from hri_predict.protocol.can import DEFAULT_BASE_ID, CanFrame, CanReceiver
-from hri_predict.protocol.messages import Advice, RobotMode, Status
+from hri_predict.protocol.messages import Advice, Status
 from hri_sim.baseline_demo import BASELINE
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
 from tests.hri_drivers.plc.conftest import everything
@@ -132,7 +132,7 @@ class InMock:
         now_ns = 1_000_000 * ms
         self._core.receive(frames, now_ns)
         permitted = self._core.permit(now_ns).speed_m_s > 0
-        assert self._core.outgoing(now_ns, np.zeros(6), np.zeros(6), RobotMode.AUTOMATIC)
+        assert self._core.outgoing(now_ns, np.zeros(6), np.zeros(6))
         return permitted
 
 

@@ -15,7 +15,6 @@ from hri_predict.protocol.messages import (
     Acknowledge,
     Advice,
     Level,
-    RobotMode,
     RobotState,
     Schema,
 )
@@ -78,7 +77,7 @@ class Pair:
             self.speeds.append(permit.speed_m_s)
             self.causes.append(permit.cause)
             q = np.zeros(6)
-            for unit in self.core.outgoing(now_ns, q, q, RobotMode.AUTOMATIC):
+            for unit in self.core.outgoing(now_ns, q, q):
                 for message in self.node.decode(unit):
                     self.heard.append((self.ms, message))
             self.ms += 1

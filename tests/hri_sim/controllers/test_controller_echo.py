@@ -14,7 +14,7 @@ import pytest
 from hri_drivers.links.can.link import CanCodec, CanLinkSettings
 from hri_drivers.links.framed import SerialCodec
 from hri_predict.protocol.definition import SCHEMA_HASH, SCHEMA_VERSION
-from hri_predict.protocol.messages import Advice, Level, RobotMode, Schema
+from hri_predict.protocol.messages import Advice, Level, Schema
 from hri_predict.protocol.reasons import Reason
 from hri_sim.controllers.controller import ControllerCore, ControllerSettings
 
@@ -68,7 +68,7 @@ class Pair:
             if permit.speed_m_s > 0:
                 self.moving.append(self.ms)
             q = np.zeros(6)
-            for unit in self.core.outgoing(now_ns, q, q, RobotMode.AUTOMATIC):
+            for unit in self.core.outgoing(now_ns, q, q):
                 for message in self.node.decode(unit):
                     self._later(heard, answer_ms, message.counter)
             self.ms += 1
@@ -140,7 +140,7 @@ def test_only_echoes_of_the_newest_states_are_believed(rate_hz, back_s, cause):
     now_ns = 65536 * period_ns - 100 * MS  # the counter begins by the clock
     counters = []
     for _ in range(round(0.2 * rate_hz)):
-        units = pair.core.outgoing(now_ns, np.zeros(6), np.zeros(6), RobotMode.AUTOMATIC)
+        units = pair.core.outgoing(now_ns, np.zeros(6), np.zeros(6))
         counters += [m.counter for unit in units for m in pair.node.decode(unit)]
         now_ns += period_ns
     steps = [(after - before) % 65536 for before, after in pairwise(counters)]
@@ -148,7 +148,7 @@ def test_only_echoes_of_the_newest_states_are_believed(rate_hz, back_s, cause):
     assert max(counters) > 65530
     assert counters[-1] < rate_hz
     for _ in range(round(1.0 * rate_hz)):
-        units = pair.core.outgoing(now_ns, np.zeros(6), np.zeros(6), RobotMode.AUTOMATIC)
+        units = pair.core.outgoing(now_ns, np.zeros(6), np.zeros(6))
         counters += [m.counter for unit in units for m in pair.node.decode(unit)]
         now_ns += period_ns
     advice = replace(GOOD, echo=(counters[-1] - round(back_s * rate_hz)) % 65536)
@@ -160,7 +160,7 @@ def test_what_answers_a_life_before_this_one_is_not_believed():
     lives = []
     for start_ns in (10_000 * MS, 15_200 * MS):  # the controller restarts after 5.2 s
         pair = Pair()
-        units = pair.core.outgoing(start_ns, np.zeros(6), np.zeros(6), RobotMode.AUTOMATIC)
+        units = pair.core.outgoing(start_ns, np.zeros(6), np.zeros(6))
         lives += [m.counter for unit in units for m in pair.node.decode(unit)]
     assert (lives[1] - lives[0]) * 20 == 5200
     advice = replace(GOOD, echo=lives[0])

@@ -270,7 +270,7 @@ IDENTITY = (
 
 # -- people who vanish in an exit, or at its edge, and have not left by it; and one who has --------
 
-_EXIT = {"polygon": [[3.2, 2.0], [4.2, 2.0], [4.2, 3.0], [3.2, 3.0]]}
+_EXIT = {"polygon": _DOOR}
 _ENDS_S = 16.0
 _LEGS = ",".join(name for name in JOINTS if name[2:] in ("knee", "ankle", "foot"))
 

@@ -1,17 +1,16 @@
 """Results of ``simulate`` on the screen, in its three forms."""
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as ScreenTable
 
-from hri_predict.cli.common import counting, tell
-from hri_predict.cli.common import show as show_tables
-from hri_predict.lab.evaluation import table as evaluation
+from hri_predict.cli.common import counting, result, show, tell
+from hri_predict.lab.evaluation.table import Table
 from hri_sim.simulation.request import (
     DistanceRequest,
     OcclusionRequest,
@@ -27,21 +26,15 @@ def occluded(request: OcclusionRequest, *, as_json: bool) -> int:
     with counting("episodes") as progress:
         rows = list(play(request, progress))
     found = [_of_mode([row for row in rows if row.mode == mode]) for mode in request.modes]
-    if as_json:
-        print(
-            json.dumps(
-                {"request": asdict(request) | {"config": str(request.config)}, "modes": found}
-            )
-        )
-    else:
-        _show(request, found)
+    asked = asdict(request) | {"config": str(request.config)}
+    result(as_json, {"request": asked, "modes": found}, [_table(request, found)])
     for row in rows:
         if row.contacts:
             print(f"contact: episode {row.index}, mode {row.mode}", file=sys.stderr)
     return int(any(row.contacts for row in rows))
 
 
-def _of_mode(rows: Sequence[OcclusionRow]) -> dict[str, object]:
+def _of_mode(rows: Sequence[OcclusionRow]) -> dict[str, Any]:
     count = max(len(rows), 1)
     return {
         "mode": rows[0].mode if rows else "",
@@ -53,31 +46,28 @@ def _of_mode(rows: Sequence[OcclusionRow]) -> dict[str, object]:
     }
 
 
-def _show(request: OcclusionRequest, found: Sequence[dict[str, object]]) -> None:
+def _table(request: OcclusionRequest, found: Sequence[dict[str, Any]]) -> Table:
     seen = "nothing is hidden" if not request.occlude else f"{request.cameras} camera(s)"
     free = ", free space seen" if request.free_space else ""
     rates = ", ".join(f"{rate:g}" for rate in request.rates_hz)
-    table = Table(title=f"{request.episodes} episodes at {rates} Hz, {seen}{free}")
-    for column in (
-        "mode", "contacts, moving", "contacts, standing", "speed permitted, %", "person lost, %"
-    ):  # fmt: skip
-        table.add_column(column, justify="left" if column == "mode" else "right")
-    for row in found:
-        table.add_row(
-            str(row["mode"]),
-            str(row["contacts"]),
-            str(row["contacts_standing"]),
-            f"{100 * float(str(row['permitted'])):.1f}",
-            f"{100 * float(str(row['lost'])):.1f}",
-        )
-    Console().print(table)
-
-
-# -- simulate --distance: how near people may work while the robot runs ----------------------------
+    return Table(
+        f"{request.episodes} episodes at {rates} Hz, {seen}{free}",
+        ("mode", "contacts, moving", "contacts, standing", "speed permitted, %", "person lost, %"),
+        tuple(
+            (
+                row["mode"],
+                str(row["contacts"]),
+                str(row["contacts_standing"]),
+                f"{100 * row['permitted']:.1f}",
+                f"{100 * row['lost']:.1f}",
+            )
+            for row in found
+        ),
+    )
 
 
 def distances(request: DistanceRequest, *, as_json: bool) -> int:
-    """Measure all cases and print a table."""
+    """Measure how near people may work while the robot runs, in all cases; print a table."""
     from hri_sim.simulation.distance import run as measured
 
     with counting("people") as progress:
@@ -85,33 +75,26 @@ def distances(request: DistanceRequest, *, as_json: bool) -> int:
     if as_json:
         print(report.json)
     else:
-        show_tables(
-            [table for table in report.tables if isinstance(table, evaluation.Table)], report.notes
-        )
+        show(report.tables, report.notes)
     if report.files:
         tell(report.files)
     return 0
 
 
-# -- a simulation's tables and notes on the screen -------------------------------------------------
-
-
-def show(report: SimulationReport) -> None:
-    """Print them, one column for each row, because rows are wider than a terminal."""
+def show_report(report: SimulationReport) -> None:
+    """Print tables and notes; rows are wider than a terminal, so each becomes a column."""
     console = Console()
     for table in report.tables:
-        shown = Table(
+        shown = ScreenTable(
             title=table.title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0)
         )
-        # one column per variant: a row of intervals is wider than a terminal
         labels = 1 + (table.columns[1] == "mode")
         shown.add_column("", overflow="fold")
         for row in table.rows:
             shown.add_column("\n".join(row[:labels]), justify="right", overflow="fold")
-        for k, column in enumerate(table.columns[labels:], labels):
-            shown.add_row(column, *(row[k] for row in table.rows))
+        for head, *cells in list(zip(table.columns, *table.rows, strict=True))[labels:]:
+            shown.add_row(head, *cells)
         console.print(shown)
-    for note in report.notes:
-        console.print(f"- {note}", markup=False, highlight=False)
-    for path in report.files:
-        print(f"written: {path}", file=sys.stderr)
+    show((), report.notes)
+    if report.files:
+        tell(report.files)

@@ -24,7 +24,7 @@ from hri_predict.lab.datasets.splits import USES
 from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import asked_predictors
-from hri_sim.simulation.command.shown import distances, occluded, show
+from hri_sim.simulation.command.shown import distances, occluded, show_report
 from hri_sim.simulation.distance.people import ACTIVITIES, FULL, own_sights, sights
 from hri_sim.simulation.request import (
     DistanceRequest,
@@ -323,7 +323,7 @@ def simulate(
     if as_json:
         print(report.json)
     else:
-        show(report)
+        show_report(report)
     for line in report.disagreements:
         print(f"disagrees with the whole node: {line}", file=sys.stderr)
     return 1 if report.disagreements else 0

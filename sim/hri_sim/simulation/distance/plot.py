@@ -19,14 +19,10 @@ Found = Sequence[tuple[Case, dict[str, Any]]]
 
 def write_plots(found: Found, terms: tuple[Case, Waterfall], out: Path) -> list[Path]:
     """Write every plot into an existing folder; return the files."""
-    files = [_written(speeds(found), out / "speed_over_distance.png")]
+    figures = {"speed_over_distance.png": speeds(found)}
     if terms[1].total_m is not None:
-        files.append(_written(falling(*terms), out / "waterfall.png"))
-    return files
-
-
-def _written(figure: Figure, path: Path) -> Path:
-    return write_figure(figure, path, dpi=_DPI)
+        figures["waterfall.png"] = falling(*terms)
+    return [write_figure(figure, out / name, dpi=_DPI) for name, figure in figures.items()]
 
 
 def falling(case: Case, found: Waterfall) -> Figure:

@@ -4,7 +4,7 @@ Only the time with a person in the room counts; the time before is the robot's s
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -61,10 +61,6 @@ class Outcome(Tally, Touches):
     lead_s: list[float] = field(default_factory=list)
     cycles: float = 0.0
     cycles_empty: float = 0.0
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 @dataclass
@@ -201,10 +197,6 @@ class Prediction:
     false_positive: int = 0
     false_negative: int = 0
     true_negative: int = 0
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return asdict(self)
 
 
 def prediction(

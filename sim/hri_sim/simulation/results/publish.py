@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,12 @@ from hri_sim.simulation.request import SimulationReport
 from hri_sim.simulation.results.report import (
     Judged,
     Row,
-    as_json,
     notes,
     predicted,
     recordings_table,
     tables,
 )
+from hri_sim.simulation.results.statistics import Estimate
 from hri_sim.simulation.whole_node import TOLERANCE_M, TOLERANCE_S
 
 NAMED = 3
@@ -74,9 +74,8 @@ def report(result: Result, out: Path | None) -> SimulationReport:
         from hri_sim.simulation.results.plot import write_plots  # needs matplotlib
 
         written = [*shown, recordings_table(result.results)]
-        markdown = "\n\n".join(
-            ["# Closed loop", *[t.markdown() for t in written], "\n".join(f"- {n}" for n in said)]
-        )
+        notes_text = "\n".join(f"- {n}" for n in said)
+        markdown = "\n".join(["# Closed loop\n", *(t.markdown() for t in written), notes_text])
         with writing(f"--out {out}", "free some space, then give --resume"):
             for name, content in (("simulate.md", markdown), ("simulate.json", text)):
                 atomic_write(out / name, (content + "\n").encode())
@@ -104,7 +103,7 @@ def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
         "zones": [basis.as_json() for basis in result.bases],
         "results": [_judged(r) for r in (*result.results, result.alone)],
         "touch_within_1s": {
-            name: as_json(predicted(rows)) for name, rows in result.predictions.items()
+            name: plain(predicted(rows)) for name, rows in result.predictions.items()
         },
         "whole_node": {"episodes": result.checks, "disagreements": list(result.disagreements)},
         "left_out": list(result.left_out),
@@ -112,11 +111,16 @@ def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
     }
 
 
+def plain(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
+    """Return values and intervals as plain data, not scaled."""
+    return {key: asdict(estimate) for key, estimate in estimates.items()}
+
+
 def _judged(result: Judged) -> dict[str, Any]:
     return {
         "predictor": result.predictor,
         "mode": result.variant,
-        "estimates": as_json(result.estimates),
+        "estimates": plain(result.estimates),
         "totals": dict(result.totals),
         "by_recording": dict(result.by_recording),
     }

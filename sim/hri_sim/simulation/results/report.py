@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from hri_predict.lab.evaluation.table import Table
 from hri_predict.recording.recording import names_of
 from hri_sim.simulation.cell import FOREKNOWN
 from hri_sim.simulation.results.outcome import HORIZON_S, NEAR_M
@@ -171,22 +172,6 @@ def predicted(rows: Sequence[Row]) -> dict[str, Estimate]:
     }
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table as text."""
-
-    title: str
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    def markdown(self) -> str:
-        """Return the table as Markdown."""
-        lines = [f"## {self.title}", "", "| " + " | ".join(self.columns) + " |"]
-        lines.append("|" + "---|" * len(self.columns))
-        lines += ["| " + " | ".join(row) + " |" for row in self.rows]
-        return "\n".join(lines)
-
-
 def shown(estimate: Estimate, metric: Metric) -> str:
     """Return a value and its interval, or a dash if the denominator is 0."""
     if estimate.value is None:
@@ -213,33 +198,40 @@ def tables(
     everybody = (*results, alone)
     harm = Table(
         f"Safety: {what}",
-        ["predictor", "mode", "contacts, moving", *[m.title for m in HARM], "deepest, cm"],
-        [
-            [r.predictor, r.variant, str(r.totals["contacts"])]
-            + [shown(r.estimates[m.key], m) for m in HARM]
-            + [f"{r.totals['violation_depth_m'] * 100:.0f}"]
+        ("predictor", "mode", "contacts, moving", *(m.title for m in HARM), "deepest, cm"),
+        tuple(
+            (
+                r.predictor,
+                r.variant,
+                str(r.totals["contacts"]),
+                *(shown(r.estimates[m.key], m) for m in HARM),
+                f"{r.totals['violation_depth_m'] * 100:.0f}",
+            )
             for r in everybody
-        ],
+        ),
     )
     work = Table(
         "Cost, and foresight",
-        ["predictor", "mode", *[m.title for m in WORK]],
-        [
-            [r.predictor, r.variant]
-            + [
-                "–" if r is alone and m.key != "productivity" else shown(r.estimates[m.key], m)
-                for m in WORK
-            ]
+        ("predictor", "mode", *(m.title for m in WORK)),
+        tuple(
+            (
+                r.predictor,
+                r.variant,
+                *(
+                    "–" if r is alone and m.key != "productivity" else shown(r.estimates[m.key], m)
+                    for m in WORK
+                ),
+            )
             for r in everybody
-        ],
+        ),
     )
     touch = Table(
         f"Prediction: body and robot touch within {HORIZON_S:g} s (mean bodies, planned robot)",
-        ["predictor", *[m.title for m in PREDICTION]],
-        [
-            [name, *[shown(e, m) for e, m in zip(predicted(rs).values(), PREDICTION, strict=True)]]
+        ("predictor", *(m.title for m in PREDICTION)),
+        tuple(
+            (name, *(shown(e, m) for e, m in zip(predicted(rs).values(), PREDICTION, strict=True)))
             for name, rs in predictions.items()
-        ],
+        ),
     )
     return [harm, work, touch]
 
@@ -277,12 +269,16 @@ def recordings_table(results: Sequence[Judged]) -> Table:
 
     return Table(
         "Productivity, %, by recording",
-        ["recording", "approaches", "seconds", *variants],
-        [
-            [name, f"{first[name]['approaches']:.0f}", f"{first[name]['seconds']:.0f}"]
-            + [productivity(r, name) for r in results]
+        ("recording", "approaches", "seconds", *variants),
+        tuple(
+            (
+                name,
+                f"{first[name]['approaches']:.0f}",
+                f"{first[name]['seconds']:.0f}",
+                *(productivity(r, name) for r in results),
+            )
             for name in longest_first
-        ],
+        ),
     )
 
 
@@ -331,8 +327,3 @@ def notes(results: Sequence[Judged]) -> list[str]:
     if recordings < 2:
         said.append("With one recording there is no interval: all resamples are the same.")
     return said
-
-
-def as_json(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    """Return values and intervals as plain data, not scaled."""
-    return {key: {"value": e.value, "low": e.low, "high": e.high} for key, e in estimates.items()}

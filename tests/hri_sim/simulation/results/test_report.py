@@ -1,5 +1,7 @@
 """Outcomes added up, and shown."""
 
+from dataclasses import asdict
+
 import pytest
 
 from hri_sim.simulation.results.outcome import Outcome, Prediction
@@ -21,7 +23,7 @@ def rows(**differing):
     base = {"seconds": 1800.0, "judged_s": 900.0}
     pairs = [{k: v[i] for k, v in differing.items()} for i in (0, 1)]
     return [
-        Outcome(index=i, motion=name, **(base | pair)).as_dict()
+        asdict(Outcome(index=i, motion=name, **(base | pair)))
         for i, (name, pair) in enumerate(zip("ab", pairs, strict=True))
     ]
 
@@ -73,8 +75,8 @@ def test_productivity_by_recording_the_longest_first():
     iso = rows(seconds=(10.0, 99.6), cycles=(-1e-17, 1.0), cycles_empty=(4.0, 0.0))
     other = rows(seconds=(10.0, 99.6), cycles=(3.0, 1.0), cycles_empty=(4.0, 2.0))
     table = recordings_table([judged("p", "iso", iso), judged("p", "predictive", other)])
-    assert table.columns[3:] == ["p iso", "p predictive"]
-    assert table.rows == [["b", "1", "100", "–", "50.0"], ["a", "1", "10", "0.0", "75.0"]]
+    assert table.columns[3:] == ("p iso", "p predictive")
+    assert table.rows == (("b", "1", "100", "–", "50.0"), ("a", "1", "10", "0.0", "75.0"))
 
 
 def test_nothing_to_divide_by_is_a_dash():
@@ -110,7 +112,7 @@ def test_precision_recall_and_f1_by_hand():
             true_negative=5,
         ),
     ]
-    found = predicted([c.as_dict() for c in counts])
+    found = predicted([asdict(c) for c in counts])
     assert [found[k].value for k in ("precision", "recall", "f1")] == pytest.approx(
         [3 / 4, 3 / 5, 6 / 9]
     )
@@ -119,14 +121,16 @@ def test_precision_recall_and_f1_by_hand():
 def test_no_alarm_and_no_touch_is_a_dash_each():
     found = predicted(
         [
-            Prediction(
-                index=0,
-                motion="a",
-                true_positive=0,
-                false_positive=0,
-                false_negative=0,
-                true_negative=9,
-            ).as_dict()
+            asdict(
+                Prediction(
+                    index=0,
+                    motion="a",
+                    true_positive=0,
+                    false_positive=0,
+                    false_negative=0,
+                    true_negative=9,
+                )
+            )
         ]
     )
     assert [e.value for e in found.values()] == [None] * 3
@@ -134,7 +138,7 @@ def test_no_alarm_and_no_touch_is_a_dash_each():
 
 def test_tables_say_how_few_recordings_there_are_and_end_with_no_protection():
     result, alone = judged("p", "iso", rows()), judged("–", "no protection", rows(touches=(1, 0)))
-    harm, work, touch = tables([result], alone, {"p": [Prediction(index=0, motion="a").as_dict()]})
+    harm, work, touch = tables([result], alone, {"p": [asdict(Prediction(index=0, motion="a"))]})
     assert "2 approaches of 2 recordings" in harm.title
     assert (
         [row[1] for row in harm.rows]
@@ -148,7 +152,7 @@ def test_tables_say_how_few_recordings_there_are_and_end_with_no_protection():
     assert any("only 2" in note for note in notes([result]))
     for table in (harm, work, touch):
         assert all(len(row) == len(table.columns) for row in table.rows)
-        assert table.markdown().count("\n") == 2 + 1 + len(table.rows)
+        assert table.markdown().count("\n") == 3 + 1 + len(table.rows)
 
 
 @pytest.mark.parametrize(
