@@ -1,8 +1,8 @@
 """The parts of the structured text in ``drivers/plc`` that follow from the definition.
 
 The block ``HRI_ADVICE_FIELDS``, which reads each field of an Advice, is written between two marks
-of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them. The
-rest is written by hand.
+of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them, and
+the sizes of arrays that hold a whole frame of the serial line. The rest is written by hand.
 """
 
 import re
@@ -21,6 +21,7 @@ from hri_predict.protocol.serial import MAX_ENCODED
 
 _CONSTANT = re.compile(r"^( +([A-Z_0-9]+) : U\w+ := )[\w#]+(;)", re.MULTILINE)
 
+_WHOLE_FRAME = re.compile(r"^( +(?:Line|Frame) : ARRAY\[0\.\.)\d+(\] OF BYTE;)", re.MULTILINE)
 _WIDTH = 105
 
 
@@ -118,4 +119,6 @@ def renewed(text: str) -> str:
     """Return a source with its generated block and its constants written again."""
     known = constants()
     text = blocks.renewed(text, BLOCKS)
+    if "LONGEST :" in text:  # the serial line's: a PLC does not refuse an index beyond its array
+        text = _WHOLE_FRAME.sub(rf"\g<1>{MAX_ENCODED - 1}\2", text)
     return _CONSTANT.sub(lambda m: f"{m[1]}{known[m[2]]}{m[3]}" if m[2] in known else m[0], text)
