@@ -13,7 +13,7 @@ from hri_predict.protocol.definition import BY_TYPE, SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.fields import ROBOT_STRIDE, Field
 from hri_predict.protocol.generate import blocks
 from hri_predict.protocol.generate.c_messages import bits_of, name_of
-from hri_predict.protocol.messages import Advice, Schema
+from hri_predict.protocol.messages import Acknowledge, Advice, Schema
 from hri_predict.protocol.reception import FORGET_S
 from hri_predict.protocol.registers import MAP_VERSION, NEAREST, ROBOT, placed
 from hri_predict.protocol.robot_state import BASE_ROBOTS, ROBOT_STATE
@@ -39,6 +39,7 @@ def constants() -> dict[str, str]:
         "ADVICE_NUMBER": f"{BY_TYPE[Advice].number}",
         "ADVICE_PARTS": f"{BY_TYPE[Advice].parts}",
         "SCHEMA_NUMBER": f"16#{BY_TYPE[Schema].number:X}",
+        "ACKNOWLEDGE_NUMBER": f"16#{BY_TYPE[Acknowledge].number:X}",
         "STATE_NUMBER": f"{ROBOT_STATE.number}",
         "STATE_PARTS": f"{ROBOT_STATE.always}",
         "EXTRA_STRIDE": f"{ROBOT_STATE.extra[0].stride}",
