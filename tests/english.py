@@ -32,10 +32,10 @@ HABITS = {
 """Name -> pattern of what is avoided in every text."""
 
 OPENING = "What ..."
-"""Name of the habit to open a docstring with a question instead of a noun or a verb."""
+"""Name of the habit to open a docstring with a question or *of*, not with a noun or a verb."""
 
 _PATTERNS = {name: re.compile(pattern, re.IGNORECASE) for name, pattern in HABITS.items()}
-_OPENS = re.compile(r"(?:What|Where|Who|Whose|How)\b")
+_OPENS = re.compile(r"(?:What|Where|Who|Whose|How|Of|By how|For how)\b")
 _CODE = re.compile(r"``.*?``|`[^`]*`")
 _FENCED = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
 

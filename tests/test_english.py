@@ -51,6 +51,7 @@ def test_what_a_native_writes_is_not_counted(text):
 
 def test_a_docstring_that_opens_with_a_question_word_is_counted_and_an_error_is_not():
     assert habits_of("What a link sends.", is_docstring=True) == [OPENING]
+    assert habits_of("Of a link, the newest.", is_docstring=True) == [OPENING]
     assert habits_of("Whether a link sends.", is_docstring=True) == []
     assert habits_of("What a link sends.") == []
 

@@ -99,9 +99,9 @@ S = TypeVar("S", bound=Settings)
 
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
 MAX_COORDINATE_M = 1000.0
-"""Of what a source reports. With such a limit products of coordinates stay accurate."""
+"""Maximum coordinate of a source. With such a limit products of coordinates stay accurate."""
 MAX_ROOM_M = 100.0
-"""Of places in a configuration: a cell whose origin is farther away was written in another unit."""
+"""Maximum coordinate in a configuration: one farther away was written in another unit."""
 MIN_SPEED_M_S = 0.01
 """Nothing slower is configured: ISO 10218-1 has 0.25 m/s as reduced speed, and what moves by less
 than 1 mm/s counts as standing (``robots.stopping``)."""

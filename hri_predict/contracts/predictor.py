@@ -18,7 +18,7 @@ from hri_predict.base.settings import Settings
 from hri_predict.base.skeleton import CANONICAL, Skeleton
 
 MAX_STEPS = 100_000
-"""Of history or horizon: 10 s, the longest horizon, at 10 kHz."""
+"""Maximum number of steps of history or horizon: 10 s, the longest horizon, at 10 kHz."""
 
 
 MIN_HORIZON_S = 0.01

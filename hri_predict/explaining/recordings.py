@@ -77,7 +77,7 @@ class Recordings:
 
     @property
     def info(self) -> RecordingInfo:
-        """Of the first file."""
+        """Properties of the first file."""
         return self.files[0].info
 
     @property
@@ -86,7 +86,7 @@ class Recordings:
         return self.files[0].start_ns
 
     def info_at(self, utc_ns: int) -> RecordingInfo:
-        """Of the file that was being written then."""
+        """Return the properties of the file that was being written then."""
         begun = [file for file in self.files if file.start_ns <= utc_ns]
         return (begun or self.files[:1])[-1].info
 

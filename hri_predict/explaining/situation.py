@@ -131,7 +131,7 @@ class Situation:
 
     @property
     def info(self) -> RecordingInfo:
-        """Of the file of that moment."""
+        """Properties of the file of that moment."""
         return self.recordings.info_at(self.advice.utc_ns)
 
     @property

@@ -192,7 +192,7 @@ def _faults(faults: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 
 HEAD = f"{'from':>10} {'for':>8} {'cost':>7}  robot, worst level, why then"
-"""Of a list of episodes; ``cost`` is lost working time."""
+"""Head of a list of episodes; ``cost`` is lost working time."""
 
 
 def line_of(episode: Mapping[str, Any], width: int = 80) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 from hri_predict.protocol.fields import Field
 
 EPSILON = 1e-6
-"""Of a step: a decimal fraction is inexact in binary, and must not round the wrong way."""
+"""Tolerance in steps: a decimal fraction is inexact in binary, and must not round wrongly."""
 _ROUNDED = {"down": "floor(s + EPSILON)", "up": "ceil(s - EPSILON)", "nearest": "round(s)"}
 
 

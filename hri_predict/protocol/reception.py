@@ -10,7 +10,7 @@ OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 FORGET_S = 1.0  # after this silence, another node may answer, even one of another version
 
 ERRORS = ("crc_errors", "counter_errors", "malformed", "incomplete")
-"""Of ``ReceiveCounters``, those that must stop a controller if there are too many."""
+"""Fields of ``ReceiveCounters`` that must stop a controller if there are too many."""
 
 
 @dataclass(slots=True, kw_only=True)

@@ -14,7 +14,7 @@ MAP_VERSION = 1
 """Rises with every change that a PLC must follow."""
 NOT_AVAILABLE = 0xFFFF
 NO_PERSON = 0xFFFE
-"""Of NEAREST_MM: the sensor sees the room, and it is empty of people."""
+"""Value of NEAREST_MM: the sensor sees the room, and it is empty of people."""
 NO_ANGLE = 0x8000
 NO_STATE = -(2**31)
 """A position or velocity that the PLC does not know."""

@@ -46,7 +46,7 @@ def _velocity(number: int) -> Field:
 
 
 def _base(signal: str, text: str, unit: str, scale: int) -> Field:
-    """Of a moving base; "not available" where it does not move."""
+    """Return a field of a moving base; "not available" where it does not move."""
     return Field(
         signal=f"BASE_{signal}",
         bits=16,

@@ -20,7 +20,7 @@ from hri_predict.protocol.registers import (
 
 NAMESPACE = "urn:hri-predict:registers"
 INDEX = 2
-"""Of ``NAMESPACE`` in this server's array of namespaces."""
+"""Index of ``NAMESPACE`` in this server's array of namespaces."""
 LEFT_OUT = frozenset({"PLC_ALIVE"})  # no PLC_HEARTBEAT is written: OPC UA has sessions
 METHOD, CHOOSE = "Acknowledge", "ChooseSet"
 ARGUMENTS = tuple(register for register in WRITTEN if register.name.startswith("ACK"))

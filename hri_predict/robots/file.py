@@ -39,7 +39,7 @@ MAX_PART_M = 10.0
 """Between neighbouring joints, and from a joint to the end of a capsule. The longest arms of
 catalogues reach 4.7 m (FANUC M-2000iA/1700L)."""
 MAX_REACH_M = 15.0
-"""Of the whole chain: such an arm on a slide as long as RobotState carries."""
+"""Maximum reach of the whole chain: such an arm on a slide as long as RobotState carries."""
 MAX_TIP_M_S = 25.0
 """Maximum speed of the farthest point by one joint: twice that of the fastest delta robots."""
 PartMetres = Annotated[float, Field(ge=-MAX_PART_M, le=MAX_PART_M)]
@@ -54,7 +54,7 @@ def _printable(value: str) -> str:
 
 
 PartName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
-"""Of a joint, link or capsule: a URDF's names are taken as they are."""
+"""Name of a joint, link or capsule: a URDF's names are taken as they are."""
 
 
 Stopping = Annotated[float, Field(le=100)]  # seconds, metres, m/s: no robot needs more

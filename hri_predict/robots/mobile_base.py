@@ -56,7 +56,7 @@ class PartCourse:
     def of(
         cls, table: StoppingTable, speeds: Floats, times_s: Floats, reaction_s: float
     ) -> "PartCourse":
-        """Of a part at ``speeds`` (..., 1), at ``times_s`` (K,), not falling."""
+        """Return the course of a part at ``speeds`` (..., 1), at ``times_s`` (K,), not falling."""
         stopping_s = table.times_s(speeds)
         hold = table.hold_s(speeds, stopping_s)
         onset, braking = reaction_s + hold, stopping_s - hold

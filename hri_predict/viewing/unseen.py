@@ -15,7 +15,7 @@ from hri_predict.people.lost.free_space import CELL_M, FREE_SPACE_M, FreeSpace
 
 
 class UnseenFloor:
-    """Of one room, as ``room.room_of`` gives it; nothing where its sensor sees no free space."""
+    """Unseen floor of a room of ``room.room_of``; none where its sensor sees no free space."""
 
     def __init__(self, room: dict[str, Any]) -> None:
         self._space: FreeSpace | None = None

@@ -84,7 +84,7 @@ class BodyZones:
     errors_m: Floats | None = None
 
     def error_m(self, person: int) -> float:
-        """By how much all joints of a person may be off together, metres."""
+        """Error that all joints of a person may have in common, metres."""
         return 0.0 if self.errors_m is None else float(self.errors_m[person])
 
     @property

@@ -51,7 +51,7 @@ FOLDER = package_path("predictors", "weights")
 """Calibrations of shipped predictors lie next to the weights; so do those of the baselines."""
 
 VERSION = 3
-"""Of the files; 3 has a learned scale."""
+"""Version of the files; 3 has a learned scale."""
 
 Millimetres = Annotated[int, Field(ge=1, le=100_000)]
 Share = Annotated[int, Field(ge=1, le=1000)]

@@ -180,7 +180,7 @@ def _choose(ages: Floats, positions: Floats, observed: Bools, into: tuple[Floats
 
 @part
 def _slope_of(ages: Floats, place: Floats, used: Bools) -> tuple[float, float, float]:
-    """Of one joint: speed, deviation, and 1 if it is measured."""
+    """Return one joint's speed, deviation, and 1 if it is measured."""
     count, middle = 0, 0.0
     newest, oldest = inf, 0.0
     for c in range(len(ages)):
@@ -205,7 +205,7 @@ def _slope_of(ages: Floats, place: Floats, used: Bools) -> tuple[float, float, f
 
 @part
 def _variance_of(ages: Floats, place: Floats, used: Bools, kept: Floats) -> float:
-    """Of one joint, square metres: the residual of a parabola; -1: too few captures."""
+    """Return one joint's residual from a parabola, square metres; -1: too few captures."""
     n, middle = 0, 0.0
     for c in range(len(ages)):
         if used[c]:

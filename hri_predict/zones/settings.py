@@ -12,7 +12,7 @@ MIN_HUMAN_M_S2 = 3.0
 MAX_ASSUMED_M_S = 5.0
 """No person is assumed to be faster: with more, runners would not count as fast."""
 MIN_REACH_SHARE = 0.5
-"""Of the default reach, at least: less is less than people at work do."""
+"""Minimum share of the default reach: people at work do at least that."""
 
 LEVELS = (0.9, 0.95, 0.99)
 """Coverage levels of calibrated zones."""

@@ -23,7 +23,7 @@ LATENCY_S = 0.1
 LEARNING = 15
 """Pictures that only show how fast pictures arrive."""
 MAX_DRIFT = 200e-6
-"""Of the device's clock against ours; see ``offset_line``."""
+"""Maximum drift of the device's clock against this machine's; see ``offset_line``."""
 
 
 class Kinect(DepthCamera):

@@ -99,7 +99,7 @@ def _about(recordings: Recordings, at: AskedTime, robot: str | None, following: 
 
 
 def _width(most: int = 100) -> int:
-    """Of the terminal; prose wider than 100 characters is hard to read."""
+    """Return the terminal's width; prose wider than 100 characters is hard to read."""
     return max(40, min(most, shutil.get_terminal_size((80, 24)).columns))
 
 

@@ -80,7 +80,7 @@ def _capsules(zones: Told, person: int, step: int) -> Floats:
 
 
 def _robots(view: Told | None) -> dict[str, Floats]:
-    """Of each robot its capsules, from the cylinders and balls that a 3D view shows."""
+    """Return each robot's capsules, from the cylinders and balls that a 3D view shows."""
     found = {}
     for entity in map(mapped, listed(None if view is None else view.data.get("entities"))):
         name = text(entity.get("id"))

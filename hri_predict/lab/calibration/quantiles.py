@@ -30,7 +30,7 @@ def of_equals(samples: Sequence[Floats], level: float) -> float:
 
 
 def caution(recordings: float) -> float:
-    """By how much the share that may be missed is cut: a half for few recordings, less for more.
+    """Return the cut of the share that may be missed: a half for few recordings, less for more.
 
     Conformal prediction would count one more recording, in which nothing holds. That is right only
     in the worst case, impossible at 99 % with fewer than 99 recordings, and too much on average:

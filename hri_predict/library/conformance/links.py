@@ -116,7 +116,7 @@ def never_blocks_in_post(part: LinkPart) -> str:
 
 
 def sends_the_newest(part: LinkPart) -> str:
-    """Of what waits for the wire the newest goes, once: of each robot its own Advice."""
+    """The newest of what waits for the wire is sent, once: for each robot its own Advice."""
     link, wire = part.make()
     wire.lost = True
     for cycle in range(10):

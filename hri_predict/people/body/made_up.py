@@ -32,7 +32,7 @@ LONGEST_LOOP = 62
 """Captures in the longest loop with noise; bit for bit, ``Track.fingerprints`` finds all."""
 FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
-"""For how long limbs must have moved since the newest sign; after a loop, since its jump."""
+"""Times for which limbs must have moved since the newest sign; after a loop, since its jump."""
 FINEST_S = 1 / 30
 """Minimum time over which stops and jumps are judged: in less, a body that slows down gently moves
 no farther than one that stands may, and noise alone looks like a jump.

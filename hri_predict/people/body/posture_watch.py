@@ -46,7 +46,7 @@ VIEW_MARGIN_M = 0.5
 SMOOTH_S = 0.5
 JUDGE_NS = 30_000_000
 HOLD_S, HOLD_UPPER_S, HOLD_BONE_S, RELEASE_S = 0.5, 2.0, 4.0, 1.0
-"""For how long a body is wrong before it is refused: a whole body, one without a leg in view, and
+"""Times that a body is wrong before it is refused: a whole body, one without a leg in view, and
 one of which a single bone says all, since people look down at their work for some seconds."""
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
@@ -174,7 +174,7 @@ class PostureWatch:
         self.upright_seen |= record.upright_s >= HOLD_S
 
     def _hold_s(self, wrong: Verdict, turned: bool, record: _Record, posture: Posture) -> float:
-        """For how long a body must be wrong before it is refused."""
+        """Return the time for which a body must be wrong before it is refused."""
         impossible = self._out_of_reach(record)
         if not (posture.has_leg or impossible or wrong is Verdict.MIRRORED):
             return HOLD_UPPER_S if posture.bones > 1 else HOLD_BONE_S

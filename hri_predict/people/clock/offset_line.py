@@ -141,7 +141,7 @@ class OffsetLine:
         return max(-MAX_DRIFT, min(0.0, self._slope.value() or 0.0))
 
     def _unsure_ns(self) -> int:
-        """By how much the line may be wrong after a pause, before the drift is learnt."""
+        """Possible error of the line after a pause, before the drift is learnt."""
         alone_ns = self._now_ns - self._locked_ns
         if self._rate is not None or alone_ns <= YOUNG_NS:
             return 0
@@ -157,14 +157,14 @@ class OffsetLine:
         return max(slope - unsure, -MAX_DRIFT), min(slope + unsure, MAX_DRIFT)
 
     def _may_rise_ns(self, elapsed_ns: int) -> int:
-        """By how much the line may rise, beyond what it does by itself."""
+        """Return how far the line may rise beyond its own slope."""
         if self._rate is None:
             return round((self._between()[1] - self._young()) * elapsed_ns)
         left_ns = self._wander_ns - self.wandered_ns
         return max(0, min(round(MAX_WANDER * elapsed_ns), left_ns))
 
     def _may_fall_ns(self, elapsed_ns: int) -> int:
-        """By how much the clock may have run fast, unseen, while all scenes were late."""
+        """Return how far the clock may have run fast, unseen, while all scenes were late."""
         if self._rate is None:
             return round(max(0.0, self._young() - self._between()[0]) * elapsed_ns)
         alone = self._now_ns - self._locked_ns > HOLD_NS

@@ -306,7 +306,7 @@ class Worker:
 
     @property
     def silent_s(self) -> float:
-        """For how long it has owed an answer and given none."""
+        """Time in seconds for which an answer has been due."""
         return 0.0 if self._owed_since is None else time.perf_counter() - self._owed_since
 
     def end(self) -> None:

@@ -1,8 +1,8 @@
 """The parts of the structured text in ``drivers/plc`` that follow from the definition.
 
 The block ``HRI_ADVICE_FIELDS``, which reads each field of an Advice, is written between two marks
-of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them. The
-rest is written by hand.
+of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them, and
+the sizes of arrays that hold a whole frame of the serial line. The rest is written by hand.
 """
 
 import re
@@ -13,7 +13,7 @@ from hri_predict.protocol.definition import BY_TYPE, SCHEMA_HASH, SCHEMA_VERSION
 from hri_predict.protocol.fields import ROBOT_STRIDE, Field
 from hri_predict.protocol.generate import blocks
 from hri_predict.protocol.generate.c_messages import bits_of, name_of
-from hri_predict.protocol.messages import Advice, Schema
+from hri_predict.protocol.messages import Acknowledge, Advice, Schema
 from hri_predict.protocol.reception import FORGET_S
 from hri_predict.protocol.registers import MAP_VERSION, NEAREST, ROBOT, placed
 from hri_predict.protocol.robot_state import BASE_ROBOTS, ROBOT_STATE
@@ -21,6 +21,7 @@ from hri_predict.protocol.serial import MAX_ENCODED
 
 _CONSTANT = re.compile(r"^( +([A-Z_0-9]+) : U\w+ := )[\w#]+(;)", re.MULTILINE)
 
+_WHOLE_FRAME = re.compile(r"^( +(?:Line|Frame) : ARRAY\[0\.\.)\d+(\] OF BYTE;)", re.MULTILINE)
 _WIDTH = 105
 
 
@@ -38,6 +39,7 @@ def constants() -> dict[str, str]:
         "ADVICE_NUMBER": f"{BY_TYPE[Advice].number}",
         "ADVICE_PARTS": f"{BY_TYPE[Advice].parts}",
         "SCHEMA_NUMBER": f"16#{BY_TYPE[Schema].number:X}",
+        "ACKNOWLEDGE_NUMBER": f"16#{BY_TYPE[Acknowledge].number:X}",
         "STATE_NUMBER": f"{ROBOT_STATE.number}",
         "STATE_PARTS": f"{ROBOT_STATE.always}",
         "EXTRA_STRIDE": f"{ROBOT_STATE.extra[0].stride}",
@@ -118,4 +120,6 @@ def renewed(text: str) -> str:
     """Return a source with its generated block and its constants written again."""
     known = constants()
     text = blocks.renewed(text, BLOCKS)
+    if "LONGEST :" in text:  # the serial line's: a PLC does not refuse an index beyond its array
+        text = _WHOLE_FRAME.sub(rf"\g<1>{MAX_ENCODED - 1}\2", text)
     return _CONSTANT.sub(lambda m: f"{m[1]}{known[m[2]]}{m[3]}" if m[2] in known else m[0], text)

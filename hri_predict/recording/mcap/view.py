@@ -27,7 +27,7 @@ SHOWN_S = 0.5
 """Time ahead for which the zones are drawn: about when a robot that is advised now has stopped."""
 BODY_M, PAIR_M = 0.09, 0.02
 ZONE_OPACITY = 0.04
-"""Of each capsule's parts: a zone has forty, one behind the other, and a person within."""
+"""Opacity of a capsule's part: a zone has forty, one behind the other, and a person within."""
 PAIR = "separation"
 """The name of the entity that joins the deciding pair of a robot begins with it."""
 

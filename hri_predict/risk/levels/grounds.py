@@ -14,7 +14,7 @@ from hri_predict.zones.body_zones import BodyZones
 
 
 def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
-    """Of several ways to judge the same people, the one with the most slack, and its name."""
+    """Return the judgement of the same people that leaves the most slack, and its name."""
     there = {name: way for name, way in _ways(found).items() if way is not None}
     if not there:
         return "", None

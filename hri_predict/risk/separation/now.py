@@ -47,7 +47,7 @@ class Braking:
 
     @classmethod
     def of(cls, robot: RobotConstants, motion: RobotMotion, age_s: float) -> "Braking":
-        """Of a robot that moves, from the capture on."""
+        """Return the braking of a robot that moves, from the capture on."""
         return cls(
             speed_m_s=motion.speed_m_s,
             stopping=(motion.stopping_s, motion.stopping_m),

@@ -346,7 +346,7 @@ class Separation:
         )
 
     def _constants(self, robot: int, motion: RobotMotion) -> RobotConstants:
-        """Of a robot with the tool that its motion counts with."""
+        """Return the constants of a robot with the tool that its motion counts with."""
         return self._robots[robot].counting(motion.tool)
 
 

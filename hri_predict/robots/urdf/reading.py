@@ -44,7 +44,7 @@ ONCE = ("origin", "axis", "limit", "parent", "child", "mimic")
 _PLACEHOLDER = re.compile(r"\$[({]|\{\{|@\w+@")
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 MIN_SCALE, MAX_SCALE = 1e-4, 100.0
-"""Of a mesh: 0.001 is usual for millimetres, 0.0254 for inches."""
+"""Scale of a mesh: 0.001 is usual for millimetres, 0.0254 for inches."""
 
 
 def check_expanded(root: ElementTree.Element) -> None:

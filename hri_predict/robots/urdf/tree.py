@@ -27,7 +27,7 @@ from hri_predict.robots.urdf.reading import (
 MAX_LINKS = 1000
 MAX_MESH_BYTES = 100_000_000
 MIN_SIZE_M = 1e-4
-"""Of a shape's side: a film of paint; less is none, or another unit."""
+"""Minimum side of a shape: a film of paint; less is none, or another unit."""
 MESHES = (".stl", ".obj", ".dae")  # the first two have no units of their own: metres
 MOVING = ("revolute", "continuous", "prismatic")
 SIZES = {  # number of numbers of each

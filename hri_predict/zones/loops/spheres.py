@@ -17,7 +17,7 @@ FAR_M = 1e4
 """Maximum coordinate of a position in a room."""
 FRESH_S = 1e-6
 UNSEEN = 1.15
-"""Of a joint that is not seen, the radius is this times the root of the squares of the calibrated
+"""The radius of an unseen joint is this times the root of the squares of the calibrated
 radius and of the radius of its inferred place (docs/measured/unseen-joints.md)."""
 LIMB_M = 0.85
 """Maximum distance of a limb ahead of its body: an arm's reach by ISO 13855:2010."""

@@ -38,7 +38,7 @@ class Terms(NamedTuple):
 
 
 Verdict = tuple[Floats, Floats, Floats, Floats]
-"""Of Q people and B bands: (6, Q, B) sums over judgements (how many; how many with radii in use;
+"""For Q people and B bands: (6, Q, B) sums over judgements (how many; how many with radii in use;
 misses of the calibrated radii, of the bands' own factors, and of the factors in force when made;
 mean errors); (Q,) residuals, NaN if unknown; (Q, 2, J) errors of the forecasts made ``LEADS_S``
 ago, NaN if unknown; (Q,) the largest ``short_ratio``, minus infinity without any."""

@@ -25,7 +25,7 @@ from hri_sim.wires.slcan_adapter import SlcanAdapter
 PRIORITY = 10
 MULTICAST = "239.74.163.3"
 LINK = {"name": "bench", "repeat_hz": 0}
-"""Of every link that is heard: each tick is sent once, so that intervals are those of the ticks."""
+"""Settings of each link that is heard: ticks are sent once, so intervals are those of the ticks."""
 Stamped = tuple[int, Any]
 """When it came, nanoseconds of the monotonic clock, and a unit that the decoder takes."""
 

@@ -43,7 +43,7 @@ _LIES: tuple[Mapping[str, Any], ...] = (
     {"kind": "acknowledges", "period_s": 0.3},
     {"kind": "acknowledges", "period_s": 0.5, "ids": 2, "names": "first"},
 )
-"""Of one controller at a time: the other one is truthful."""
+"""Lies of one controller at a time: the other one is truthful."""
 
 
 def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:

@@ -145,7 +145,7 @@ def _inverse(q: _Turn) -> _Turn:
 
 
 def _cross(u: Sequence[float], v: Sequence[float]) -> tuple[float, float, float]:
-    """Of plain numbers: numpy takes ten times as long for three."""
+    """Return the cross product in plain numbers: numpy takes ten times as long for three."""
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]
 
 

@@ -66,7 +66,7 @@ def _joints_of(segment: str) -> tuple[int, ...]:
 
 
 NAMES = (*CANONICAL.segment_names, *CANONICAL.joints)
-"""Of the referee's capsules."""
+"""Names of the referee's capsules."""
 
 
 @dataclass(kw_only=True)

@@ -32,7 +32,7 @@ BLOCK = 20
 """Number of episodes of one recording in a block."""
 
 SourceValue = str | float | tuple[str, ...]
-"""Of a key of ``source:``."""
+"""Value of a key of ``source:``."""
 
 
 @dataclass(frozen=True, kw_only=True)

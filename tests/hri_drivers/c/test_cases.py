@@ -309,7 +309,8 @@ def a_shorter_payload_is_malformed(s: Story) -> Story:
 
 
 def items(first: int, total: int, count: int) -> Any:
-    return lambda p: p[:7] + bytes((first, total, count)) + b"\0" * 45
+    room = bytes(3 * BY_TYPE[Zone].item_bytes)
+    return lambda p: p[:7] + bytes((first, total, count)) + p[10:] + room
 
 
 for first, total, count, sound in (

@@ -28,7 +28,7 @@ MIN_VIEWS, MAX_PICTURES = 6, 200
 SIMILAR = 0.02
 """Views whose corners are on average nearer than this share of the picture's width are one."""
 MIN_COVER = 4
-"""Of the nine parts of the picture, as many have a corner in some view."""
+"""Minimum number of the picture's nine parts that have a corner in some view."""
 MIN_TILT_DEG = 15.0
 """If all boards are parallel to the picture, focal length and distance cannot be separated."""
 MAX_ERROR_PX, MAX_VIEW_RATIO = 1.5, 3.0

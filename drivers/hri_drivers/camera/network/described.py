@@ -23,7 +23,7 @@ from hri_predict.base.files import read_yaml
 from hri_predict.base.settings import validated
 
 MAX_CANDIDATES = 200
-"""Of these, the surest of a picture, doubles are left out."""
+"""Number of people of a picture that are searched for duplicates: the surest ones."""
 
 
 class DescribedNetwork:

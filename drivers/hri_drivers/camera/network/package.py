@@ -23,7 +23,7 @@ SHA256 = "8bb349a7b3a3ba699df23be804ddd3b3eab810b50b15406894be257859388a84"
 COMMAND = "hri-predict camera --fetch-model"
 VARIANTS = ("lite", "full", "heavy")
 MAX_BYTES = 2**27
-"""Of the package, and of each file in it; the largest has 28 MB."""
+"""Maximum size of the package, and of each file in it; the largest has 28 MB."""
 NPM_S = 600.0
 
 

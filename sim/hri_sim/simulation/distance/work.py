@@ -37,11 +37,11 @@ from hri_sim.simulation.work import with_predictor
 RATE_HZ = 30.0
 """Captures per second, where the cell's source does not say."""
 LEAST_NOISE_M = 0.004
-"""Of simulated people: without any, a body that sways as one is taken for a tracker's invention."""
+"""Minimum noise of people: without any, a body that sways as one is taken for an invention."""
 SPACING_M = 0.25
 """Between the distances of a curve that is drawn."""
 DRAWN = np.arange(-4, 4)
-"""Of a curve about a working distance, in such steps."""
+"""Points of a curve about a working distance, in such steps."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hri_predict.base.errors import ConfigError
-from hri_predict.protocol.generate import blocks, c_header, document
+from hri_predict.protocol.generate import blocks, c_header, document, st_messages
 from hri_predict.protocol.generate.files import COMMAND, generated
 
 DRIVERS = Path(__file__).resolve().parents[4] / "drivers"
@@ -36,3 +36,13 @@ def test_a_part_between_two_marks_is_written_again_and_the_rest_is_kept() -> Non
 def test_a_part_without_a_writer_is_an_error() -> None:
     with pytest.raises(ConfigError, match="no table 'nonsense'; there are: Acknowledge"):
         blocks.renewed("<!-- table: nonsense -->\n<!-- end -->", document.BLOCKS, blocks.DOCUMENT)
+
+
+def test_structured_text_has_room_for_the_longest_frame_that_it_takes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    text = (DRIVERS / "plc" / "hri_serial.st").read_text(encoding="utf-8")
+    monkeypatch.setattr(st_messages, "MAX_ENCODED", 80)
+    renewed = st_messages.renewed(text)
+    assert "LONGEST : UINT := 80;" in renewed
+    assert renewed.count("ARRAY[0..79] OF BYTE") == text.count("ARRAY[0..71] OF BYTE") == 5
