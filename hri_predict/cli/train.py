@@ -3,14 +3,14 @@
 import json
 import shlex
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.base.files import data_path
-from hri_predict.cli.common import JointMapOption, own_map, warn
+from hri_predict.cli.common import JointMapOption, command, own_map, warn
 from hri_predict.lab.training.config import load_training_config
 
 if TYPE_CHECKING:
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def train(
     *,
-    config: Annotated[Path, typer.Argument(help="A YAML file of configs/training, or your own.")],
+    config: Annotated[
+        Path, typer.Argument(help="A YAML file of configs/training, your own, or a list of them.")
+    ],
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue from the run's last checkpoint.")
     ] = False,
@@ -30,44 +32,68 @@ def train(
         list[str] | None,
         typer.Option("--set", help="key.key=value: change a key of the YAML. Repeatable."),
     ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="List the runs and how far they are; train nothing.")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")
     ] = False,
 ) -> None:
     """Train a predictor. Ctrl-C saves the run; --resume continues it to the same weights.
 
-    The run's folder holds the best weights, checkpoints and a TensorBoard log.
+    The run's folder holds the best weights, checkpoints and a TensorBoard log. A list of
+    configurations, such as configs/training/all.yaml (everything that ships, the most worth
+    first), is trained in order; the same command continues it.
 
     To use several processes:
     torchrun --nproc-per-node 2 -m hri_predict train CONFIG
 
     Example: hri-predict train configs/training/trajectorycnn_real.yaml --set train.epochs=20
     """
-    settings = load_training_config(_found(config), _changes(changes, data, joint_map, out))
-    if settings.train.patience and settings.data.get("refit"):
-        warn("train.patience has no effect with data.refit, which leaves nothing to validate on")
+    flags = _changes(changes, data, joint_map, None)
+    path = _found(config)
     # torch takes seconds to import; the other commands need not wait for it
-    from hri_predict.lab.training.building import build_network, open_samples
-    from hri_predict.lab.training.loop import Run
+    from hri_predict.lab.training import runs
     from hri_predict.lab.training.processes import Processes
     from hri_predict.lab.training.stopping import told_to_stop
-    from hri_predict.lab.training.view import training_view
 
-    with ExitStack() as leaving:
-        processes = leaving.enter_context(Processes.join())
-        source = open_samples(settings)
-        network = build_network(settings, source)
-        view = leaving.enter_context(training_view(settings))
-        stop = leaving.enter_context(told_to_stop())
-        run = Run(settings, source, network, view, stop=stop, processes=processes)
-        result = run.go(resume)
-    if processes.rank == 0:
-        _show(result, settings.error_unit, as_json)
-    if result.ending == "interrupted":
+    plan = runs.read_plan(path)
+    if plan is None:
+        asked = [load_training_config(path, [*flags, *_changes(None, None, None, out)])]
+    elif out is not None:
+        raise ConfigError(f"--out: each run of {path} names its own folder; leave it out")
+    else:
+        files = [path.parent / each.config for each in plan]
+        asked = [
+            load_training_config(f, [*p.set, *flags]) for f, p in zip(files, plan, strict=True)
+        ]
+    if dry_run:
+        for each in asked:
+            longest = each.train.max_minutes
+            limit = "" if longest is None else f", at most {longest:g} min"
+            print(f"{each.out}: {each.train.epochs} epochs{limit}: {runs.state(each)}")
+        return
+    for settings in asked:
+        if settings.train.patience and settings.data.get("refit"):
+            warn(
+                "train.patience has no effect with data.refit, which leaves nothing to validate on"
+            )
+        with Processes.join() as processes, told_to_stop() as stop:
+            result = runs.trained(
+                settings,
+                resume=runs.begun(settings) if plan else resume,
+                stop=stop,
+                processes=processes,
+                command=command(),
+            )
         if processes.rank == 0:
-            again = [a for a in sys.argv[1:] if a != "--resume"] + ["--resume"]
-            print(f"saved; continue with: hri-predict {shlex.join(again)}", file=sys.stderr)
-        raise typer.Exit(130)
+            _show(result, settings.error_unit, as_json)
+        if result.ending == "interrupted":
+            if processes.rank == 0:
+                again = [a for a in sys.argv[1:] if a != "--resume"]
+                again += [] if plan else ["--resume"]
+                print(f"saved; continue with: hri-predict {shlex.join(again)}", file=sys.stderr)
+            raise typer.Exit(130)
 
 
 def _found(path: Path) -> Path:

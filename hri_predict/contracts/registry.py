@@ -22,7 +22,7 @@ from hri_predict.contracts.source import AnySourceClass, SourceSettings
 PartKind = Literal["sources", "predictors", "links"]
 """Parts that third parties may bring, and that ``hri-predict conformance`` checks."""
 TrainingKind = Literal["data_sets", "optimisers", "schedules"]
-"""What ``hri-predict train`` finds by name besides its own; see ``lab.training.parts``."""
+"""Parts of a training, besides those of ``lab.training.parts``."""
 Kind = PartKind | TrainingKind | Literal["commands", "predictor_settings", "cells", "faults"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}

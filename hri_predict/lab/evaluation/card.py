@@ -7,6 +7,7 @@ files are what ``hri-predict evaluate`` wrote.
 
 import json
 import math
+import re
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -74,6 +75,8 @@ def ship(weights: Path, destination: Path) -> None:
     card = dict(loaded.card)
     if isinstance(card.get("config"), dict):
         card["config"] = _portable(card["config"])
+    if isinstance(card.get("command"), str):  # its paths of one machine without their folders
+        card["command"] = re.sub(r"(?<![\w.])(/[^\s/'\"]+)*/", "", card["command"])
     save_weights(destination, loaded.method, loaded.network, card)
 
 
@@ -137,6 +140,10 @@ def _head(header: Header, weights: Path) -> str:
         "size": f"{parameters / 1e6:.2f} million parameters; {weights.stat().st_size / 1e6:.1f} MB",
         "latency": f"{times} people: CPU time of one thread where this card was written",
         "commit": str(header.card.get("commit") or "not known"),
+        "command": f"`{header.card['command']}`" if header.card.get("command") else "not known",
+        "seed": str(_of_config(header, "train").get("seed", "not known")),
+        "time": f"{header.card.get('minutes', '?')} minutes",
+        "data's digest": str(header.card.get("data_fingerprint") or "not known"),
         "trained for": f"epoch {header.card.get('epoch', '?')}, {header.card.get('steps', '?')} "
         "steps in all",
         "validation": _validation(header.card.get("validation")),
@@ -155,8 +162,7 @@ def _validation(found: Any) -> str:
 
 def _origin(header: Header) -> str:
     config = header.card.get("config")
-    data = config.get("data") if isinstance(config, Mapping) else None
-    refit = isinstance(data, Mapping) and data.get("refit")
+    refit = _of_config(header, "data").get("refit")
     lists = "splits `fit` and `validation`" if refit else "split `fit`"
     text = yaml.safe_dump(_portable(config), sort_keys=False) if config else "not known\n"
     tuned = isinstance(config, Mapping) and config.get("initial_weights") is not None
@@ -166,6 +172,12 @@ def _origin(header: Header) -> str:
         f"{VERSION}) of the data pack.{began} {ATTRIBUTION} {SOURCES}\n\n"
         f"## Configuration\n\n```yaml\n{text}```\n"
     )
+
+
+def _of_config(header: Header, section: str) -> Mapping[str, Any]:
+    config = header.card.get("config")
+    found = config.get(section) if isinstance(config, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
 
 
 def _portable(config: Any) -> Any:

@@ -8,7 +8,6 @@ actions and horizons in millimetres.
 """
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,11 +19,9 @@ from hri_predict.contracts import registry
 from hri_predict.lab.datasets.corruption import Corruption
 from hri_predict.lab.evaluation.recordings import judge_one
 from hri_predict.lab.evaluation.windows import RATE_HZ, read_motions
-from hri_predict.lab.training.building import build_network, open_samples
+from hri_predict.lab.training import runs as runs_of
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
-from hri_predict.lab.training.loop import Run
 from hri_predict.lab.training.stopping import told_to_stop
-from hri_predict.lab.training.view import training_view
 from hri_predict.lab.training.windows.augment import AugmentSettings
 from hri_predict.lab.training.windows.bodies import BodySettings
 from hri_predict.lab.training.windows.motion import DataSettings
@@ -90,11 +87,7 @@ def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) ->
     Raises:
         KeyboardInterrupt: ``stop`` returned true; the run is saved.
     """
-    source = open_samples(config)
-    resume = os.path.exists(config.out / "last.pt")  # takes names that are too long
-    with training_view(config) as view:
-        network = build_network(config, source)
-        result = Run(config, source, network, view, stop=stop).go(resume)
+    result = runs_of.trained(config, resume=runs_of.begun(config), stop=stop)
     if result.ending == "interrupted":
         raise KeyboardInterrupt
     return result.weights

@@ -27,7 +27,7 @@ def open_samples(config: TrainingConfig) -> SampleSource:
     """
     made: SampleSourceClass = part("data_sets", config.judgement)
     data = validated(made.settings_model, config.data, "training configuration: data")
-    source, rate_hz = made.opened(data, config.shape), config.shape.rate_hz
+    source, rate_hz = made.opened(data, **dict(config.shape)), config.shape.rate_hz
     if source.shape.rate_hz != rate_hz:
         raise ConfigError(
             f"training configuration: shape.rate_hz {rate_hz:g}: the {config.judgement} has "

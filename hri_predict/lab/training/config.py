@@ -36,7 +36,7 @@ class TrainSettings(Settings):
     optimiser: str = Field("adamw", description="adamw, adam, or that of an installed package")
     schedule: str = Field("cosine", description="cosine, constant, steps, or a package's")
     decay: float = Field(0.96, gt=0, le=1, description="steps: factor of the learning rate ...")
-    decay_epochs: float = Field(2.0, gt=0, description="... after each so many epochs")
+    decay_epochs: float = Field(2.0, gt=0, description="... after this many epochs")
     ema_decay: float = Field(
         0.999,
         ge=0,

@@ -107,6 +107,7 @@ class _Progress:
     step: int = 0
     losses: dict[str, float] = field(default_factory=dict)  # sums over the epoch's steps so far
     seconds: float = 0.0
+    total_steps: float = 0.0  # at which the schedule ends; 0: that of the settings
     best_mm: float = float("inf")
     best_epoch: int = 0
     stale: int = 0  # epochs since the best
@@ -126,6 +127,7 @@ class Run:
         view: observes the run, in the first process alone.
         stop: called after each step; true ends the run with a checkpoint.
         processes: the processes that share the run; default: this one alone.
+        command: the command line that started it, for the card.
 
     Raises:
         ConfigError: the batch is smaller than the number of processes, or the device is missing.
@@ -140,8 +142,10 @@ class Run:
         *,
         stop: Callable[[], bool] = lambda: False,
         processes: Processes | None = None,
+        command: str | None = None,
     ) -> None:
         processes = processes or Processes()
+        self.command = command
         if config.train.batch < processes.count:
             raise ConfigError(f"train.batch {config.train.batch}: less than one per process")
         torch.set_num_threads(config.train.threads)
@@ -198,6 +202,25 @@ class Run:
         epochs = min(self.settings.stop_after or self.settings.epochs, self.settings.epochs)
         return epochs * self.settings.steps_per_epoch
 
+    @property
+    def _done(self) -> float:
+        """Completed share of the schedule."""
+        progress = self.progress
+        return min(progress.step / (progress.total_steps or self.settings.total_steps), 1.0)
+
+    def _foresee(self) -> None:
+        """Let the schedule end with ``max_minutes`` where its epochs would take longer.
+
+        Looked at after each epoch alone: a run that has time for them all depends on its steps.
+        """
+        limit, progress = self.settings.max_minutes, self.progress
+        if limit is not None:
+            possible = progress.step * 60.0 * limit / max(progress.seconds, 1e-9)
+            total = max(min(possible, self.settings.total_steps), progress.step)
+            of_first = torch.tensor([total], dtype=torch.float64)
+            self.processes.same([of_first])
+            progress.total_steps = float(of_first)
+
     def _ending(self, interrupted: bool, late: bool) -> Ending | None:
         if self.progress.step >= self._until:
             return "epochs done"
@@ -214,7 +237,9 @@ class Run:
         window, target = mine.entered(self.entry)
         device = self.optimisation.network.rest.device
         progress = self.progress
-        losses = self.optimisation.step(window.to(device), target.to(device), share, progress.step)
+        losses = self.optimisation.step(
+            window.to(device), target.to(device), share, progress.step, progress=self._done
+        )
         progress.step += 1
         for name, loss in losses.items():
             progress.losses[name] = progress.losses.get(name, 0.0) + loss
@@ -234,6 +259,9 @@ class Run:
         progress, per_epoch = self.progress, self.settings.steps_per_epoch
         number = -(-progress.step // per_epoch)
         steps = progress.step - (number - 1) * per_epoch
+        rate = self.settings.learning_rate * learning_rate_factor(
+            progress.step - 1, self.settings, self._done
+        )
         network = self.optimisation.settle()
         validation = validate(network, self.entry, self.source, self.processes)
         losses = {name: total / steps for name, total in progress.losses.items()}
@@ -247,11 +275,9 @@ class Run:
         if steps == per_epoch:
             progress.stale = 0 if best else progress.stale + 1
             progress.losses = {}
+            self._foresee()
         self._save()
         if self.processes.rank == 0:
-            rate = self.settings.learning_rate * learning_rate_factor(
-                progress.step - 1, self.settings
-            )
             minutes = progress.seconds / 60.0
             self.view.ended_epoch(
                 Epoch(
@@ -271,6 +297,8 @@ class Run:
                 "config": self.config.model_dump(mode="json"),
                 "data_fingerprint": self.fingerprint,
                 "commit": self.commit,
+                "command": self.command,
+                "minutes": round(self.progress.seconds / 60.0, 1),
                 "epoch": self.progress.best_epoch,
                 "steps": self.progress.step,
                 "validation": self.progress.best,

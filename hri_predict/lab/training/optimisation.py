@@ -55,6 +55,7 @@ class Optimisation:
         target: Target,
         share: float,
         number: int,
+        *,
         progress: float | None = None,
     ) -> dict[str, float]:
         """Take step ``number`` (from 0) on this process's windows; returns the batch's losses.
@@ -83,13 +84,17 @@ class Optimisation:
                 loss = self.network.critic_loss(window, target, progress)
             if loss is not None:
                 shown |= self._descend(
-                    self._critic_adam, self._critic, {"critic": loss * share}, number, factor
+                    self._critic_adam,
+                    self._critic,
+                    {"critic": loss * share},
+                    number=number,
+                    factor=factor,
                 )
         self._adam.zero_grad()  # also clears the critic's gradients where it did not detach
         with self._precision():
             losses = self.network.losses(window, target, progress)
         mine = {name: loss * share for name, loss in losses.items()}
-        found = self._descend(self._adam, self._model, mine, number, factor)
+        found = self._descend(self._adam, self._model, mine, number=number, factor=factor)
         shown |= found | {"loss": sum(found.values())}
         if self._average is not None:
             self._average.update_parameters(self.network)
@@ -105,6 +110,7 @@ class Optimisation:
         adam: torch.optim.Optimizer,
         parameters: list[nn.Parameter],
         losses: dict[str, Tensor],
+        *,
         number: int,
         factor: float,
     ) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""What a training configuration names: data sets, optimisers and schedules, ours and others'.
+"""Parts that a training configuration names: data sets, optimisers and schedules.
 
 A package adds one by an entry point of the groups ``hri_predict.data_sets``,
 ``hri_predict.optimisers`` and ``hri_predict.schedules``.
@@ -60,7 +60,7 @@ _OURS: Mapping[registry.TrainingKind, Mapping[str, Any]] = {
 
 
 def part(kind: registry.TrainingKind, name: str) -> Any:
-    """What ``name`` stands for, of ours or of an installed package.
+    """The part of this name, ours or that of an installed package.
 
     Raises:
         ConfigError: nothing has this name, or it cannot be imported.

@@ -138,7 +138,7 @@ class Network(nn.Module):
         return self
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
-        """What a training minimises the sum of, by name, each a scalar with its weight.
+        """The terms of the training loss by name, each a scalar with its weight.
 
         Args:
             window: the histories.

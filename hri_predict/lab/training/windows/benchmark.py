@@ -31,7 +31,7 @@ from hri_predict.lab.datasets.cmu_benchmark import (
     to_model,
 )
 from hri_predict.lab.datasets.splits import benchmark_split
-from hri_predict.lab.training.windows.samples import Samples, Steps
+from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.predictors.neural.network import Shape
 
@@ -86,9 +86,11 @@ class BenchmarkSamples:
     settings_model = BenchmarkData
 
     @classmethod
-    def opened(cls, data: BenchmarkData, steps: Steps) -> "BenchmarkSamples":
-        """Open the recordings as windows of these steps; their rate is the benchmark's."""
-        return cls(data, steps.history_steps, steps.horizon_steps)
+    def opened(
+        cls, data: BenchmarkData, *, history_steps: int, horizon_steps: int, rate_hz: float
+    ) -> "BenchmarkSamples":
+        """Open the recordings; their rate is the benchmark's."""
+        return cls(data, history_steps, horizon_steps)
 
     def __init__(self, data: BenchmarkData, history_steps: int, horizon_steps: int) -> None:
         root = data_root(data.root)

@@ -7,7 +7,7 @@ its history.
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from hri_predict.lab.training.windows.augment import AugmentSettings, disturb, m
 from hri_predict.lab.training.windows.bodies import BodySettings, draw_bodies
 from hri_predict.lab.training.windows.clips import Clips
 from hri_predict.lab.training.windows.played import Played
-from hri_predict.lab.training.windows.samples import Samples, Steps
+from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.lab.training.windows.trackers import (
     TrackerSettings,
     draw_lost,
@@ -118,15 +118,9 @@ class MotionSamples:
     settings_model = DataSettings
 
     @classmethod
-    def opened(cls, data: DataSettings, steps: Steps) -> "MotionSamples":
-        """Open the recordings as windows of these steps."""
-        shape = Shape(
-            skeleton=BODY,
-            history_steps=steps.history_steps,
-            horizon_steps=steps.horizon_steps,
-            rate_hz=steps.rate_hz,
-        )
-        return cls(data, shape)
+    def opened(cls, data: DataSettings, **steps: Any) -> "MotionSamples":
+        """Open the recordings; ``steps`` are those of ``Shape``."""
+        return cls(data, Shape(skeleton=BODY, **steps))
 
     def __init__(self, settings: DataSettings, shape: Shape) -> None:
         if shape.skeleton is not BODY:

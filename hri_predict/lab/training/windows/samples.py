@@ -63,20 +63,6 @@ class SampleSource(Protocol):
         """Yield the validation windows, always the same, in batches."""
 
 
-class Steps(Protocol):
-    """The shape that a configuration asks for (``config.ShapeSettings``).
-
-    Attributes:
-        history_steps: T.
-        horizon_steps: H.
-        rate_hz: steps per second.
-    """
-
-    history_steps: int
-    horizon_steps: int
-    rate_hz: float
-
-
 class SampleSourceClass(Protocol):
     """A data set to train on, which ``judgement:`` names.
 
@@ -86,7 +72,9 @@ class SampleSourceClass(Protocol):
 
     settings_model: type[Settings]
 
-    def opened(self, data: Any, steps: Steps) -> SampleSource:
+    def opened(
+        self, data: Any, *, history_steps: int, horizon_steps: int, rate_hz: float
+    ) -> SampleSource:
         """Open it as ``data``, of its ``settings_model``, says.
 
         Raises:

@@ -375,9 +375,25 @@ def test_two_processes_go_one_process_s_way(tmp_path):
     assert second == pytest.approx(first, abs=1e-2)
 
 
+def test_the_schedule_ends_with_the_time(tmp_path, monkeypatch):
+    seconds = iter(range(1000))  # a step takes a second or more
+    monkeypatch.setattr(loop.time, "monotonic", lambda: float(next(seconds)))
+    took = {}
+    for name, limit in (("free", None), ("short", 0.2)):
+        epochs = run(tmp_path / name, max_minutes=limit, epochs=8, checkpoint_minutes=9)[2].epochs
+        took[name] = [epoch.learning_rate for epoch in epochs]
+    assert took["short"][-1] < 0.1 * took["short"][0]
+    assert took["short"][0] == took["free"][0]  # the first epoch cannot know
+
+
+def test_weights_tell_how_they_were_made(tmp_path):
+    asked = make_config(tmp_path), Walkers(), Small(SHAPE, Options()), Watcher()
+    card = read_header(loop.Run(*asked, command="train x").go().weights).card
+    assert (card["command"], card["config"]["train"]["seed"]) == ("train x", 0)
+
+
 def test_every_loss_has_its_name_in_the_epochs(tmp_path):
-    _, _, view = run(tmp_path, {"critic": True})
-    assert view.epochs[0].losses.keys() == {"position", "loss"}
-    assert view.epochs[-1].losses.keys() == {"position", "critic", "loss"}
-    for epoch in view.epochs:
-        assert epoch.losses["loss"] == pytest.approx(epoch.losses["position"])
+    first, *_, last = run(tmp_path, {"critic": True})[2].epochs
+    assert first.losses.keys() == {"position", "loss"}
+    assert last.losses.keys() == {"position", "critic", "loss"}
+    assert last.losses["loss"] == pytest.approx(last.losses["position"])

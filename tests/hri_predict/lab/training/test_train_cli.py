@@ -221,6 +221,50 @@ def test_a_file_where_the_log_goes_is_told_before_anything_is_written(cli, confi
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["log"]
 
 
+def test_a_plan_is_trained_in_order_and_goes_on(cli, config, tmp_path, monkeypatch):
+    second = tmp_path / "second.yaml"
+    second.write_text(config.read_text().replace(str(tmp_path / "run"), str(tmp_path / "two")))
+    plan = tmp_path / "plan.yaml"
+    plan.write_text("- {config: small.yaml}\n- {config: second.yaml, set: [train.epochs=2]}\n")
+    draw, calls = MotionSamples.batch, iter(range(1000))
+
+    def interrupted(self, rng, size):
+        if size == 16 and next(calls) == 7:  # in the second run's first epoch
+            signal.raise_signal(signal.SIGINT)
+        return draw(self, rng, size)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(MotionSamples, "batch", interrupted)
+        status, _, err = cli(plan)
+    assert status == 130
+    assert err.splitlines()[-1] == f"saved; continue with: hri-predict train {plan}"
+    status, out, _ = cli(plan, "--dry-run")
+    one, two = out.splitlines()
+    assert one == f"{tmp_path / 'run'}: 3 epochs: done"
+    assert two == f"{tmp_path / 'two'}: 2 epochs: 50 %"
+    status, out, err = cli(plan)
+    assert status == 0, err
+    assert out.count("epochs done") == 2
+    assert err.startswith("epoch 2 ")  # of the second; the first had ended
+    assert cli(plan, "--dry-run")[1].count(": done") == 2
+    card = load_weights(tmp_path / "two" / "trajectorycnn.safetensors").card
+    assert card["command"] == f"hri-predict train {plan}"
+    status, _, err = cli(plan, "--out", "elsewhere")
+    assert (status, err.count("\n")) == (2, 1)
+    plan.write_text("- {confg: small.yaml}\n")
+    assert "a plan is a list of" in cli(plan)[2]
+
+
+def test_the_shipped_plan_names_runs_that_can_be_made(cli):
+    status, out, err = cli("configs/training/all.yaml", "--dry-run")
+    assert status == 0, err
+    folders = [line.split(":")[0] for line in out.splitlines()]
+    assert folders[0] == "runs/sinn_real"
+    shipped = {p.stem for p in data_path("training").glob("*_*.yaml")}
+    assert {Path(f).name for f in folders} == shipped
+    assert len(folders) == len(set(folders))
+
+
 def test_help_has_an_example(cli):
     status, out, _ = cli("--help")
     assert status == 0
