@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.base.errors import ConfigError, HriPredictError
+from hri_predict.base.errors import HriPredictError
 from hri_predict.cli.common import JsonOption, one_of, progress, tell, warn, without_effect
 from hri_sim.bench import (
     faults,
@@ -151,10 +151,7 @@ def bench(
 def _factor(baseline: Path | None, worse_than: float | None) -> float:
     if baseline is None:
         without_effect({"--worse-than": worse_than}, "without --baseline")
-    factor = 1.5 if worse_than is None else worse_than
-    if not 1.0 <= factor <= 100.0:
-        raise ConfigError(f"--worse-than {factor:g}: give 1 to 100")
-    return factor
+    return table.demand("--worse-than", 1.5 if worse_than is None else worse_than, 1.0, 100.0)
 
 
 def _measured(

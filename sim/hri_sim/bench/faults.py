@@ -12,7 +12,7 @@ from hri_predict.cli.common import JsonOption
 from hri_predict.node.listeners import Tick
 from hri_predict.run import config as configuration
 from hri_predict.run.session import Options, View, run
-from hri_sim.bench.table import Columns, facts, report
+from hri_sim.bench.table import Columns, demand, facts, report
 from hri_sim.fault_table.soak import Resident
 
 
@@ -114,8 +114,7 @@ def memory(
 
     Example: hri-predict bench memory --hours 1
     """
-    if not 0.2 <= hours <= 1000:
-        raise ConfigError(f"--hours {hours}: give 0.2 to 1000")
+    demand("--hours", hours, 0.2, 1000.0)
     view = _MemoryView(max(WARM_UP_S, 360.0 * hours))
     config = configuration.load(configuration.shipped("demo.yaml")).quiet()
     config = config.with_predictor("constant_velocity")

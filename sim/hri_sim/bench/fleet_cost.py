@@ -64,8 +64,23 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
         finally:
             link.stop()
         heard = listener.report()
-    row = {"by": topology, "rate_hz": rate_hz, "superseded": link.counters.superseded}
-    return row | _figures(posted=posted, heard=heard, seconds=seconds, cpu_s=cpu_s, size=bytes_sent)
+    spans_us, at = [], 0
+    for cycle, heard_ns in heard:  # in order, some missing
+        while at < len(posted) and at % CYCLES != cycle:
+            at += 1
+        if at < len(posted):
+            spans_us.append((heard_ns - posted[at]) * 1e-3)
+            at += 1
+    return {
+        "by": topology,
+        "rate_hz": rate_hz,
+        "superseded": link.counters.superseded,
+        "sent": len(posted),
+        "heard": len(spans_us),
+        "latency_us": spread(spans_us, 1),
+        "cpu_percent": round(100 * cpu_s / (seconds + HEAR_S), 2),
+        "bytes_per_s": round(bytes_sent / seconds),
+    }
 
 
 @contextlib.contextmanager
@@ -144,25 +159,6 @@ def _post(link: ZenohLink, rate_hz: float, seconds: float) -> tuple[list[int], f
             link.post(message)
     time.sleep(HEAR_S)
     return posted, _cpu_s() - cpu, link.counters.bytes_sent - size
-
-
-def _figures(
-    *, posted: list[int], heard: list[list[int]], seconds: float, cpu_s: float, size: int
-) -> dict[str, Any]:
-    spans_us, at = [], 0
-    for cycle, heard_ns in heard:  # in order, some missing
-        while at < len(posted) and at % CYCLES != cycle:
-            at += 1
-        if at < len(posted):
-            spans_us.append((heard_ns - posted[at]) * 1e-3)
-            at += 1
-    return {
-        "sent": len(posted),
-        "heard": len(spans_us),
-        "latency_us": spread(spans_us, 1),
-        "cpu_percent": round(100 * cpu_s / (seconds + HEAR_S), 2),
-        "bytes_per_s": round(size / seconds),
-    }
 
 
 def _cpu_s() -> float:

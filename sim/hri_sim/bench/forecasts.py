@@ -19,7 +19,7 @@ from hri_predict.cli.common import JsonOption, one_of, predictor_settings, progr
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor
 from hri_sim.bench.rows import Row, Scope, measured, spread
-from hri_sim.bench.table import Columns, report
+from hri_sim.bench.table import Columns, demand, report
 from hri_sim.fault_table.soak import resident_mib
 from hri_sim.wires.child import child
 
@@ -61,8 +61,7 @@ def predictors(
 
     Example: hri-predict bench predictors --predictor sinn
     """
-    if not 1.0 <= seconds <= 600.0:
-        raise ConfigError(f"--seconds {seconds:g}: give 1 to 600")
+    demand("--seconds", seconds, 1.0, 600.0)
     known = registry.names("predictors")
     for name in predictor or []:
         one_of("--predictor", name, known)
@@ -113,15 +112,11 @@ def measure(
                     "people": count,
                     **{f"{key}_ms": ms for key, ms in spread(times).items()},
                     "forecasts": len(times),
-                    "differs_mm": _apart_mm(each.predict(*seen).positions, wanted),
+                    "differs_mm": float(1e3 * np.abs(each.predict(*seen).positions - wanted).max()),
                     "floor_ms": _floor_ms(engines[0], count, rate),
                 }
                 for (engine, each), times in zip(built.items(), taken, strict=True)
             ]
-
-
-def _apart_mm(found: Floats, wanted: Floats) -> float:
-    return float(1e3 * np.abs(found - wanted).max())
 
 
 def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:

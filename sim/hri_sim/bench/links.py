@@ -20,7 +20,7 @@ from hri_sim.bench.cell import MAX_PEOPLE
 from hri_sim.bench.latency import KINDS, latency
 from hri_sim.bench.rows import Row, Scope, rows_of, spread
 from hri_sim.bench.running import WIRES, short_name
-from hri_sim.bench.table import Columns, SecondsOption, figures, measure
+from hri_sim.bench.table import Columns, SecondsOption, demand, figures, measure
 from hri_sim.wires.child import child
 from hri_sim.wires.far_end import serial_line
 from hri_sim.wires.samples import of_a_cycle
@@ -85,13 +85,11 @@ def links(
     """
     if ticks not in ("fixed", "capture"):
         raise ConfigError(f"--ticks {ticks}: give fixed or capture")
-    if not 1 <= people <= MAX_PEOPLE:
-        raise ConfigError(f"--people {people}: give 1 to {MAX_PEOPLE}")
+    demand("--people", people, 1, MAX_PEOPLE)
     least = 10.0 if ticks == "fixed" else 12.5  # the floor is four fifths of it
     rates = tuple(rate or _RATES_HZ)
     for each in rates:
-        if not least <= each <= 100.0:
-            raise ConfigError(f"--rate {each:g}: give {least:g} to 100")
+        demand("--rate", each, least, 100.0)
     names = [name for name in KINDS if only is None or only.lower() in name.lower()]
     if not names:
         raise ConfigError(

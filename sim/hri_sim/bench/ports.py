@@ -15,7 +15,6 @@ from typing import Annotated, Any
 
 import typer
 
-from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import validated
 from hri_predict.cli.common import JsonOption, need_extra
 from hri_predict.protocol.registers import NODE, NOT_AVAILABLE, ROBOT
@@ -23,7 +22,7 @@ from hri_sim.bench import cell
 from hri_sim.bench.heard import deviations, heard
 from hri_sim.bench.plants import RtdeController, poll
 from hri_sim.bench.rows import Row, Scope, rows_of, spread
-from hri_sim.bench.table import measure, report
+from hri_sim.bench.table import demand, measure, report
 from hri_sim.people.procedural import ProceduralSettings, ProceduralSource
 from hri_sim.wires.child import child
 from hri_sim.wires.ports import free_tcp_port
@@ -46,16 +45,8 @@ _COLUMNS = {
 _DASHES = dict.fromkeys(("p50", "p99", "max"), "–")
 
 
-def _demand_minutes(minutes: float) -> float:
-    if not 0.05 <= minutes <= 1440.0:
-        raise ConfigError(f"--minutes {minutes:g}: give 0.05 to 1440")
-    return minutes
-
-
 def ports(
-    minutes: Annotated[
-        float, typer.Option(callback=_demand_minutes, help="Minutes to run each of the two cells.")
-    ] = 10.0,
+    minutes: Annotated[float, typer.Option(help="Minutes to run each of the two cells.")] = 10.0,
     predictor: Annotated[str, typer.Option(help="Predictor of both cells.")] = "sinn",
     as_json: JsonOption = False,
 ) -> None:
@@ -66,7 +57,8 @@ def ports(
 
     Example: hri-predict bench ports --minutes 0.5
     """
-    rows = measure(costs(60.0 * minutes, predictor), 7, "ports")
+    seconds = 60.0 * demand("--minutes", minutes, 0.05, 1440.0)
+    rows = measure(costs(seconds, predictor), 7, "ports")
     if not as_json:
         rows = [{key: _DASHES if v is None else v for key, v in row.items()} for row in rows]
     report(rows, as_json, "What each receiver hears of one node", _COLUMNS)

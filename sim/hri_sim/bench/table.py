@@ -20,14 +20,23 @@ Columns = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
 """Head -> how its cell is made from a row: a form of ``str.format``, or a function."""
 
 
-def _demand_duration(seconds: float) -> float:
-    if not 1.0 <= seconds <= 3600.0:
-        raise ConfigError(f"--seconds {seconds:g}: give 1 to 3600")
-    return seconds
+def demand(flag: str, value: float, low: float, high: float) -> float:
+    """Return a number of the command line.
+
+    Raises:
+        ConfigError: it is not between ``low`` and ``high``.
+    """
+    if not low <= value <= high:
+        raise ConfigError(f"{flag} {value:g}: give {low:g} to {high:g}")
+    return value
 
 
 SecondsOption = Annotated[
-    float, typer.Option(callback=_demand_duration, help="Seconds to measure each row.")
+    float,
+    typer.Option(
+        callback=lambda seconds: demand("--seconds", seconds, 1.0, 3600.0),
+        help="Seconds to measure each row.",
+    ),
 ]
 
 
