@@ -17,6 +17,7 @@ deviation that exceeds the sum of these tolerances.
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -236,7 +237,8 @@ class StateCheck:
 
     def _spread_s(self) -> float:
         """Return the spread of the arrivals' delays, if the states were sampled evenly."""
-        values = np.array(self._arrivals, dtype=np.int64)
+        arrivals = chain.from_iterable(self._arrivals)
+        values = np.fromiter(arrivals, np.int64, 2 * len(self._arrivals)).reshape(-1, 2)
         at, count = (values - values[0]).T
         off = at - count * (at[-1] / max(int(count[-1]), 1))
         return float(off.max() - off.min()) * 1e-9
