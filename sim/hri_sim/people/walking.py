@@ -71,17 +71,17 @@ class Path:
         i = min(int(np.searchsorted(self._knots, u, side="right")) - 1, len(self._knots) - 2)
         h = self._knots[i + 1] - self._knots[i]
         p, q = self._points[i : i + 2], self._bends[i : i + 2]
-        return _cubic((u - self._knots[i]) / h, h, p, q, derivative)
+        return _cubic((u - self._knots[i]) / h, h, p, q, derivative=derivative)
 
     def _all_at(self, u: Floats, derivative: bool = False) -> Floats:
         """(N, 2) as ``_at``, for (N,) parameters: a path has a thousand places in its table."""
         i = np.minimum(np.searchsorted(self._knots, u, side="right") - 1, len(self._knots) - 2)
         h = (self._knots[i + 1] - self._knots[i])[:, None]
         p, q = self._points[[i, i + 1]], self._bends[[i, i + 1]]
-        return _cubic((u - self._knots[i])[:, None] / h, h, p, q, derivative)
+        return _cubic((u - self._knots[i])[:, None] / h, h, p, q, derivative=derivative)
 
 
-def _cubic(b: Any, h: Any, p: Floats, q: Floats, derivative: bool) -> Floats:
+def _cubic(b: Any, h: Any, p: Floats, q: Floats, *, derivative: bool) -> Floats:
     """Place or derivative at the share ``b`` of a span ``h`` between two knots.
 
     ``p``, ``q``: places and second derivatives at both.
