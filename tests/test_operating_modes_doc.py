@@ -3,6 +3,7 @@
 from collections import Counter
 from pathlib import Path
 
+import pytest
 import yaml
 
 from hri_predict.base.files import data_path
@@ -27,6 +28,7 @@ class Permitted(View):
         self.ticks[advice.mode] += advice.level in (Level.SLOW, Level.WARN)
 
 
+@pytest.mark.long
 def test_each_mode_that_the_example_asks_for_moves_the_robot(tmp_path: Path) -> None:
     robots, asked = (yaml.safe_load(block.text) for block in pages.blocks("yaml", PAGE))
     data = yaml.safe_load(data_path("demo.yaml").read_text(encoding="utf-8"))

@@ -8,6 +8,7 @@ minimum-jerk profile of Flash & Hogan, *J. Neurosci.* 5(7), 1985, equation 5.
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -51,11 +52,13 @@ class Path:
         self._knots = np.concatenate(([0.0], np.cumsum(chords)))
         self._points, self._bends = points, _natural_spline(self._knots, points)
         self._u = np.linspace(0.0, self._knots[-1], 2 + int(self._knots[-1] / _TABLE_M))
-        fine = np.array([self._at(u) for u in self._u])
+        fine = self._all_at(self._u)
         steps = np.linalg.norm(np.diff(fine, axis=0), axis=1)
         self._s = np.concatenate(([0.0], np.cumsum(steps)))
         self.length_m = float(self._s[-1])
-        ways = np.unwrap([self.at(s)[1] for s in np.linspace(0.0, self.length_m, 200)])
+        along = np.interp(np.linspace(0.0, self.length_m, 200), self._s, self._u)
+        dx, dy = self._all_at(along, derivative=True).T
+        ways = np.unwrap(np.arctan2(dy, dx))
         self.sharpest = float(np.abs(np.diff(ways)).max()) * 199 / self.length_m
 
     def at(self, s: float) -> tuple[Floats, float]:
@@ -67,14 +70,28 @@ class Path:
     def _at(self, u: float, derivative: bool = False) -> Floats:
         i = min(int(np.searchsorted(self._knots, u, side="right")) - 1, len(self._knots) - 2)
         h = self._knots[i + 1] - self._knots[i]
-        b = (u - self._knots[i]) / h
-        a = 1.0 - b
         p, q = self._points[i : i + 2], self._bends[i : i + 2]
-        if derivative:
-            result = (p[1] - p[0]) / h + ((1 - 3 * a * a) * q[0] + (3 * b * b - 1) * q[1]) * h / 6
-        else:
-            result = a * p[0] + b * p[1] + ((a**3 - a) * q[0] + (b**3 - b) * q[1]) * h * h / 6
-        return np.asarray(result)
+        return _cubic((u - self._knots[i]) / h, h, p, q, derivative=derivative)
+
+    def _all_at(self, u: Floats, derivative: bool = False) -> Floats:
+        """(N, 2) as ``_at``, for (N,) parameters: a path has a thousand places in its table."""
+        i = np.minimum(np.searchsorted(self._knots, u, side="right") - 1, len(self._knots) - 2)
+        h = (self._knots[i + 1] - self._knots[i])[:, None]
+        p, q = self._points[[i, i + 1]], self._bends[[i, i + 1]]
+        return _cubic((u - self._knots[i])[:, None] / h, h, p, q, derivative=derivative)
+
+
+def _cubic(b: Any, h: Any, p: Floats, q: Floats, *, derivative: bool) -> Floats:
+    """Place or derivative at the share ``b`` of a span ``h`` between two knots.
+
+    ``p``, ``q``: places and second derivatives at both.
+    """
+    a = 1.0 - b
+    if derivative:
+        result = (p[1] - p[0]) / h + ((1 - 3 * a * a) * q[0] + (3 * b * b - 1) * q[1]) * h / 6
+    else:
+        result = a * p[0] + b * p[1] + ((a**3 - a) * q[0] + (b**3 - b) * q[1]) * h * h / 6
+    return np.asarray(result)
 
 
 def _natural_spline(knots: Floats, points: Floats) -> Floats:

@@ -111,14 +111,6 @@ def test_the_demo_slows_stops_and_ends_clear_without_a_contact(recorded):
         assert controller["events"][-1][2] > 0  # the robot works again
 
 
-def test_two_runs_give_the_same_bytes(tmp_path):
-    a, b = tmp_path / "a.mcap", tmp_path / "b.mcap"
-    for path in (a, b):
-        play(config(), duration_s=6.0, record=path)
-    assert a.stat().st_size > 100_000
-    assert a.read_bytes() == b.read_bytes()
-
-
 @pytest.mark.parametrize("with_links", [pytest.param(True, marks=pytest.mark.long), False])
 def test_a_recording_replayed_gives_the_same_advice(recorded, with_links):
     """With mock controllers as before, or with what the controllers said while it was recorded."""
@@ -128,11 +120,13 @@ def test_a_recording_replayed_gives_the_same_advice(recorded, with_links):
     again = loaded.with_source(
         source | {"room_from_source": loaded.source.room_from_source.model_dump()}
     )
-    summary, second = play(again if with_links else again.without_links())
+    duration_s = None if with_links else 10.0  # the robot has stopped
+    summary, second = play(again if with_links else again.without_links(), duration_s=duration_s)
     if with_links:
         no_harm(summary)
     length = min(len(first.advice), len(second.advice))
-    assert length > 24 * ENDS_S
+    assert length > 24 * (duration_s or ENDS_S)
+    assert Level.STOP in second.levels
     assert second.advice[:length] == first.advice[:length]
 
 
@@ -287,7 +281,7 @@ def vanishing(*places):
     script = [{"do": "wait", "seconds": 60.0}]
     people = [{"start": place, "script": script} for place in places]
     loaded = config(people=people).with_faults(["vanish@4:person=1"])
-    summary, watch = play(loaded, duration_s=24.0)
+    summary, watch = play(loaded, duration_s=14.0)
     start = watch.ticks[0].now_ns
     return summary, [((a[0] - start) * 1e-9, *a[1:]) for a in watch.advice]
 
@@ -297,7 +291,7 @@ def test_who_vanishes_near_the_robot_never_becomes_clear_by_ageing_out(others):
     """Whether somebody else is here all the time or nobody."""
     summary, advice = vanishing([2.0, 0.2], *others)
     after = [(level, reason) for t, level, reason, *_ in advice if t >= 4.3]
-    assert len(after) > 450
+    assert len(after) > 230
     assert set(after) == {(Level.STOP, Reason.PERSON_LOST)}
     assert summary.counted["vanished"] == 1
 

@@ -4,7 +4,7 @@ import logging
 import os
 import subprocess
 import sys
-from functools import cache
+from functools import cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -100,7 +100,13 @@ def shipped(name, engine):
     return predictor
 
 
-@pytest.mark.parametrize("name", ["sinn", "trajectorycnn", "stb", "auxformer", "kdformer", "mixer"])
+seldom = partial(pytest.param, marks=pytest.mark.long)  # to export one takes seconds
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["sinn", "trajectorycnn", "kdformer", seldom("stb"), seldom("auxformer"), seldom("mixer")],
+)
 def test_forecasts_of_the_copy_are_torch_s(name):
     torch_s, copy_s = shipped(name, "torch"), shipped(name, "auto")
     assert (torch_s.engine.name, copy_s.engine.name) == ("torch", "onnxruntime")
