@@ -261,7 +261,7 @@ BREAKS = (
         "sim/hri_sim/senders/mocap_ends.py",
         "self.time_s(scene) * 1e6",
         "self.time_s(scene) * 1e3",
-        "tests/hri_sim/senders",
+        "tests/hri_sim/senders/test_mocap_ends.py",
     ),
     Break(
         "quantile: an interval of 95 % covers 90 %",

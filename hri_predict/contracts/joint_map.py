@@ -285,7 +285,7 @@ def _check_rigid(joint: str, rigid: RigidJoint, settings: JointMapSettings) -> N
 
 
 def _check_used_once(joints: dict[str, dict[str, float]]) -> None:
-    """Two canonical joints at one point would be a hand as long as nothing, and measured."""
+    """Refuse two canonical joints at one point: a hand of length 0 would count as measured."""
     used: dict[str, str] = {}
     for joint, sources in joints.items():
         for source in sources if len(sources) == 1 else ():

@@ -267,7 +267,7 @@ def _said(line: str, said: str, indent: str) -> list[str]:
 
 
 def _is_short(value: dict[str, Any], depth: int) -> bool:
-    """Whether a block stands in one line: a pose, one key, or deep inside."""
+    """Whether a block is written on one line: a pose, a single key, or a deeply nested one."""
     alone = depth > 0 and len(value) == 1
     return depth >= _DEEP or alone or "xyz" in value or "polygon" in value
 

@@ -31,7 +31,7 @@ from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 
 SECONDS = 8.0
-"""Scored of each presence, from its begin."""
+"""Time of each presence that is scored, from its beginning."""
 EACH = 3
 """Every third window counts: neighbours are alike."""
 FITTED_TO = (DepthTracker(), DepthTracker(strength=2.0))

@@ -44,7 +44,7 @@ LEARNT = 600
 MOST_PLACES = 256
 """Places that are kept; those that were not visited for longest are dropped first."""
 AGREES = 0.7
-"""Part of the limit within which every place must be again."""
+"""Share of the limit within which every place must be before they agree again."""
 _FEET, _HIPS = ([JOINTS.index(f"{side}_{name}") for side in "lr"] for name in ("ankle", "hip"))
 
 

@@ -25,7 +25,7 @@ STILL_M, STILL = 0.001, 0.0005
 """Maximum change, metres and of the quaternion (1 mrad), of a transform that stands still."""
 NORM_TOLERANCE = 0.01
 RIVALS_NS = 1_000_000_000
-"""A frame that moves has no value for this time after another publisher gave it."""
+"""Time for which a moving frame is unknown after a second publisher gave it another value."""
 NO_PUBLISHER = bytes(16)
 
 

@@ -250,7 +250,7 @@ def _stretches_by_loops(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats,
 
 @part
 def _before(xs: Floats, x: float) -> int:
-    """The last of ascending numbers that is at most ``x``; the first is."""
+    """Return the index of the last ascending number that is at most ``x``; the first one is."""
     low, high = 0, len(xs)
     while low + 1 < high:
         middle = (low + high) // 2

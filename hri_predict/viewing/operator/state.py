@@ -138,8 +138,8 @@ class State:
         """Return the page's current content: of a node that is silent no level, only since when.
 
         Args:
-            alerts: the version of the history that is known there; without a newer one it is left
-                out.
+            alerts: the version of the history that the page has; the history is left out unless
+                it is newer.
         """
         with self._changed:
             facts, silent_s = self._facts, time.monotonic() - self._came_s

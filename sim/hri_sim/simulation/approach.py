@@ -62,7 +62,7 @@ class ApproachSettings(SourceSettings):
     error_m: float = Field(
         0.0, ge=0, le=3, description="error of each person's place that the tracker states"
     )
-    lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room before")
+    lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room at the start")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
 
     @field_validator("lacks", "hidden")

@@ -12,7 +12,7 @@ from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import Zone, ZoneCapsule
 
 KEPT_NS = 250_000_000
-"""A person's zone is sent once a cycle; without it for longer, where that person is, is unknown."""
+"""A person's zone is sent once a cycle; without one for longer, that person's place is unknown."""
 
 
 class Seen(NamedTuple):

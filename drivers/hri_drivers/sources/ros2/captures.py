@@ -7,7 +7,7 @@ from hri_predict.protocol.ros.bodies import MessageError
 from hri_predict.protocol.ros.stamps import CLOCK_TEXTS, StampClock, clock_of
 
 LATE_NS = 500_000_000
-"""A stamp earlier by at most this is of a message that was overtaken; if earlier, of a restart."""
+"""A stamp that is earlier by at most this came out of order; an even earlier one is a restart."""
 LATE_RUN = 10
 """This many of them in a row are a restart, too."""
 
