@@ -153,9 +153,7 @@ class SerialTransport:
         try:
             if device.timeout != timeout_s:
                 device.timeout = timeout_s
-            data = bytes(device.read(1))
-            while data and len(data) < MAX_READ and (more := _has_come(device)):
-                data += device.read(min(more, MAX_READ))
+            data = read_some(device)
         except (OSError, TypeError, ValueError) as error:
             raise self._lost(error) from error
         return [data] if data else []
@@ -186,6 +184,27 @@ class SerialTransport:
         return LinkError(f"{self._name}: lost ({_first_line(error)}); check cable and power")
 
 
+def read_some(device: Any) -> bytes:
+    """Return what has come, at most ``MAX_READ`` bytes; waits for it as long as the port's timeout.
+
+    pyserial's own read returns a byte at once only if a single one is asked for, and the rest then
+    takes a call more. It is used where it does more than read (``spy://``, rfc2217, Windows).
+
+    Raises:
+        OSError, TypeError, ValueError: the port is lost, or closed meanwhile.
+    """
+    if type(device).read is serial.Serial.read and (fd := getattr(device, "fd", None)) is not None:
+        if not select.select([fd], [], [], device.timeout)[0]:
+            return b""
+        if data := os.read(fd, MAX_READ):
+            return data
+        raise serial.SerialException("it reports bytes, and has none: it was unplugged")
+    data = bytes(device.read(1))
+    while data and len(data) < MAX_READ and (more := _has_come(device)):
+        data += device.read(min(more, MAX_READ))
+    return data
+
+
 def _write_all(device: Any, unit: bytes) -> None:
     """Write ``unit``, waiting at most 50 ms for room.
 
@@ -200,12 +219,14 @@ def _write_all(device: Any, unit: bytes) -> None:
         device.write(unit)
         return
     deadline = time.monotonic() + WRITE_TIMEOUT_S
-    while unit:
+    while True:
+        with contextlib.suppress(BlockingIOError):
+            unit = unit[os.write(descriptor, unit) :]
+        if not unit:
+            return
         left_s = max(0.0, deadline - time.monotonic())
         if not select.select([], [descriptor], [], left_s)[1]:
             raise serial.SerialTimeoutException("no room")
-        with contextlib.suppress(BlockingIOError):
-            unit = unit[os.write(descriptor, unit) :]
 
 
 def _descriptor(device: Any) -> int | None:

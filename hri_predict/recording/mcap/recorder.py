@@ -27,6 +27,8 @@ from hri_predict.recording.mcap.places import OneFile, RecordingFiles
 log = logging.getLogger(__name__)
 
 QUEUE_ITEMS = 4096
+GATHER_S = 0.05
+"""Pause of the thread when it has written what waited: it wakes for a tick, not for each item."""
 CLOSE_TIMEOUT_S = 10.0
 FLUSH_NS = 700_000_000
 """Maximum loss of a killed writer, besides the content of the queue."""
@@ -84,6 +86,7 @@ class Recorder(Items):
         self._told_dropped = 0
         self._lock = threading.Lock()
         self._closed = False
+        self._ends = threading.Event()
         self._reading = self._clocks.read(0)
         self._start()
         self._queue: queue.Queue[Item | None] = queue.Queue(queue_items)
@@ -114,6 +117,7 @@ class Recorder(Items):
             if self._closed:
                 return
             self._closed = True
+        self._ends.set()
         if self._thread is not None:
             try:
                 self._queue.put(None, timeout=CLOSE_TIMEOUT_S)
@@ -173,9 +177,15 @@ class Recorder(Items):
             except queue.Empty:
                 self._idle()
                 continue
-            if item is None:
+            while item is not None:
+                self._write(item)
+                try:
+                    item = self._queue.get_nowait()
+                except queue.Empty:
+                    break
+            else:
                 return
-            self._write(item)
+            self._ends.wait(GATHER_S)
 
     def _idle(self) -> None:
         """Nothing came for a while: what is there goes to the disk."""

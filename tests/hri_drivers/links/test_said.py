@@ -3,10 +3,10 @@
 import math
 
 import pytest
-from can.interfaces.slcan import slcanBus
 
-from hri_drivers.links.can.transport import _read_any_line_end
+from hri_drivers.links.can.transport import _Lines
 from hri_drivers.links.framed import NOISE_BYTES
+from hri_drivers.wires.serial import MAX_READ
 from hri_predict.base.clock import VirtualClock
 from hri_predict.protocol.can import CanSender
 from hri_predict.protocol.messages import RobotMode, RobotState
@@ -54,9 +54,37 @@ def test_states_in_degrees_are_refused_with_the_reason(kind, sender, caplog):
     assert math.degrees(1) > 8.19  # so degrees mostly lie beyond the field's range
 
 
+class Port:
+    """A serial port that has its chunks, then nothing."""
+
+    timeout = 0.0
+
+    def __init__(self, *chunks):
+        self._chunks = list(chunks)
+
+    @property
+    def in_waiting(self):
+        return len(self._chunks[0]) if self._chunks else 0
+
+    def read(self, size):
+        if not self._chunks:
+            return b""
+        chunk, self._chunks[:1] = self._chunks[0], [self._chunks[0][size:]]
+        if not self._chunks[0]:
+            del self._chunks[0]
+        return chunk[:size]
+
+
 def test_an_adapter_that_ends_lines_with_line_feed_too_is_understood():
-    bus = slcanBus.__new__(slcanBus)
-    lines = iter(["t6801AA\r", "\nt6801BB\r", "\n", "", None])
-    bus._read = lambda timeout: next(lines)  # type: ignore[method-assign]
-    _read_any_line_end(bus)
-    assert [bus._read(0.0) for _ in range(5)] == ["t6801AA\r", "t6801BB\r", "", "", None]
+    lines = _Lines(Port(b"t6801AA\r\nt6801", b"BB\r\n", b"\n\r\a", b"z\rt68"))
+    assert [lines.read(0.1) for _ in range(4)] == ["t6801AA\r", "t6801BB\r", "z\r", None]
+
+
+def test_a_line_that_is_not_text_costs_that_line_alone():
+    lines = _Lines(Port(b"t68\xff\rt6801AA\r", b"x" * (MAX_READ + 1)))
+    with pytest.raises(UnicodeDecodeError):
+        lines.read(0.1)
+    assert lines.read(0.1) == "t6801AA\r"
+    with pytest.raises(ValueError, match="no line ends"):
+        lines.read(0.1)
+    assert lines.read(0.1) is None

@@ -10,8 +10,8 @@ from can.typechecking import CanFilter
 
 from hri_drivers.links.can.errors import BUS_OFF, DOWN, BusHealth, why_not_on_bus
 from hri_drivers.links.can.opening import causes, first_line, open_bus, open_limit_s, remedy
-from hri_drivers.wires.serial import open_remedy
-from hri_drivers.wires.transport import TransportBusy
+from hri_drivers.wires.serial import MAX_READ, open_remedy, read_some
+from hri_drivers.wires.transport import READ_TIMEOUT_S, TransportBusy
 from hri_predict.base.errors import LinkError, nearest
 from hri_predict.protocol.can import CanFrame
 
@@ -110,7 +110,7 @@ class CanTransport:
         if self._filters and "can_filters" not in self._arguments and _filters_itself(bus):
             bus.set_filters(list(self._filters))
         if self.interface == "slcan":
-            _read_any_line_end(bus)
+            bus._read = _Lines(bus.serialPortOrig).read  # type: ignore[attr-defined]
         _forget_backlog(bus)
         self._garbage = 0
         self._bus = bus
@@ -145,7 +145,7 @@ class CanTransport:
             message = bus.recv(timeout_s)
         except Exception as error:
             if _is_garbage(error):
-                return self._unreadable(bus, error)
+                return self._unreadable(error)
             raise self._lost(error) from error
         if message is None:
             return []
@@ -192,15 +192,11 @@ class CanTransport:
             raise LinkError(f"{self._name}: {BUS_OFF.format(channel=self.channel)}")
         return []
 
-    def _unreadable(self, bus: can.BusABC, error: Exception) -> list[CanFrame]:
+    def _unreadable(self, error: Exception) -> list[CanFrame]:
         self.malformed += 1
         self._garbage += 1
         if self._garbage > GARBAGE_LIMIT:
             raise self._lost(error) from error
-        if any(isinstance(e, UnicodeDecodeError) for e in causes(error)):
-            # python-can's slcan keeps a line that is not text, and would fail on it forever
-            with contextlib.suppress(Exception):
-                getattr(bus, "flush", lambda: None)()
         return []
 
     def _lost(self, error: Exception) -> LinkError:
@@ -240,7 +236,7 @@ def _arguments(
     arguments: dict[str, Any] = {"bitrate": bitrate}
     if interface == "slcan":
         # The port's own read timeout: python-can's 1 ms would wake the reader 1000 times a second.
-        arguments["timeout"] = 0.02
+        arguments["timeout"] = READ_TIMEOUT_S
         if fd:
             del arguments["bitrate"]
             arguments["timing"] = can.BitTimingFd.from_sample_point(
@@ -294,18 +290,41 @@ def _is_garbage(error: Exception) -> bool:
     return isinstance(last, ValueError | LookupError | TypeError) and not isinstance(last, OSError)
 
 
-def _read_any_line_end(bus: Any) -> None:
-    """Understand an slcan adapter that ends its lines with CR and LF.
+class _Lines:
+    """Reads the lines of an slcan adapter as they come; takes the place of python-can's ``_read``.
 
-    python-can ends a line at CR, so LF would begin the next one, and no frame would be found.
+    python-can reads byte by byte, three system calls each, and ends a line at CR alone: of an
+    adapter that ends its lines with CR and LF it would find no frame.
     """
-    read = bus._read
 
-    def without_line_feed(timeout: float | None) -> str | None:
-        line: str | None = read(timeout)
-        return line.lstrip("\n") if line else line
+    def __init__(self, port: Any) -> None:
+        self._port = port
+        self._come = b""
 
-    bus._read = without_line_feed
+    def read(self, timeout: float | None) -> str | None:
+        """Return the next line with its end; ``None`` if none is whole within the port's timeout.
+
+        Raises:
+            ValueError: it is not text, or nothing that came ends a line.
+            can.CanOperationError: the port is lost.
+        """
+        while True:
+            line, end, rest = self._come.partition(b"\r")
+            if b"\a" in line:  # the adapter refused what was sent
+                line, end, rest = self._come.partition(b"\a")
+            if end:
+                self._come = rest
+                if line := line.lstrip(b"\n"):
+                    return (line + end).decode()
+                continue
+            if len(self._come) > MAX_READ:
+                self._come = b""
+                raise ValueError("no line ends")
+            with can.exceptions.error_check("Could not read from serial device"):
+                come = b"" if timeout == 0 and not self._port.in_waiting else read_some(self._port)
+            if not come:
+                return None
+            self._come += come
 
 
 def _forget_backlog(bus: can.BusABC) -> None:
