@@ -32,7 +32,7 @@ class RefusedStates:
 
     def look(self, state: RobotState, received_ns: int, link: str) -> None:
         """See what the tracker made of a state that it was just given."""
-        counts = self._tracker.counters
+        counts = self._tracker.outcomes
         refused = counts["invalid"] > self._invalid
         repeated = counts["repeated"] > self._repeated
         self._invalid, self._repeated = counts["invalid"], counts["repeated"]

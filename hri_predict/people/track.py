@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats, Stamps
+from hri_predict.base.arrays import Bools, Floats, Stamps, mean_of
 from hri_predict.base.skeleton import CANONICAL
 from hri_predict.people.build import is_same_build
 from hri_predict.people.passage import Passage
@@ -61,7 +61,7 @@ class Body:
     @property
     def centroid(self) -> Floats:
         """(3,) mean of the observed joints; at least one is observed."""
-        centroid: Floats = self.positions[self.observed].mean(axis=0)
+        centroid: Floats = mean_of(self.positions[self.observed])
         return centroid
 
     @property
@@ -167,7 +167,7 @@ class Track:
         recent = self.stamps == self.capture_ns
         if not recent.any():
             recent = self.stamps != NEVER
-        centroid: Floats = self.positions[recent].mean(axis=0)
+        centroid: Floats = mean_of(self.positions[recent])
         return centroid
 
     def apart(self, body: Body) -> float:

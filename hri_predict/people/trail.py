@@ -9,7 +9,7 @@ from collections import deque
 
 import numpy as np
 
-from hri_predict.base.arrays import Floats, Ints
+from hri_predict.base.arrays import Floats, Ints, median
 
 SPAN_S = 0.15
 """Speed before and after a step is measured over at least this time: five captures at 30 Hz."""
@@ -49,6 +49,7 @@ class Trail:
         self._stamps: deque[int] = deque()
         self._places: deque[Floats] = deque()
         self._loose: deque[float] = deque()
+        self._as_arrays: tuple[Floats, Floats] | None = None
 
     def add(self, capture_ns: int, moved: Floats, loose_m: float) -> None:
         """Note that the body moved by ``moved`` (2,), give or take ``loose_m``, to this capture."""
@@ -56,6 +57,7 @@ class Trail:
         self._stamps.append(capture_ns)
         self._places.append(self.place)
         self._loose.append(loose_m)
+        self._as_arrays = None
         while capture_ns - self._stamps[0] > KEEP_S * 1e9 and len(self._stamps) > 2:
             self._stamps.popleft()
             self._places.popleft()
@@ -94,7 +96,7 @@ class Trail:
             return 0.0
         _, places = self._arrays()
         bent = places[1:-1] - 0.5 * (places[2:] + places[:-2])
-        return float(np.median(_norm(bent)))
+        return median(_norm(bent))
 
     def slack_m(self, least_m: float) -> float:
         """The greatest error of a step: at least ``least_m``, more if this body's noise is."""
@@ -149,8 +151,10 @@ class Trail:
 
     def _arrays(self) -> tuple[Floats, Floats]:
         """(N,) seconds before the newest capture, negative, and (N, 2) places."""
-        stamps = np.array(self._stamps, np.int64)
-        return (stamps - stamps[-1]) * 1e-9, np.array(self._places)
+        if self._as_arrays is None:
+            stamps = np.array(self._stamps, np.int64)
+            self._as_arrays = (stamps - stamps[-1]) * 1e-9, np.array(self._places)
+        return self._as_arrays
 
 
 def _norm(vectors: Floats) -> Floats:

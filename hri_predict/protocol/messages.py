@@ -5,7 +5,7 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from hri_predict.protocol.reasons import Reason
 
@@ -252,8 +252,9 @@ Message = Status | Advice | Zone | Pose | Schema | FromController
 
 def at_encoding(message: Message, now_ns: int, echo: int | None = None) -> Message:
     """Fill in what is known only at sending: the age, and the echo of an Advice."""
+    known: dict[str, Any] = {}
     if isinstance(message, Status | Advice | Zone | Pose) and message.capture_ns is not None:
-        message = replace(message, age_s=max(0.0, (now_ns - message.capture_ns) * 1e-9))
+        known["age_s"] = max(0.0, (now_ns - message.capture_ns) * 1e-9)
     if isinstance(message, Advice) and echo is not None:
-        message = replace(message, echo=echo)
-    return message
+        known["echo"] = echo
+    return replace(message, **known) if known else message

@@ -98,9 +98,9 @@ class RobotTracker:
     Attributes:
         settings, model: as given.
         plan: the path that it follows; ``None`` if unknown.
-        counters: states ``accepted``, ``repeated`` (same counter, so not fresh), ``invalid``, and
-            found to be ``velocity_wrong``, ``jumped`` or ``miscounted`` (see ``StateCheck``) or
-            ``frozen``; and how often states ``contradicted`` each other or the trajectory.
+        outcomes: counts of states ``accepted``, ``repeated`` (same counter, so not fresh) and
+            ``invalid``, and how often they ``contradicted`` each other or the trajectory.
+        counters: besides, those ``velocity_wrong``, ``jumped``, ``miscounted`` and ``frozen``.
 
     Raises:
         RobotError: the trajectory or the standing position does not fit the robot.
@@ -117,7 +117,7 @@ class RobotTracker:
     ) -> None:
         self.settings = settings
         self.model = model
-        self._counts = {"accepted": 0, "repeated": 0, "invalid": 0, "contradicted": 0}
+        self.outcomes = {"accepted": 0, "repeated": 0, "invalid": 0, "contradicted": 0}
         self._new_check = check
         self._reader = StateReader(model)
         self._lines: dict[str, Line] = {}
@@ -163,21 +163,21 @@ class RobotTracker:
         if line is None:
             line = self._lines[link] = self._new_line()
         if line.counter == state.counter:
-            self._counts["repeated"] += 1
+            self.outcomes["repeated"] += 1
             return
         line.counter, line.heard_ns = state.counter, received_ns
         joints = self._reader.joints(state, link)
         if isinstance(joints, Reason):
-            self._counts["invalid"] += 1
+            self.outcomes["invalid"] += 1
             line.refused = joints
             return
         q, qd = joints
         line.check.take(state.counter, q, qd, received_ns)
         line.refused = None if self._reader.is_possible(qd) else Reason.ROBOT_STATE_INVALID
         if line.refused is not None:
-            self._counts["invalid"] += 1
+            self.outcomes["invalid"] += 1
             return
-        self._counts["accepted"] += 1
+        self.outcomes["accepted"] += 1
         tool = self._named(state)
         line.state = Received(np.array(q), np.array(qd), state.mode, received_ns, tool)
         self._asked.take(state, received_ns, link)
@@ -196,13 +196,13 @@ class RobotTracker:
 
     @property
     def counters(self) -> dict[str, int]:
-        """Counts of the RobotStates by outcome; see the class."""
+        """See the class."""
         found = {"velocity_wrong": 0, "jumped": 0, "miscounted": 0, "frozen": 0}
         for line in self._lines.values():
             for name, count in line.check.counters.items():
                 found[name] += count
             found["frozen"] += 0 if line.check.frozen is None else line.check.frozen.counter
-        return {**self._counts, **found}
+        return {**self.outcomes, **found}
 
     def at(self, now_ns: int) -> RobotNow:
         """Return the robot's place at ``now_ns``, node's clock.
@@ -319,7 +319,7 @@ class RobotTracker:
                 model, place, other, speed_m_s=speed, acceleration_m_s2=self._acceleration_m_s2
             )
             if not off_m <= permitted:
-                self._counts["contradicted"] += now_ns >= self._contradict_until_ns
+                self.outcomes["contradicted"] += now_ns >= self._contradict_until_ns
                 self._contradict_until_ns = now_ns + round(HELD_S * 1e9)
             most_m = max(most_m, off_m)
         return None if now_ns < self._contradict_until_ns else most_m

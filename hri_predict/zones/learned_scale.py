@@ -259,7 +259,7 @@ class LearnedScale:
         of_kind = np.concatenate([weights[now + len(AHEAD) :], np.zeros((1, weights.shape[1]))])
         self._tables = Tables(
             rate_hz=float(rate_hz),
-            trunk=np.array(trunk_joints(skeleton), np.intp),
+            trunk=trunk_joints(skeleton),
             knots=knots,
             below=below,
             above=above,

@@ -13,10 +13,12 @@ each class is as valid as one without classes (Mondrian conformal prediction: V.
 G. Shafer, "Algorithmic Learning in a Random World", 2005, section 4.5).
 """
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
-from hri_predict.base.arrays import Floats
+from hri_predict.base.arrays import Floats, Ints
 from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.zones.human_speed import Velocities
@@ -46,9 +48,14 @@ def trunk_speed(velocities: Velocities, skeleton: Skeleton) -> Floats:
     return np.where(count > 0, norm(mean), np.nan)
 
 
-def trunk_joints(skeleton: Skeleton) -> list[int]:
+def trunk_joints(skeleton: Skeleton) -> Ints:
     """Indices of the joints whose mean is the trunk's motion."""
-    return [i for i, name in enumerate(skeleton.joints) if name in _TRUNK]
+    return _trunk_of(tuple(skeleton.joints))
+
+
+@cache
+def _trunk_of(joints: tuple[str, ...]) -> Ints:
+    return np.array([i for i, name in enumerate(joints) if name in _TRUNK], np.intp)
 
 
 def speed_class(speed_m_s: Floats) -> NDArray[np.intp]:

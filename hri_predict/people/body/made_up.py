@@ -13,13 +13,15 @@ A body that stood still before, and a trunk without legs, prove nothing. What wa
 until limbs move again.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats, Stamps, mean_of, median
+from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.ring_buffer import NEVER
@@ -77,11 +79,22 @@ class Sign(Enum):
 
 @dataclass(slots=True)
 class _Record:
-    """The newest captures of one person, and what was recognised in them."""
+    """The newest captures of one person, and what was recognised in them.
 
-    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=CAPTURES))
-    positions: deque[Floats] = field(default_factory=lambda: deque(maxlen=CAPTURES))
-    observed: deque[Bools] = field(default_factory=lambda: deque(maxlen=CAPTURES))
+    Captures lie in arrays of twice the length, so that the newest are one piece: ``stamps``,
+    ``positions`` (n, J, 3) and ``observed`` (n, J) are views of those that are kept.
+    """
+
+    all_stamps: Stamps = field(default_factory=lambda: np.zeros(2 * CAPTURES, np.int64))
+    all_positions: Floats = field(default_factory=lambda: np.zeros((2 * CAPTURES, len(JOINTS), 3)))
+    all_observed: Bools = field(
+        default_factory=lambda: np.zeros((2 * CAPTURES, len(JOINTS)), np.bool_)
+    )
+    end: int = 0
+    newest_ns: int = NEVER
+    stamps: Stamps = field(init=False)
+    positions: Floats = field(init=False)
+    observed: Bools = field(init=False)
     prints: deque[int] = field(default_factory=lambda: deque(maxlen=CAPTURES))
     middle: Floats = field(default_factory=lambda: np.zeros(3))
     relative: bool = False
@@ -91,19 +104,32 @@ class _Record:
     sign: Sign | None = None
     sign_ns: int = NEVER
 
+    def add(self, capture_ns: int, body: Body) -> None:
+        """Keep one more capture."""
+        if self.end == 2 * CAPTURES:
+            self.end = CAPTURES - 1
+            self.all_stamps[: self.end] = self.all_stamps[-self.end :]
+            self.all_positions[: self.end] = self.all_positions[-self.end :]
+            self.all_observed[: self.end] = self.all_observed[-self.end :]
+        self.all_stamps[self.end] = capture_ns
+        self.all_positions[self.end] = body.positions
+        self.all_observed[self.end] = body.observed
+        self.end += 1
+        self.newest_ns, self.middle = capture_ns, body.centroid
+        kept = slice(max(self.end - CAPTURES, 0), self.end)
+        self.stamps, self.positions = self.all_stamps[kept], self.all_positions[kept]
+        self.observed = self.all_observed[kept]
+
     def last(self, count: int) -> tuple[Floats, Floats, Bools]:
         """Seconds (n,), positions (n, m, 3) of the m joints seen in all, and which these are."""
-        start = max(len(self.stamps) - count, 0)
-        rows = range(start, len(self.stamps))
-        always = np.logical_and.reduce([self.observed[k] for k in rows])
-        positions = np.stack([self.positions[k] for k in rows])[:, always]
-        stamps = np.array([self.stamps[k] - self.stamps[-1] for k in rows]) * 1e-9
-        return stamps, positions, always
+        always: Bools = np.logical_and.reduce(self.observed[-count:])
+        stamps: Floats = np.multiply(self.stamps[-count:] - self.newest_ns, 1e-9)
+        return stamps, self.positions[-count:, always], always
 
     def within(self, seconds: float) -> int:
         """Number of captures in the newest ``seconds``."""
-        since = self.stamps[-1] - round(seconds * 1e9)
-        return sum(stamp >= since for stamp in self.stamps)
+        since = self.newest_ns - round(seconds * 1e9)
+        return len(self.stamps) - int(np.searchsorted(self.stamps, since))
 
 
 class MadeUpWatch:
@@ -134,10 +160,7 @@ class MadeUpWatch:
         if not self._on:
             return None
         record = self._record(body, capture_ns)
-        record.stamps.append(capture_ns)
-        record.positions.append(body.positions)
-        record.observed.append(body.observed)
-        record.middle = body.centroid
+        record.add(capture_ns, body)
         self._count_again(record, body.fingerprint)
         if capture_ns - record.relative_ns >= RELATIVE_S * 1e9 / 8:
             record.relative_ns = capture_ns
@@ -156,12 +179,12 @@ class MadeUpWatch:
     def _record(self, body: Body, capture_ns: int) -> _Record:
         """The record of a body, or of one that was here under another id."""
         record = self._records.get(body.id)
-        if record is not None and capture_ns - record.stamps[-1] <= FORGET_NS:
+        if record is not None and capture_ns - record.newest_ns <= FORGET_NS:
             return record
         for other, old in list(self._records.items()):
-            if capture_ns - old.stamps[-1] > FORGET_NS:
+            if capture_ns - old.newest_ns > FORGET_NS:
                 del self._records[other]
-            elif old.stamps[-1] < capture_ns and (
+            elif old.newest_ns < capture_ns and (
                 float(np.linalg.norm(old.middle - body.centroid)) < INHERIT_M
             ):
                 record = self._records[body.id] = self._records.pop(other)
@@ -171,12 +194,9 @@ class MadeUpWatch:
 
     def _is_relative(self, record: _Record) -> bool:
         count = record.within(RELATIVE_S)
-        if record.stamps[-1] - record.stamps[-count] < RELATIVE_S * 1e9 / 2:
+        if record.newest_ns - record.stamps[-count] < RELATIVE_S * 1e9 / 2:
             return False
-        rows = range(len(record.stamps) - count, len(record.stamps))
-        positions = np.stack([record.positions[k] for k in rows])
-        observed = np.stack([record.observed[k] for k in rows])
-        return hips_are_origin(positions, observed, self._origin)
+        return hips_are_origin(record.positions[-count:], record.observed[-count:], self._origin)
 
     def _count_again(self, record: _Record, fingerprint: int) -> None:
         """Count consecutive captures that came before, a loop's length ago."""
@@ -213,7 +233,7 @@ class MadeUpWatch:
         return _stops_dead(
             stamps[-count] - stamps[rows],
             joints[rows],
-            after.mean(axis=0),
+            mean_of(after),
             noise_m=float(np.sqrt(noise2)),
         )
 
@@ -223,24 +243,24 @@ class MadeUpWatch:
         if not common.any():
             return False
         moved = (record.positions[-1] - record.positions[-self._freeze])[common]
-        return float((moved**2).mean()) < 3 * MOST_NOISE_M**2
+        return float((moved * moved).sum()) < 3 * MOST_NOISE_M**2 * moved.size
 
     def _coasts(self, record: _Record) -> bool:
         """Whether the body moves without a change of shape, or every joint keeps its velocity."""
         count = record.within(COAST_S)
-        if count < 6 or record.stamps[-1] - record.stamps[-count] < 0.8 * COAST_S * 1e9:
+        if count < 6 or record.newest_ns - record.stamps[-count] < 0.8 * COAST_S * 1e9:
             return False
         ends = (record.positions[-count], record.positions[-1])
         common = record.observed[-count] & record.observed[-1]
         if common.sum() < COAST_JOINTS:
             return False
-        way_m = float(np.linalg.norm((ends[1] - ends[0])[common].mean(axis=0)))
+        way_m = float(norm(mean_of((ends[1] - ends[0])[common])))
         if way_m < COASTED_M:
             return False
         stamps, joints, always = record.last(count)
         if always.sum() < COAST_JOINTS or always[_LEGS].sum() < 2 or _leaps(stamps, joints):
             return False
-        shape = joints - joints.mean(axis=1, keepdims=True)
+        shape = joints - mean_of(joints, 1)[:, None]
         if _is_noise(shape, RIGID_M) and _is_noise(
             shape[:, np.isin(np.flatnonzero(always), _LEGS)], RIGID_M
         ):
@@ -284,38 +304,48 @@ class MadeUpWatch:
         _, joints, always = record.last(self._freeze + 2)
         if not always.any():
             return False
-        turn = np.linalg.norm(np.diff(joints.mean(axis=1), n=2, axis=0), axis=-1)
+        turn = norm(_turns(mean_of(joints, 1)))
         return bool(turn.max() > JUMP_M_S2 * max(self._period_s, FINEST_S) ** 2)
 
     def _awake(self, record: _Record) -> bool:
         """Whether limbs have moved since the sign, in a way that is not noise."""
         hold_s = LOOP_S if record.sign is Sign.LOOPED else AWAKE_S
-        if record.stamps[-1] - record.sign_ns < hold_s * 1e9:
+        if record.newest_ns - record.sign_ns < hold_s * 1e9:
             return False
         count = min(record.within(AWAKE_S), self._freeze * 3)
         _, joints, always = record.last(count)
         if always.sum() < STILL_JOINTS or count < 4:
             return True  # too little is seen to say anything
-        shape = joints - joints.mean(axis=1, keepdims=True)
+        shape = joints - mean_of(joints, 1)[:, None]
         return bool(_variance(shape) > 2 * WHITE * _white(shape) + ALIVE_M**2)
 
 
 def _leaps(stamps: Floats, joints: Floats) -> bool:
     """Whether most of the way of (n, m, 3) is a jump: a glitch, or another body under this id."""
-    middle = joints.mean(axis=1)
-    fastest = (np.linalg.norm(np.diff(middle, axis=0), axis=-1) / np.diff(stamps)).max()
+    middle = mean_of(joints, 1)
+    fastest = (norm(middle[1:] - middle[:-1]) / (stamps[1:] - stamps[:-1])).max()
     mean = np.linalg.norm(middle[-1] - middle[0]) / (stamps[-1] - stamps[0])
     return bool(fastest > EVEN * mean)
 
 
 def _white(values: Floats) -> float:
     """Variance of white noise in (n, ...), by second differences: smooth motion has small ones."""
-    return float((np.diff(values, n=2, axis=0) ** 2).mean()) / 6.0
+    turns = _turns(values)
+    return float((turns * turns).sum()) / turns.size / 6.0 if turns.size else math.nan
+
+
+def _turns(values: Floats) -> Floats:
+    """Second differences of (n, ...); ``numpy.diff`` takes several times as long."""
+    steps = values[1:] - values[:-1]
+    turns: Floats = steps[1:] - steps[:-1]
+    return turns
 
 
 def _variance(values: Floats) -> float:
     """Mean variance over time of (n, ...)."""
-    return float(values.var(axis=0, ddof=1).mean())
+    off = values - mean_of(values)
+    off *= off
+    return float(off.sum(axis=0).sum()) / max(len(values) - 1, 1) / max(off[0].size, 1)
 
 
 def _is_noise(values: Floats, floor_m: float) -> bool:
@@ -334,9 +364,9 @@ def _stops_dead(since_s: Floats, joints: Floats, stopped: Floats, *, noise_m: fl
     """
     fast = False
     for seconds, then in zip(since_s, joints, strict=True):
-        way = np.linalg.norm(stopped - then, axis=-1)
+        way = norm(stopped - then)
         least = LEAST_M_S * seconds + SLOWING_M_S2 * seconds**2 / 2 + 3.1 * noise_m
-        fast |= bool(np.median(way) > least)
+        fast |= median(way) > least
     if not fast:
         return False
     step, before, earlier = stopped - joints[2], joints[2] - joints[1], joints[1] - joints[0]
@@ -347,5 +377,5 @@ def _stops_dead(since_s: Floats, joints: Floats, stopped: Floats, *, noise_m: fl
 
 def _goes_on(turn: Floats, noise_m: float) -> bool:
     """Whether few joints change their step by more than limbs can; ``turn`` (m, 3) by how much."""
-    turned = np.linalg.norm(turn, axis=-1) > TURNING_M + 4.5 * noise_m
+    turned = norm(turn) > TURNING_M + 4.5 * noise_m
     return bool(turned.sum() <= 0.25 * len(turned))

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hri_predict.base.arrays import Bools, Floats
+from hri_predict.base.arrays import Bools, Floats, mean_of
 from hri_predict.base.geometry import cross, norm
 from hri_predict.base.skeleton import JOINTS
 
@@ -120,7 +120,7 @@ def posture_of(positions: Floats, observed: Bools) -> Posture:
         has_leg=any(bool(seen[leg].all()) for leg in _LEGS),
         handed_m=_handed(positions, observed),
         feet_m=float(positions[ankles, 2].mean()) if len(ankles) else None,
-        middle=joints.mean(axis=0),
+        middle=mean_of(joints),
         heights=(float(heights[len(heights) // 20]), float(heights[9 * (len(heights) - 1) // 10])),
         lowest_m=float(heights[:2][-1]),
         above_m=float(above[-2:][0]),

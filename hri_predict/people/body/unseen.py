@@ -51,7 +51,7 @@ def out_of_reach(positions: Floats, observed: Bools) -> Bools:
     seen = positions[where]
     between = seen[:, None] - seen[None]
     apart2 = np.einsum("ijk,ijk->ij", between, between)
-    too_far = apart2 > _MOST_APART_2[np.ix_(where, where)]
+    too_far = apart2 > _MOST_APART_2[where[:, None], where]
     while too_far.any():
         counts = too_far.sum(axis=1)
         worst = counts == counts.max()

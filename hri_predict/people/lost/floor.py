@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hri_predict.base.arrays import Floats
+from hri_predict.base.arrays import Floats, mean_of
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.track import Track
 
@@ -49,7 +49,7 @@ def floor_place(track: Track) -> Floats | None:
     seen = track.stamps == track.capture_ns
     for joints in _STANDS:
         if seen[joints].all():
-            place: Floats = track.positions[joints, :2].mean(axis=0)
+            place: Floats = mean_of(track.positions[joints, :2])
             return place
     return None
 

@@ -208,11 +208,11 @@ class StateCheck:
         joints = len(self._noise)
         q, qd = values[:, :joints], values[:, joints:]
         received = np.array([state.received_ns for state in window])
-        h = (np.diff(received) * 1e-9)[:, None]
-        size = np.abs(qd)
-        steps = np.abs(np.diff(qd, axis=0))
+        h = ((received[1:] - received[:-1]) * 1e-9)[:, None]  # np.diff takes five times as long
+        size, apart = np.abs(qd), values[1:] - values[:-1]
+        steps = np.abs(apart[:, joints:])
         varied = steps.sum(0)
-        by_step = np.diff(q, axis=0) - h * (qd[1:] + qd[:-1]) / 2
+        by_step = apart[:, :joints] - h * (qd[1:] + qd[:-1]) / 2
         moved = q[-1] - q[0]
         by_wire = (
             self._noise
@@ -236,7 +236,8 @@ class StateCheck:
 
     def _spread_s(self) -> float:
         """Return the spread of the arrivals' delays, if the states were sampled evenly."""
-        values = np.array(self._arrivals, dtype=np.int64)
-        at, count = (values - values[0]).T
-        off = at - count * (at[-1] / max(int(count[-1]), 1))
-        return float(off.max() - off.min()) * 1e-9
+        (first_ns, first), (last_ns, last) = self._arrivals[0], self._arrivals[-1]
+        period_ns = (last_ns - first_ns) / max(last - first, 1)
+        # plain numbers: an array of these pairs takes longer than all that is done with it
+        off = [at_ns - first_ns - (k - first) * period_ns for at_ns, k in self._arrivals]
+        return (max(off) - min(off)) * 1e-9

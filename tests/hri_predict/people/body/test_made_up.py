@@ -7,7 +7,7 @@ import pytest
 
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.contracts.scene import Person
-from hri_predict.people.body.made_up import MadeUpWatch, Sign
+from hri_predict.people.body.made_up import CAPTURES, MadeUpWatch, Sign, _Record
 from hri_predict.people.body.relative import hips_are_origin
 from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body as Sent
@@ -221,3 +221,19 @@ def test_real_people_are_believed(noise_m):
             shaken = positions + rng.normal(0.0, noise_m, positions.shape)
             body = Sent(1, np.where(seen[:, None], shaken, 0.0), seen)
             assert watch.judge(body, round(k * 1e9 / RATE_HZ)) is None, path.name
+
+
+def test_the_newest_captures_are_kept_however_many_there_were():
+    record, rng = _Record(), np.random.default_rng(0)
+    shown = [rng.normal(size=(len(JOINTS), 3)) for _ in range(5 * CAPTURES)]
+    for k, positions in enumerate(shown):
+        seen = ALL.copy()
+        seen[0] = k % 7 > 0
+        record.add(k * 1_000_000, Sent(1, positions, seen))
+        count = min(k + 1, 9)
+        seconds, joints, always = record.last(9)
+        np.testing.assert_array_equal(seconds, np.arange(1 - count, 1) * 1_000_000 * 1e-9)
+        np.testing.assert_array_equal(joints, np.array(shown[k + 1 - count : k + 1])[:, always])
+        assert always[0] == all(i % 7 for i in range(k + 1 - count, k + 1))
+        assert len(record.stamps) == min(k + 1, CAPTURES)
+        assert record.within(0.0035) == min(k + 1, 4)
