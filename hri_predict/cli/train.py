@@ -98,9 +98,9 @@ def train(
 
 def _found(path: Path) -> Path:
     """Return ``path``, or the shipped configuration of that name (``configs/training/…``)."""
-    shipped = data_path("training", path.name)
-    known = path.parent in (Path("."), Path("configs/training")) and shipped.is_file()
-    return shipped if known and not path.exists() else path
+    inside = path.parts[2:] if path.parts[:2] == ("configs", "training") else path.parts
+    shipped = data_path("training", *inside)
+    return shipped if shipped.is_file() and not path.exists() else path
 
 
 def _changes(
