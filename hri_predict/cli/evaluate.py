@@ -248,7 +248,8 @@ def _bases(
 
 def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motion]":
     """The motions of all recordings; one that cannot be used is named and left out."""
-    from hri_predict.lab.evaluation.windows import HORIZONS_MS, origins, read_motions
+    from hri_predict.lab.evaluation.table import HORIZONS_MS
+    from hri_predict.lab.evaluation.windows import origins, read_motions
 
     found, left_out = [], []
     for path in paths:

@@ -98,9 +98,9 @@ def train(
 
 def _found(path: Path) -> Path:
     """Return ``path``, or the shipped configuration of that name (``configs/training/…``)."""
-    shipped = data_path("training", path.name)
-    known = path.parent in (Path("."), Path("configs/training")) and shipped.is_file()
-    return shipped if known and not path.exists() else path
+    inside = path.parts[2:] if path.parts[:2] == ("configs", "training") else path.parts
+    shipped = data_path("training", *inside)
+    return shipped if shipped.is_file() and not path.exists() else path
 
 
 def _changes(
@@ -137,7 +137,11 @@ def _show(result: "Result", unit: str, as_json: bool) -> None:
 def ablate(
     *,
     config: Annotated[
-        Path, typer.Argument(help="Training configuration of trajectorycnn, judgement real.")
+        Path,
+        typer.Argument(
+            help="Training configuration of trajectorycnn, judgement real; or a paper's network: "
+            "trajectorycnn, stb, auxformer, kdformer, sinn."
+        ),
     ],
     data: Annotated[str, typer.Option(help="Folder of the recordings.")],
     out: Annotated[str, typer.Option(help="Folder of the runs and of the table.")],
@@ -148,14 +152,19 @@ def ablate(
 ) -> None:
     """Train a small TrajectoryCNN with one augmentation left out at a time, and compare errors.
 
+    With a paper's name it is the paper's own network, with one switch of its ablation at a time.
+
     Ctrl-C saves the run; the same command continues. Finished runs are not run again.
 
     Example: hri-predict ablate configs/training/trajectorycnn_real.yaml --data ../shared/data
     --out runs/ablation
     """
-    from hri_predict.lab.training import ablation
+    from hri_predict.lab.training import ablation, paper_ablation
 
     try:
+        if str(config) in paper_ablation.PAPERS:
+            print(paper_ablation.ablate(str(config), data, Path(out), changes or []), end="")
+            return
         text = ablation.ablate(ablation.configuration(_found(config), data, out, changes or ()))
     except KeyboardInterrupt:
         print("saved; continue with the same command", file=sys.stderr)

@@ -40,10 +40,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from hri_predict.predictors.auxformer_attention import PER_METRE, AuxFormerOptions, Layer
+from hri_predict.predictors.auxformer_attention import AuxFormerOptions, Layer
 from hri_predict.predictors.auxformer_lean import lean
 from hri_predict.predictors.neural.body_frame import fill
 from hri_predict.predictors.neural.network import (
+    DECIMETRES,
     BodyFrames,
     Network,
     Shape,
@@ -178,7 +179,7 @@ class AuxFormer(Network):
             both = functional.pad(seen[:, 1:] & seen[:, :-1], (0, 0, 0, 0, 1, 0))
             step = functional.pad(filled[:, 1:] - filled[:, :-1], (0, 0, 0, 0, 1, 0))
             parts.append(torch.where(both, step, 0.0))
-        coordinates = torch.cat(parts, -1) * PER_METRE
+        coordinates = torch.cat(parts, -1) * DECIMETRES
         places = self.step + self.joint
         tokens = torch.where(seen, self.coordinate(coordinates), self.hidden) + places[:past]
         if future:
@@ -204,7 +205,7 @@ class AuxFormer(Network):
 
     def _past(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
         """(N, T, J, 3) metres: the filled input plus the head's output."""
-        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / PER_METRE
+        return filled + cast(Tensor, head(tokens[:, : filled.shape[1]])) / DECIMETRES
 
     def _future(self, head: nn.Module, tokens: Tensor, filled: Tensor) -> Tensor:
         """(N, H, J, 3) metres: the last filled pose plus the head's output."""
@@ -214,7 +215,7 @@ class AuxFormer(Network):
         """As ``_future``, from the future tokens alone, (N, future tokens, J, F)."""
         change = head(future).unflatten(3, (self.options.future_stride, 3))
         change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]
-        return filled[:, -1:] + change / PER_METRE
+        return filled[:, -1:] + change / DECIMETRES
 
 
 def _dictionary(*shape: int) -> nn.Parameter:

@@ -8,8 +8,6 @@ from torch.nn import functional
 
 from hri_predict.predictors.neural.network import NetworkOptions
 
-PER_METRE = 10.0  # the input is divided by 100 mm (section 5.2)
-
 
 class AuxFormerOptions(NetworkOptions):
     """Sizes and switches; the paper's are 96 features (CMU), 8 heads and 3 or 4 layers."""

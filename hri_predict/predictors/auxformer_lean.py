@@ -21,12 +21,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from hri_predict.predictors.auxformer_attention import (
-    PER_METRE,
     Attention,
     AuxFormerOptions,
     Layer,
 )
-from hri_predict.predictors.neural.network import BodyFrames, Shape
+from hri_predict.predictors.neural.network import DECIMETRES, BodyFrames, Shape
 
 _LARGEST = 60.0  # e^60 is 1e26 and e^-60 1e-26: far inside single precision, times any values
 
@@ -150,7 +149,7 @@ class _Lean:
             for layer, observed_only in network.order()
         ]
         places = network.step + network.joint
-        self.embed = network.coordinate.weight.t() * PER_METRE
+        self.embed = network.coordinate.weight.t() * DECIMETRES
         self.embed_bias = network.coordinate.bias
         self.places, self.ahead = places[:past], network.hidden + places[past:]
         self.hidden, self.velocity, self.past = network.hidden, o.velocity, past

@@ -26,6 +26,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from hri_predict.predictors.neural.network import (
+    DECIMETRES,
     BodyFrames,
     Network,
     NetworkOptions,
@@ -38,7 +39,6 @@ from hri_predict.predictors.neural.predictor import NeuralPredictor
 
 BACK_STEPS = (1, 3, 10)
 """Numbers of steps over which velocities are measured."""
-_DECIMETRES = 10.0
 _PER_JOINT = len(BACK_STEPS) + 3  # a factor for each velocity, and the rest
 
 
@@ -117,14 +117,14 @@ class Mixer(Network):
     def _ahead(self, window: BodyFrames) -> Tensor:
         last = last_pose(window)
         seen = window.observed.to(last.dtype)
-        moved = (window.positions - last) * _DECIMETRES
+        moved = (window.positions - last) * DECIMETRES
         over_time = torch.cat([moved.flatten(2), seen], dim=2).transpose(1, 2) @ self.cosines
-        pose = torch.cat([last[:, 0].flatten(1) * _DECIMETRES, seen[:, -1]], dim=1)
+        pose = torch.cat([last[:, 0].flatten(1) * DECIMETRES, seen[:, -1]], dim=1)
         features = self.moved(over_time.transpose(1, 2)) + self.pose(pose)[:, None]
         features = self.norm(self.blocks(features)).transpose(1, 2)
         future = self.to_future(features).transpose(1, 2)
         said = self.head(future).unflatten(2, (self.shape.joints, _PER_JOINT))
-        change = said[..., -3:] / _DECIMETRES
+        change = said[..., -3:] / DECIMETRES
         for index, back in enumerate(BACK_STEPS):
             steps = min(back, window.positions.shape[1] - 1)
             velocity = (last - window.positions[:, -1 - steps :][:, :1]) / steps

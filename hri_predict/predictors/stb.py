@@ -30,6 +30,7 @@ from pydantic import Field
 from torch import Tensor, nn
 
 from hri_predict.predictors.neural.network import (
+    DECIMETRES,
     BodyFrames,
     Network,
     NetworkOptions,
@@ -39,8 +40,6 @@ from hri_predict.predictors.neural.network import (
     mpjpe,
 )
 from hri_predict.predictors.neural.predictor import NeuralPredictor
-
-_DECIMETRES = 10.0
 
 
 class STBOptions(NetworkOptions):
@@ -90,14 +89,14 @@ class STB(Network):
     def forward(self, window: BodyFrames) -> Tensor:
         """Predict (B, H, J, 3) metres in the body frame: the mean of the branches (Eq. 20)."""
         changes = torch.stack(list(self._changes(window).values())).mean(0)
-        return last_pose(window) + changes[:, self.shape.history_steps :] / _DECIMETRES
+        return last_pose(window) + changes[:, self.shape.history_steps :] / DECIMETRES
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
         """Eq. 19, brought from decimetres to metres."""
         padded = self._padded(window)
         past = target.past_of(window)
         sequence = Target(
-            torch.cat([past.positions, target.positions], dim=1) * _DECIMETRES,
+            torch.cat([past.positions, target.positions], dim=1) * DECIMETRES,
             torch.cat([past.observed, target.observed], dim=1),
         )
         changes = self._changes(window)
@@ -105,12 +104,12 @@ class STB(Network):
         if len(changes) == 2 and self.options.distillation > 0:
             divergence = distillation(changes["temporal"], changes["spatial"])
             losses["distillation"] = self.options.distillation * divergence
-        return {name: loss / _DECIMETRES for name, loss in losses.items()}
+        return {name: loss / DECIMETRES for name, loss in losses.items()}
 
     def _padded(self, window: BodyFrames) -> Tensor:
         """X of Sec. 3.1: (B, T + H, J, 3) decimetres, the last pose repeated H times."""
         future = last_pose(window).expand(-1, self.shape.horizon_steps, -1, -1)
-        return torch.cat([window.positions, future], dim=1) * _DECIMETRES
+        return torch.cat([window.positions, future], dim=1) * DECIMETRES
 
     def _changes(self, window: BodyFrames) -> dict[str, Tensor]:
         """Return what each branch adds to the padded sequence, (B, T + H, J, 3) decimetres."""

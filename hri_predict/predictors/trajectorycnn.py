@@ -33,6 +33,7 @@ from torch.nn import functional
 
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.predictors.neural.network import (
+    DECIMETRES,
     BodyFrames,
     Network,
     NetworkOptions,
@@ -44,7 +45,6 @@ from hri_predict.predictors.neural.predictor import NeuralPredictor
 PART_ORDER = ("right_arm", "left_arm", "torso", "right_leg", "left_leg")
 """Sec. III-C; joints of one part are adjacent rows."""
 
-_DECIMETRES = 10.0
 _KERNELS = {"3x3": (3, 3), "1x3": (1, 3), "1x1": (1, 1)}
 _LAYERS = 5  # of a trajectory block
 
@@ -111,7 +111,7 @@ class TrajectoryCNN(Network):
         """Predict (B, H, J, 3) metres in the body frame: the last frame repeated, plus a change."""
         last = last_pose(window)
         observed = window.observed[:, :, self.order].to(last.dtype)
-        positions = window.positions[:, :, self.order] * _DECIMETRES
+        positions = window.positions[:, :, self.order] * DECIMETRES
         if self.options.relative:
             newest = positions[:, -1:]
             positions = torch.cat([positions[:, :-1] - newest, newest], dim=1)
@@ -119,7 +119,7 @@ class TrajectoryCNN(Network):
             change = self._by_trajectory(positions, observed)
         else:
             change = self._by_pose(positions, observed)
-        return last + change[:, :, self.place] / _DECIMETRES
+        return last + change[:, :, self.place] / DECIMETRES
 
     def _by_trajectory(self, positions: Tensor, observed: Tensor) -> Tensor:
         """Map (B, T, J, 3) and (B, T, J) to (B, H, J, 3); frames are channels already."""

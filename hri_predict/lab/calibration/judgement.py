@@ -10,12 +10,11 @@ from hri_predict.lab.calibration.coverage import Calibrated, Coverage, as_calibr
 from hri_predict.lab.calibration.levels import levels_text
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.lab.calibration.sizes import Sizes, measure_sizes
-from hri_predict.lab.evaluation.table import Table, plain
+from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, plain
 from hri_predict.zones.calibration import OFS, Calibration
 from hri_predict.zones.motion_class import SPEED_CLASSES
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 
-HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 SIZE_MS = (400, 1000)
 WAYS = ("as calibrated", "cut", "cut and self-check")
 """Radii alone; zones as the node builds them without its self-check; and with it."""

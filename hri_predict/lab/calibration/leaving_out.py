@@ -19,10 +19,9 @@ from hri_predict.base.work.workers import Workers
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.lab.calibration.conformal import calibrate
 from hri_predict.lab.calibration.coverage import Calibrated, Coverage, as_calibrated, as_run
-from hri_predict.lab.calibration.judgement import HORIZONS_MS
 from hri_predict.lab.calibration.scores import Scores
 from hri_predict.lab.datasets.tracks import nearest
-from hri_predict.lab.evaluation.table import Table, plain
+from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, plain
 from hri_predict.zones.calibration import OFS, Calibration, Of, identity
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 

@@ -13,8 +13,8 @@ import numpy as np
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
 from hri_predict.lab.evaluation.recordings import MEAN_ACTIONS, RecordingResult, relative_loss
-from hri_predict.lab.evaluation.table import Table
-from hri_predict.lab.evaluation.windows import HORIZON_STEPS, HORIZONS_MS, scored_joints
+from hri_predict.lab.evaluation.table import HORIZONS_MS, Table
+from hri_predict.lab.evaluation.windows import HORIZON_STEPS, scored_joints
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.run.zone_basis import ZoneBasis
 

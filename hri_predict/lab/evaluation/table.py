@@ -5,6 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
+"""Times ahead that tables of forecasts and of zones show."""
+
 
 @dataclass(frozen=True, slots=True)
 class Table:

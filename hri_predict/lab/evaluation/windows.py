@@ -22,6 +22,7 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.errors import UnusableRecordingError
 from hri_predict.contracts.joint_map import JointMap
 from hri_predict.lab.datasets.tracks import Track, nearest, tracks_of
+from hri_predict.lab.evaluation.table import HORIZONS_MS
 from hri_predict.people.ring_buffer import resample
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.recording.opening import opened
@@ -30,7 +31,6 @@ from hri_predict.recording.recording import Recording
 RATE_HZ = 25.0
 ORIGIN_STEPS = 15
 """Steps of history before every origin, however many a predictor reads."""
-HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 HORIZON_STEPS = tuple(round(ms * RATE_HZ / 1000) for ms in HORIZONS_MS)
 FUTURE_STEPS = HORIZON_STEPS[-1]
 BATCH = 256

@@ -153,11 +153,17 @@ def ablate(config: TrainingConfig) -> str:
             weights = trained(run, stop)
         rows[name] = judged(run, weights)
     text = table(rows)
-    _write(config.out / "ablation.md", text)
+    write_table(config.out, text)
     return text
 
 
-def _write(path: Path, text: str) -> None:
+def write_table(folder: Path, text: str) -> None:
+    """Write ``ablation.md`` into ``folder``.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    path = folder / "ablation.md"
     remedy = "fix that and repeat the same command"
     with OsErrorAs(ConfigError, f"{path}: cannot be written", remedy):
         atomic_write(path, text.encode())

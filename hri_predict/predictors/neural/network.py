@@ -213,6 +213,10 @@ def network_class_of(predictor: str) -> NetworkClass | None:
     return cls.network_class if isinstance(cls, Trained) else None
 
 
+DECIMETRES = 10.0
+"""Per metre: networks compute with lengths of about 1, as section 5.2 of AuxFormer's paper."""
+
+
 def last_pose(window: BodyFrames) -> Tensor:
     """(B, 1, J, 3) the newest step of the window."""
     return window.positions[:, -1:]

@@ -15,12 +15,11 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.lab.calibration.site.adapted import groups, moved_factors
 from hri_predict.lab.calibration.site.parts import Part
-from hri_predict.lab.evaluation.table import Table, percent, plain
+from hri_predict.lab.evaluation.table import HORIZONS_MS, Table, percent, plain
 from hri_predict.zones.calibration import OFS, Calibration, Of
 from hri_predict.zones.settings import LEVELS
 
 FOLDS = 5
-HORIZONS_MS = (120, 200, 400, 600, 800, 1000)
 WALK_M_S, BODY_M = 1.6, 0.08
 """Sizes are compared with a ball that grows at walking speed; the body adds this to both."""
 BEFORE, AFTER = "before", "after"

@@ -49,6 +49,7 @@ class BenchmarkData(Settings):
     space: Literal["positions", "rotations"] = Field(
         "positions", description="25 joints in benchmark metres, or 38 exponential maps"
     )
+    actions: list[str] = Field([], description="these actions alone; default: all")
     balanced: bool = Field(True, description="draw the action first, then a window of it")
     validation_windows: int = Field(64, ge=1, description="number per action, evenly spread")
     reverse: float = Field(
@@ -94,9 +95,9 @@ class BenchmarkSamples:
 
     def __init__(self, data: BenchmarkData, history_steps: int, horizon_steps: int) -> None:
         root = data_root(data.root)
-        everything = benchmark_names(root, "train")
-        fitted = everything if data.refit else _listed(data.splits, "fit")
-        validation = [] if data.refit else _listed(data.splits, "validation")
+        everything = _of(data.actions, benchmark_names(root, "train"))
+        fitted = everything if data.refit else _of(data.actions, _listed(data.splits, "fit"))
+        validation = [] if data.refit else _of(data.actions, _listed(data.splits, "validation"))
         self.actions = tuple(a for a in ACTIONS if any(action_of(n) == a for n in everything))
         for name in sorted(set(fitted) & set(validation)):
             raise ConfigError(
@@ -219,6 +220,17 @@ def model_values(clip: Clip, space: str) -> Floats:
     if space == "rotations":
         return clip.expmaps
     return to_model(clip.positions()[:, MOVING])
+
+
+def _of(actions: Sequence[str], names: Sequence[str]) -> list[str]:
+    """The recordings of these actions; all of them where none is named."""
+    found = [name for name in names if not actions or action_of(name) in actions]
+    if names and not found:
+        raise ConfigError(
+            f"data.actions {', '.join(actions)}: no recording shows them; there are: "
+            f"{', '.join(sorted({action_of(name) for name in names}))}"
+        )
+    return found
 
 
 def _listed(file: str, key: str) -> list[str]:

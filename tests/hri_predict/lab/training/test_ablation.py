@@ -10,10 +10,13 @@ import yaml
 
 from hri_predict import cli
 from hri_predict.base.errors import ConfigError
-from hri_predict.lab.training import ablation
+from hri_predict.lab.training import ablation, paper_ablation
 from hri_predict.lab.training.config import load_training_config
 from hri_predict.lab.training.windows.augment import AugmentSettings
 from hri_predict.lab.training.windows.motion import DataSettings, MotionSamples
+from hri_predict.predictors.neural.network import network_class_of
+
+SHARED = Path(__file__).resolve().parents[4].parent / "shared" / "data"
 
 
 @pytest.fixture
@@ -44,8 +47,8 @@ def config(tmp_path) -> Path:
 def ablate(config, tmp_path, monkeypatch):
     """Run ``hri-predict ablate`` with some changes; gives its exit status."""
 
-    def call(*changes, out=tmp_path / "runs"):
-        given = ["ablate", config, "--data", tmp_path, "--out", out]
+    def call(*changes, out=tmp_path / "runs", config=config, data=tmp_path):
+        given = ["ablate", config, "--data", data, "--out", out]
         given += [word for change in changes for word in ("--set", change)]
         monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, given)])
         with pytest.raises(SystemExit) as ended:
@@ -129,7 +132,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(ablate, tmp_path, monkeypatch
 def test_a_table_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "ablation.md").mkdir()
     with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: is not a file"):
-        ablation._write(tmp_path / "ablation.md", "table")
+        ablation.write_table(tmp_path, "table")
 
 
 @pytest.mark.parametrize(
@@ -156,3 +159,26 @@ def test_what_cannot_end_well_is_refused_before_the_first_run(
 def test_a_benchmark_has_no_augmentations(ablate, capsys):
     assert ablate("judgement=benchmark") == 2
     assert "need judgement: real" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("paper", sorted(paper_ablation.PAPERS))
+def test_every_row_of_a_paper_is_another_network(paper):
+    runs = paper_ablation.configurations(paper, "data", Path("runs"), [])
+    model = network_class_of(paper).options_model
+    options = [model.model_validate(run.options).model_dump_json() for run in runs.values()]
+    assert len(set(options)) == len(runs)
+    assert len({run.out for run in runs.values()}) == len(runs)
+
+
+@pytest.mark.long
+def test_a_paper_s_rows_are_trained_and_shown_with_its_figures(ablate, tmp_path, capsys):
+    if not SHARED.exists():
+        pytest.skip("needs the data pack")
+    smaller = ["train.epochs=1", "train.windows_per_epoch=16", "train.batch=8", "options.width=8"]
+    out = tmp_path / "runs"
+    assert ablate(*smaller, out=out, config="stb", data=SHARED) == 0
+    text = capsys.readouterr().out
+    assert text == (out / "ablation.md").read_text()
+    assert [line.split(" | ")[-1] for line in text.splitlines()[4:]] == [
+        "28.96 |", "29.58 |", "30.24 |", "29.68 |", "34.06 |"
+    ]  # fmt: skip

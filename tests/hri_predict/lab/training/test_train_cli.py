@@ -19,15 +19,19 @@ from hri_predict.base.skeleton import make_skeleton
 from hri_predict.cli import main
 from hri_predict.lab.training.building import build_network, open_samples
 from hri_predict.lab.training.config import TrainingConfig, load_training_config
+from hri_predict.lab.training.optimisation import Optimisation, learning_rate_factor
 from hri_predict.lab.training.parts import DATA_SETS
+from hri_predict.lab.training.processes import Processes
 from hri_predict.lab.training.windows.motion import MotionSamples
 from hri_predict.predictors.neural.body import BODY
+from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Shape, network_class_of
 from hri_predict.predictors.neural.weights import load_weights, save_weights
 from hri_predict.predictors.sinn.model import SINN, SINNOptions
 from hri_predict.predictors.trajectorycnn import TrajectoryCNN, TrajectoryCNNOptions
 
 _REAL = sorted(path.stem for path in data_path("training").glob("*_real.yaml"))
+PAPERS = sorted(data_path("training", "papers").glob("*.yaml"))
 METHODS = [stem.removesuffix("_real") for stem in _REAL]
 
 
@@ -253,6 +257,21 @@ def test_a_plan_is_trained_in_order_and_goes_on(cli, config, tmp_path, monkeypat
     assert (status, err.count("\n")) == (2, 1)
     plan.write_text("- {confg: small.yaml}\n")
     assert "a plan is a list of" in cli(plan)[2]
+
+
+@pytest.mark.parametrize("path", PAPERS, ids=lambda path: path.stem)
+def test_a_paper_s_configuration_builds_its_network_and_schedule(path):
+    config = load_training_config(path)
+    assert (config.predictor, config.out) == (path.stem, Path("runs/papers") / path.stem)
+    data = DATA_SETS[config.judgement].settings_model.model_validate(config.data)
+    skeleton = CMU25 if data.space == "positions" else CMU38
+    shape = Shape(skeleton=skeleton, framed=True, **dict(config.shape))
+    rest = torch.zeros(len(skeleton.joints), 3)
+    network = build_network(config, cast(Any, SimpleNamespace(shape=shape, rest=lambda: rest)))
+    optimisation = Optimisation(network, config.train, Processes())
+    assert type(optimisation._adam) is torch.optim.Adam
+    late = learning_rate_factor(config.train.total_steps - 1, config.train)
+    assert late == pytest.approx(0.96**24 if path.stem == "stb" else 1.0)
 
 
 def test_the_shipped_plan_names_runs_that_can_be_made(cli):

@@ -75,6 +75,14 @@ def test_a_refit_fits_all_but_walking_extra_and_has_no_validation(pack):
     assert fingerprint(source) != fingerprint(chosen)
 
 
+def test_one_action_alone_as_sinn_s_paper_trains(pack):
+    source = opened(pack, history=5, horizon=10, space="rotations", actions=["walking"])
+    assert source.actions == ("walking",)
+    assert source.window_count == 200 - 14
+    with pytest.raises(ConfigError, match=r"data.actions dance: .* there are: soccer, walking"):
+        opened(pack, history=5, horizon=10, space="rotations", actions=["dance"])
+
+
 def test_batches_are_balanced_by_action_unless_told_otherwise(pack):
     share = {}
     for balanced in (True, False):
