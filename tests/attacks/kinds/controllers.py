@@ -47,4 +47,4 @@ def acknowledge(
 
 
 def _cores(cell: MockCell, links: tuple[str, ...]) -> list[Any]:
-    return [s._core for s, _ in cell._stations if s.post.name in links]
+    return [s.core for s, _ in cell._stations if s.post.name in links]

@@ -387,8 +387,9 @@ def test_the_schedule_ends_with_the_time(tmp_path, monkeypatch):
 
 
 def test_weights_tell_how_they_were_made(tmp_path):
-    asked = make_config(tmp_path), Walkers(), Small(SHAPE, Options()), Watcher()
-    card = read_header(loop.Run(*asked, command="train x").go().weights).card
+    network = Small(SHAPE, Options())
+    asked = loop.Run(make_config(tmp_path), Walkers(), network, Watcher(), command="train x")
+    card = read_header(asked.go().weights).card
     assert (card["command"], card["config"]["train"]["seed"]) == ("train x", 0)
 
 

@@ -73,6 +73,8 @@ def test_the_past_of_a_noisy_history_is_without_its_noise(folder):
     source = samples(folder, augment)
     source._settings = source._settings.model_copy(update={"trackers": noise})
     batch = source.batch(np.random.default_rng(1), 64)
+    assert batch.past is not None
+    assert batch.past_known is not None
     ahead = torch.tensor([1.0, 2.0, 3.0]) / 25
     for positions, known, least, most in (
         (batch.past, batch.past_known, 0.0, 2e-5),
