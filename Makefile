@@ -86,10 +86,9 @@ wheel-alone: $(VENV)/.dev
 ROS2_TESTS := tests/hri_drivers/links/ros2 tests/hri_drivers/sources/ros2 \
 	tests/hri_drivers/wires/test_ros2.py tests/hri_sim/fault_table/test_ros2_link.py \
 	tests/hri_sim/bench/test_ports.py
-ROS2_FAILED := -o cache_dir=build/ros2-failed
 test-ros2: $(ROS2_VENV)/.done
-	$(ROS2_VENV)/bin/python -m pytest $(ROS2_FAILED) -n 4 --dist worksteal $(ROS2_TESTS) || \
-		$(ROS2_VENV)/bin/python -m pytest $(ROS2_FAILED) --last-failed $(ROS2_TESTS)
+	$(ROS2_VENV)/bin/python -m pytest -n 4 --dist worksteal $(ROS2_TESTS) || \
+		$(ROS2_VENV)/bin/python -m pytest --last-failed $(ROS2_TESTS)
 
 bundle: $(VENV)/.dev
 	rm -rf build/dist build/bundle

@@ -1,12 +1,12 @@
 """Run the tests of a day or the long ones, JOBS tests at a time.
 
-``python -m tests.together daily JOBS`` (or ``long``). Those in real time run two at a time, since
-they wait more than they compute. The daily ones run before the others: beside them they failed now
-and then, even where the others gave way. The long ones run beside the others; ``beside`` runs the
-daily ones that way. A test in real time that fails for want of a processor fails if it fails again,
-alone. A file's tests stay with one worker, which makes their fixtures once. The long run also
-checks every property with more examples (``EXAMPLES``, 100 if it is not set). Exit status 1 if a
-test fails.
+``python -m tests.together daily JOBS`` (or ``long``). The daily tests in real time run before the
+others, two at a time, since they wait more than they compute: beside the others they failed now and
+then, even where the others gave way. The long ones in real time run one at a time, beside the
+others; ``beside`` runs the daily ones that way. A test in real time that fails for want of a
+processor fails if it fails again, alone. A file's tests stay with one worker, which makes their
+fixtures once. The long run also checks every property with more examples (``EXAMPLES``, 100 if it
+is not set). Exit status 1 if a test fails.
 """
 
 import os
@@ -23,8 +23,6 @@ _FAILED = ["-o", "cache_dir=build/real-time"]
 _PATIENT = ["--timeout", "600"]
 """Seconds for a long test that is not in real time, at the lowest priority."""
 
-
-_TWO = ["-n", "2", "--dist", "loadfile"]
 
 REAL_TIME = ("mark.realtime",)
 LONG = ("mark.long", "hypothesis")
@@ -53,7 +51,8 @@ def main(which: str, jobs: str) -> int:
     if which == "beside":
         return _beside(others, "realtime and not long", dict(os.environ))
     chosen = [*_TESTS, "realtime and not long", *_FAILED, *naming(REAL_TIME)]
-    alone = _again(chosen, subprocess.run([*chosen, *_TWO], check=False).returncode)
+    two = ["-n", "2", "--dist", "loadfile"]
+    alone = _again(chosen, subprocess.run([*chosen, *two], check=False).returncode)
     return int(subprocess.run(others, check=False).returncode != 0 or alone != 0)
 
 
@@ -61,7 +60,7 @@ def _beside(others: list[str], real_time: str, environment: dict[str, str]) -> i
     """Run both kinds at a time; what those in real time print comes last."""
     chosen = [*_TESTS, real_time, *_FAILED, *naming(REAL_TIME)]
     with tempfile.TemporaryFile("w+") as printed:
-        beside = subprocess.Popen([*chosen, *_TWO], stdout=printed, stderr=printed)
+        beside = subprocess.Popen(chosen, stdout=printed, stderr=printed)
         failed = subprocess.run(["nice", "-n", "19", *others], env=environment, check=False)
         alone = beside.wait()
         printed.seek(0)
