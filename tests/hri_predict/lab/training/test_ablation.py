@@ -164,8 +164,11 @@ def test_a_benchmark_has_no_augmentations(ablate, capsys):
 @pytest.mark.parametrize("paper", sorted(paper_ablation.PAPERS))
 def test_every_row_of_a_paper_is_another_network(paper):
     runs = paper_ablation.configurations(paper, "data", Path("runs"), [])
-    model = network_class_of(paper).options_model
-    options = [model.model_validate(run.options).model_dump_json() for run in runs.values()]
+    made = network_class_of(paper)
+    assert made is not None
+    options = [
+        made.options_model.model_validate(r.options).model_dump_json() for r in runs.values()
+    ]
     assert len(set(options)) == len(runs)
     assert len({run.out for run in runs.values()}) == len(runs)
 

@@ -78,7 +78,7 @@ class Walkers:
     """People who drift at a constant velocity of their own."""
 
     shape = SHAPE
-    actions = ("walking", "standing")
+    actions: tuple[str, ...] = ("walking", "standing")
 
     def __init__(self, validates=True):
         self._validates = validates
