@@ -184,8 +184,10 @@ class SerialTransport:
         return LinkError(f"{self._name}: lost ({_first_line(error)}); check cable and power")
 
 
-def read_some(device: Any) -> bytes:
-    """Return what has come, at most ``MAX_READ`` bytes; waits for it as long as the port's timeout.
+def read_some(device: Any, timeout_s: float | None = None) -> bytes:
+    """Return what has come, at most ``MAX_READ`` bytes, waiting for it.
+
+    It waits for the port's timeout at most, or for ``timeout_s`` where the system can.
 
     pyserial's own read returns a byte at once only if a single one is asked for, and the rest then
     takes a call more. It is used where it does more than read (``spy://``, rfc2217, Windows).
@@ -194,7 +196,7 @@ def read_some(device: Any) -> bytes:
         OSError, TypeError, ValueError: the port is lost, or closed meanwhile.
     """
     if type(device).read is serial.Serial.read and (fd := getattr(device, "fd", None)) is not None:
-        if not select.select([fd], [], [], device.timeout)[0]:
+        if not select.select([fd], [], [], device.timeout if timeout_s is None else timeout_s)[0]:
             return b""
         if data := os.read(fd, MAX_READ):
             return data

@@ -302,7 +302,7 @@ class _Lines:
         self._come = b""
 
     def read(self, timeout: float | None) -> str | None:
-        """Return the next line with its end; ``None`` if none is whole within the port's timeout.
+        """Return the next line with its end; ``None`` if none is whole within ``timeout``.
 
         Raises:
             ValueError: it is not text, or nothing that came ends a line.
@@ -321,7 +321,8 @@ class _Lines:
                 self._come = b""
                 raise ValueError("no line ends")
             with can.exceptions.error_check("Could not read from serial device"):
-                come = b"" if timeout == 0 and not self._port.in_waiting else read_some(self._port)
+                waits = timeout != 0 or self._port.in_waiting
+                come = read_some(self._port, timeout) if waits else b""
             if not come:
                 return None
             self._come += come
