@@ -2,9 +2,9 @@
 
 Points of the background are found in the first picture and again now (ORB: E. Rublee et al., "ORB:
 an efficient alternative to SIFT or SURF", ICCV 2011), and a shift, turn and scale that most of them
-agree on is fitted (RANSAC). Points on people do not count. If both
-pictures have many points that do not agree, the camera looks elsewhere, or something large hides
-the background. If there are few points, the background has no texture and nothing can be decided.
+agree on is fitted (RANSAC). Points on people do not count. If both pictures have many points that
+do not agree, the camera looks elsewhere, or something large hides the background. If there are few
+points, the background has no texture and nothing can be decided.
 """
 
 from collections.abc import Sequence

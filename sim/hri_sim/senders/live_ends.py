@@ -86,7 +86,11 @@ class _Served(Wire):
     """A server on this machine, which goes on answering while its program is started again."""
 
     def __init__(self, server: Motive | Qtm) -> None:
-        self.write = server.send  # type: ignore[method-assign]
+        self._server = server
+
+    def write(self, unit: bytes) -> None:
+        """Send it to those who asked the server for captures."""
+        self._server.send(unit)
 
 
 def _served(program: Program, server: Motive | Qtm, **source: Any) -> LiveEnd:

@@ -5,6 +5,7 @@ import json
 import os
 import socket
 import weakref
+from abc import ABC, abstractmethod
 from typing import Any
 
 from hri_drivers.sources.scene_stream import codec as scene_codec
@@ -19,17 +20,17 @@ from hri_sim.senders.mocap_ends import HOURS_2_S, Program
 from hri_sim.wires.pty import PtyTransport, open_pty
 
 
-class Wire:
+class Wire(ABC):
     """Carries units to the node's port; they may be lost without notice."""
 
-    def open(self) -> None:
+    def open(self) -> None:  # noqa: B027  # most have nothing to do
         """Begin, or begin again after ``close``."""
 
+    @abstractmethod
     def write(self, unit: bytes) -> None:
         """Carry one."""
-        raise NotImplementedError
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027
         """Hang up, as the sender's program does at its end. Safe to call twice."""
 
 
