@@ -30,7 +30,7 @@ QUEUE_ITEMS = 4096
 GATHER_S = 0.05
 """Pause of the thread when it has written what waited: it wakes for a tick, not for each item."""
 CLOSE_TIMEOUT_S = 10.0
-FLUSH_NS = 700_000_000
+FLUSH_NS = 500_000_000
 """Maximum loss of a killed writer, besides the content of the queue."""
 LOOK_NS = 1_000_000_000
 """Interval at which the clocks are compared and the free disk space is checked."""

@@ -60,7 +60,7 @@ def test_whoever_is_killed_loses_less_than_a_second(tmp_path: Path, seed: int) -
     assert [scene.sequence for scene in recording.scenes] == list(range(len(recording.scenes)))
     lost_s = (last_ns - recording.arrival_ns[-1]) * 1e-9
     assert 0 <= lost_s < 1.0
-    assert len(recording.scenes) > 0.5 * last_k
+    assert last_k - recording.scenes[-1].sequence < 50  # as many as are handed over in a second
     assert recording_info(path).has_utc
     told = list(read_messages(path, ["/scene"]))
     assert len(told) == len(recording.scenes)
