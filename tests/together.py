@@ -1,12 +1,11 @@
 """Run the tests of a day or the long ones, JOBS tests at a time.
 
-``python -m tests.together daily JOBS`` (or ``long``). The daily tests in real time run before the
-others, two at a time, since they wait more than they compute: beside the others they failed now and
-then, even where the others gave way. The long ones in real time run one at a time, beside the
-others; ``beside`` runs the daily ones that way. A test in real time that fails for want of a
-processor fails if it fails again, alone. A file's tests stay with one worker, which makes their
-fixtures once. The long run also checks every property with more examples (``EXAMPLES``, 100 if it
-is not set). Exit status 1 if a test fails.
+``python -m tests.together daily JOBS`` (or ``long``). Tests in real time run two at a time, for they
+wait more than they compute, and beside them the others, at the lowest priority. A test in real
+time that fails for want of a processor fails if it fails again, alone. A file's tests stay with one
+worker, which makes their fixtures once. The long run also checks every property with more examples
+(``EXAMPLES``, 100 if it is not set). ``SHARE=1/3`` takes a third of the tests that are not in real
+time, as their names fall: ``0/3``, ``1/3`` and ``2/3`` are all. Exit status 1 if a test fails.
 """
 
 import os
@@ -48,19 +47,15 @@ def main(which: str, jobs: str) -> int:
         others = [*_TESTS, marks, *spread, *_PATIENT, *naming(LONG)]
         return _beside(others, "realtime and long", {"EXAMPLES": "100", **os.environ})
     others = [*_TESTS, "not realtime and not long", *spread]
-    if which == "beside":
-        return _beside(others, "realtime and not long", dict(os.environ))
-    chosen = [*_TESTS, "realtime and not long", *_FAILED, *naming(REAL_TIME)]
-    two = ["-n", "2", "--dist", "loadfile"]
-    alone = _again(chosen, subprocess.run([*chosen, *two], check=False).returncode)
-    return int(subprocess.run(others, check=False).returncode != 0 or alone != 0)
+    return _beside(others, "realtime and not long", dict(os.environ))
 
 
 def _beside(others: list[str], real_time: str, environment: dict[str, str]) -> int:
     """Run both kinds at a time; what those in real time print comes last."""
     chosen = [*_TESTS, real_time, *_FAILED, *naming(REAL_TIME)]
+    two = ["-n", "2", "--dist", "loadfile"]
     with tempfile.TemporaryFile("w+") as printed:
-        beside = subprocess.Popen(chosen, stdout=printed, stderr=printed)
+        beside = subprocess.Popen([*chosen, *two], stdout=printed, stderr=printed)
         failed = subprocess.run(["nice", "-n", "19", *others], env=environment, check=False)
         alone = beside.wait()
         printed.seek(0)
