@@ -1,7 +1,7 @@
 """Run the tests of a day or the long ones, JOBS tests at a time.
 
-``python -m tests.together daily JOBS`` (or ``long``). Tests in real time run two at a time, for they
-wait more than they compute, and beside them the others, at the lowest priority. A test in real
+``python -m tests.together daily JOBS`` (or ``long``). Tests in real time run two at a time, since
+they wait more than they compute, and the others beside them, at the lowest priority. A test in real
 time that fails for want of a processor fails if it fails again, alone. A file's tests stay with one
 worker, which makes their fixtures once. The long run also checks every property with more examples
 (``EXAMPLES``, 100 if it is not set). ``SHARE=1/3`` takes a third of the tests that are not in real
