@@ -132,6 +132,7 @@ def test_a_network_of_one_s_own_is_trained_exported_calibrated_and_runs_in_the_n
     assert summary["self_check"] is not None, "none of its forecasts was judged"
 
 
+@pytest.mark.long
 def test_the_link_conforms(place):
     assert "link udp_frames: keeps its contract" in place.said("conformance link")
 

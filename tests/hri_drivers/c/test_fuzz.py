@@ -158,6 +158,7 @@ def test_python_and_c_count_alike_what_is_wrong_with_a_stream(build: Any, link: 
     assert all(want[name] > 20 for name in ("received", "crc_errors", "counter_errors"))
 
 
+@pytest.mark.long
 def test_python_c_and_cantools_agree_on_random_messages(build: Any) -> None:
     here = Path(__file__)
     programs = [
@@ -198,6 +199,7 @@ def test_the_serial_example_tells_a_missing_argument_from_a_port_that_cannot_be_
         assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 def test_the_commands_of_the_readme_compile(tmp_path: Path) -> None:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler (cc) here")

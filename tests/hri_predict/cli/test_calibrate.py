@@ -77,6 +77,7 @@ def made(folder, tmp_path_factory):
     return out
 
 
+@pytest.mark.long
 def test_a_calibration_is_made_and_says_what_it_rests_on(cli, folder, tmp_path):
     out = tmp_path / "cv.json"
     status, text, err = cli(*CV, "--data", folder, "--out", out)
@@ -92,11 +93,13 @@ def test_a_calibration_is_made_and_says_what_it_rests_on(cli, folder, tmp_path):
     assert [r.name for r in calibration.recordings] == [f"walking_{k}" for k in range(5)]
 
 
+@pytest.mark.long
 def test_the_same_recordings_give_the_same_bytes(cli, folder, made, tmp_path):
     assert cli(*CV, "--data", folder, "--out", tmp_path / "again.json")[0] == 0
     assert (tmp_path / "again.json").read_bytes() == made.read_bytes()
 
 
+@pytest.mark.long
 def test_json_alone(cli, folder, tmp_path):
     status, text, _ = cli(*CV, "--data", folder, "--out", tmp_path / "cv.json", "--json")
     assert status == 0
@@ -229,6 +232,7 @@ def test_too_few_recordings_are_refused(cli, folder, tmp_path):
     assert not (tmp_path / "cv.json").exists()
 
 
+@pytest.mark.long
 def test_a_recording_that_is_too_short_is_named_and_left_out(cli, folder, tmp_path):
     short = tmp_path / "glimpse_1.npz"
     walking(short, 9, frames=20)

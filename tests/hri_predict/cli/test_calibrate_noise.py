@@ -15,6 +15,7 @@ from tests.hri_predict.cli.test_calibrate import (  # noqa: F401
 )
 
 
+@pytest.mark.long
 def test_all_but_the_growth_stays(cli, folder, made, tmp_path):  # noqa: F811
     out = tmp_path / "noisy.json"
     options = ["--noise", "--calibration", made, "--out", out, "--json"]

@@ -55,6 +55,7 @@ def refused(capsys):
     return call
 
 
+@pytest.mark.long
 def test_a_calibration_is_moved_and_says_what_it_gained(place, tmp_path, capsys):
     out, report = tmp_path / "site.json", tmp_path / "page"
     where = ["--data", place / "site", "--onto", place / "base.json"]

@@ -308,6 +308,7 @@ def test_unknown_joint_names(mistake, tmp_path):
 # -- JSON
 
 
+@pytest.mark.long
 def test_json_is_alone_on_standard_output(cli, monkeypatch):
     """The demo's beginning, as fast as possible; its alerts go to standard error."""
     monkeypatch.setattr(run, "DEMO_S", 9.0)

@@ -47,6 +47,7 @@ def test_help_and_version_import_nothing_heavy(option, tmp_path):
     assert (done.returncode, done.stderr.strip()) == (0, "")
 
 
+@pytest.mark.long
 def test_a_command_of_another_package_is_listed_and_runs(tmp_path):
     package(
         tmp_path,
@@ -69,6 +70,7 @@ def test_a_command_of_another_package_is_listed_and_runs(tmp_path):
         ("syntax error(", "cannot be loaded: SyntaxError"),
     ],
 )
+@pytest.mark.long
 def test_a_command_that_cannot_be_loaded_is_one_line_and_harms_no_other(source, says, tmp_path):
     package(tmp_path, "greet = others:greet", source)
     done = command("greet", cwd=tmp_path)

@@ -47,6 +47,7 @@ def pack(tmp_path):
     return tmp_path / "pack"
 
 
+@pytest.mark.long
 def test_benchmark_as_json_and_as_files(cli, pack, tmp_path):
     out = tmp_path / "report"
     arguments = ["--benchmark", "cmu", "--data", pack, "--predictor", "constant_velocity"]
@@ -173,6 +174,7 @@ def test_a_folder_of_the_pack_gives_its_part_of_a_split_or_all_of_it():
         files([SHARED / "motion" / "cmu_tools"], "test")
 
 
+@pytest.mark.long
 def test_several_on_the_benchmark_share_tables_and_files(cli, pack, tmp_path):
     names = ("constant_velocity", "zero_velocity")
     asked = [argument for name in names for argument in ("--predictor", name)]
@@ -347,6 +349,7 @@ def test_a_benchmark_report_that_cannot_be_finished_leaves_the_old_one(
     assert {path: path.read_bytes() for path in out.iterdir()} == before
 
 
+@pytest.mark.long
 def test_weights_go_to_the_predictor_in_the_same_place(cli, walk):
     sinn, other = (shipped_weights(name) for name in ("sinn", "trajectorycnn"))
     both = ["--data", walk, "--predictor", "trajectorycnn", "--predictor", "sinn"]

@@ -55,6 +55,7 @@ def test_without_a_time_every_slowdown_has_a_line(near):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="this system has no /dev/full")
+@pytest.mark.long
 def test_a_full_disk_of_the_output_is_not_blamed_on_the_recording(near):
     with open("/dev/full", "wb") as full:
         command = [sys.executable, "-m", "hri_predict", "explain", str(near)]
@@ -132,6 +133,7 @@ def test_a_long_stop_is_explained_from_its_beginning(tmp_path):
     assert found["history"]["from"] == "12:00:00.2"
 
 
+@pytest.mark.long
 def test_a_picture_is_drawn(near, tmp_path):
     pytest.importorskip("matplotlib")
     for name, begins in (("why.png", b"\x89PNG"), ("why.svg", b"<?xml")):
@@ -141,6 +143,7 @@ def test_a_picture_is_drawn(near, tmp_path):
         assert len(data) > 10_000
 
 
+@pytest.mark.long
 def test_without_matplotlib_a_picture_is_one_line(near, tmp_path):
     code = (
         "import sys; sys.modules['matplotlib'] = None; sys.argv[0] = 'hri-predict'; "

@@ -63,6 +63,7 @@ def test_poses_of_several_people_name_the_map_of_one(cli, tmp_path):
     assert (topic["joints"], topic["joint_maps"]) == (42, ["canonical"])
 
 
+@pytest.mark.long
 def test_what_the_list_says_replays_and_converts(cli, bag, tmp_path):
     options = ("--topic", "/people", "--joint-map", "canonical")
     status, out, err = cli("replay", bag, *options, "--speed", "max", "--no-links", "--json")

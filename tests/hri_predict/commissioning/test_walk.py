@@ -32,6 +32,7 @@ def again(walked, least_coverage=PLAN.least_coverage, **risk):
     return compare(result, read_rows(folder / ADVICES), played)
 
 
+@pytest.mark.long
 def test_somebody_is_seen_on_the_way_and_the_files_have_their_hashes(walked):
     _, folder, result = walked
     assert judge_walk(result) == ([], [])
@@ -49,6 +50,7 @@ def test_the_same_version_and_configuration_give_the_same(walked):
     assert (found.worse, found.other) == ([], [])
 
 
+@pytest.mark.long
 def test_a_second_walk_takes_the_place_of_the_first(walked, tmp_path):
     config, folder, _ = walked
     for name in (RECORDING, ADVICES):

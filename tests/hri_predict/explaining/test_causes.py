@@ -22,6 +22,7 @@ from tests.hri_predict.explaining.made_up import SECOND, told, written
         for name, cause in CAUSES.items()
     ],
 )
+@pytest.mark.long
 def test_the_first_line_names_the_cause(name: str, tmp_path: Path, near: Path) -> None:
     cause = CAUSES[name]
     path = near if name == "person near" else record(cause, tmp_path / "cell.mcap")

@@ -23,6 +23,7 @@ def test_a_folder_is_read_in_the_order_of_time(tmp_path):
     assert [message.data["level"] for message in late] == ["SLOW", "SLOW"]
 
 
+@pytest.mark.long
 def test_a_cut_file_gives_what_came_before_and_a_note(tmp_path, near):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(near.read_bytes()[: near.stat().st_size // 2])

@@ -304,6 +304,7 @@ def test_sizes_that_fill_the_memory_are_refused(size: str) -> None:
         validated(AuxFormerOptions, {size: 10**9}, "train.yaml: options")
 
 
+@pytest.mark.long
 def test_a_few_steps_fit_a_swing() -> None:
     """On swinging bodies it learns to be clearly better than standing still."""
     torch.manual_seed(9)

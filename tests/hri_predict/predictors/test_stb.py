@@ -229,6 +229,7 @@ def test_dropout_is_for_training_alone() -> None:
     assert torch.equal(net(given), net(given))
 
 
+@pytest.mark.long
 def test_learns_a_constant_velocity() -> None:
     net = network()
     generator = torch.Generator().manual_seed(3)

@@ -179,6 +179,7 @@ def test_every_switch_takes_a_step(options: dict[str, Any]) -> None:
     assert all(not torch.equal(a, b) for a, b in zip(before, net.parameters(), strict=True))
 
 
+@pytest.mark.long
 def test_learns_a_constant_velocity() -> None:
     net = network(channels=16, blocks=1, dropout=0.0)
     generator = torch.Generator().manual_seed(3)

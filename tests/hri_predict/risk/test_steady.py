@@ -3,11 +3,14 @@
 import gc
 import tracemalloc
 
+import pytest
+
 from hri_sim.bench import parts
 
 TICKS, TIMES, SETTLING = 60, 4, 16
 
 
+@pytest.mark.long
 def test_judging_leaves_nothing_behind_that_grows():
     _, judge = parts.risk_calls()
 

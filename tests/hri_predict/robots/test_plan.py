@@ -51,6 +51,7 @@ def located(q: Floats, qd: Floats, expected_s: float | None) -> OnPlan:
 
 
 @given(phases, levels, reactions)
+@pytest.mark.long
 def test_capsules_contain_the_robot_during_whole_intervals(start, speed, reaction_s):
     swept, _ = PLAN.stopping_capsules(
         OnPlan(start, 1.0), np.array([speed, speed / 3]), TIMES, reaction_s

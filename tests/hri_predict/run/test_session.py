@@ -70,6 +70,7 @@ def play(loaded, **options):
     return run(loaded, Options(factor=None, view=watch, **options)), watch
 
 
+@pytest.mark.long
 def test_no_tick_of_the_shipped_demo_fails_with_its_network():
     """In an empty room, when the person comes, and beside the robot."""
     summary, _ = play(configuration.load(configuration.shipped("demo.yaml")), duration_s=8.0)
@@ -236,6 +237,7 @@ def test_a_seated_person_without_legs_is_never_touched():
 
 
 @needs_data
+@pytest.mark.long
 def test_a_walk_from_a_bvh_file_is_never_touched(tmp_path):
     """A walk of the data pack, its joints' places written as translations of a flat rig."""
     path = write_walk(tmp_path / "walk.bvh")

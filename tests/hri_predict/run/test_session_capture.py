@@ -99,6 +99,7 @@ def test_a_source_slower_than_the_floor_and_one_faster_than_the_largest_rate():
     assert fast.ticks[-1].snapshot.captures > 400  # though every scene was taken in
 
 
+@pytest.mark.long
 def test_two_runs_give_the_same_bytes(tmp_path):
     a, b = tmp_path / "a.mcap", tmp_path / "b.mcap"
     for path in (a, b):
@@ -108,6 +109,7 @@ def test_two_runs_give_the_same_bytes(tmp_path):
     assert a.read_bytes() == b.read_bytes()
 
 
+@pytest.mark.long
 def test_a_recording_made_so_and_replayed_so_gives_the_same_advice(tmp_path):
     path = tmp_path / "a.mcap"
     _, first = play(cell(), duration_s=6.0, record=path)

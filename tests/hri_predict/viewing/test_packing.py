@@ -23,6 +23,7 @@ def capsules(rows) -> Capsules:
     return Capsules(rows[..., :3], rows[..., 3:6], rows[..., 6])
 
 
+@pytest.mark.long
 def test_a_picture_holds_people_forecast_zones_and_robots(near):
     facts, steps = near.facts, len(near.facts["times_s"])
     assert facts["people"] == [1] == facts["zones"]
@@ -68,6 +69,7 @@ def test_whoever_stands_there_is_told_the_deciding_part_while_a_person_decides()
     assert near(Level.STOP, Reason.PERSON_NEAR, person=None) == ""
 
 
+@pytest.mark.long
 def test_the_band_is_the_configured_one():
     robot = pictures([5.8])[0].facts["robots"][0]
     assert (robot["level"], robot["reason"]) == ("SLOW", Reason.PERSON_APPROACHING.text)

@@ -24,6 +24,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_a_recording_shows_what_the_live_view_showed(recording):
     recorded = RecordedPictures(recording)
     live = pictures([6.5])[0]
@@ -45,6 +46,7 @@ def test_a_recording_shows_what_the_live_view_showed(recording):
     assert then.zones.shape[0] == then.forecast.shape[0] == 1
 
 
+@pytest.mark.long
 def test_the_line_joins_the_deciding_pair_as_in_the_live_view(recording):
     live = pictures([6.4])[0]  # a tick of which a picture was recorded: five a second are
     then = RecordedPictures(recording).at(round(live.facts["node_s"] * 1e9))
@@ -56,6 +58,7 @@ def test_the_line_joins_the_deciding_pair_as_in_the_live_view(recording):
     assert is_now["pair"].startswith("person 1's ")
 
 
+@pytest.mark.long
 def test_it_says_levels_and_reasons_as_the_live_view_says_them(recording):
     live = pictures([5.2, 6.4])
     recorded = RecordedPictures(recording)

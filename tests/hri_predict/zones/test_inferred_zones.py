@@ -88,6 +88,7 @@ def radius(zones, segment, step=0):
     return float(zones.capsules.radius[0, step, zones.segments.index(segment)])
 
 
+@pytest.mark.long
 def test_coco_bodies_are_no_longer_inflated():
     bounded, inferred = zones_of(seen_by(COCO, infers=False)), zones_of(seen_by(COCO))
     trunk_m = np.linalg.norm(BODY[JOINTS.index("neck")] - BODY[JOINTS.index("waist")])

@@ -27,6 +27,7 @@ def test_an_age_that_is_not_available_is_none():
 
 
 @pytest.mark.parametrize("minutes", ["0", "nan", "-1", "9999"])
+@pytest.mark.long
 def test_a_time_that_is_out_of_range_is_refused(minutes):
     command = [sys.executable, "-m", "hri_predict", "bench", "ports", f"--minutes={minutes}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -67,6 +67,7 @@ def test_scaling_along_each_axis():
     assert power == pytest.approx(math.log2(two / one))
 
 
+@pytest.mark.long
 def test_a_scaled_cell_sees_all_its_people():
     case = scaling._case("zero_velocity", 16, {"people": 16})
     case.open()

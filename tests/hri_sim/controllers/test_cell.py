@@ -160,6 +160,7 @@ def test_a_speed_limit_of_either_channel_holds():
     assert max(speeds) > 0.05
 
 
+@pytest.mark.long
 def test_the_arm_stops_within_the_stopping_table_from_anywhere():
     model = load_robot(ARM, None)
     played = Played()

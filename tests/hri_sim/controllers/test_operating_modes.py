@@ -93,6 +93,7 @@ class _Kept(logging.Handler):
         self.lines.append(record.getMessage())
 
 
+@pytest.mark.long
 def test_each_mode_is_entered_and_left_once_over_both_links(played: Any) -> None:
     summary, watch, lines = played
     modes = [mode for mode, _ in groupby(watch.ticks, key=lambda tick: tick.advices[0].mode)]

@@ -102,6 +102,7 @@ wires.set_permit("monitor", 0.5, 7)
 """
 
 
+@pytest.mark.long
 def test_two_processes_share_it_and_a_reader_never_sees_a_mixture(tmp_path: Path):
     path = tmp_path / "wires"
     wires = Wiring.create(path, ["drive", "monitor"])

@@ -40,6 +40,7 @@ def test_one_controller_lies_at_a_time():
         assert end_s <= start_s + 0.02  # both are rounded to 0.01
 
 
+@pytest.mark.long
 def test_a_short_soak_holds():
     hours = 0.002
     result: dict[str, Any] = run_soak(hours, seed=3)

@@ -277,6 +277,7 @@ def test_two_people_may_not_share_an_id() -> None:
         _source([BUSY | {"id": 3}, BUSY | {"id": 3}])
 
 
+@pytest.mark.long
 def test_bodies_of_all_sizes_walk_and_reach() -> None:
     for height in (1.4, 2.1):
         v, a = _rates(*_film(_source([BUSY | {"height_m": height}], rate_hz=120.0), 20.0))

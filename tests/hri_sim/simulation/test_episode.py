@@ -86,6 +86,7 @@ def test_a_disagreement_is_told(cell, one_person):
     assert [line.split()[0] for line in said] == ["contacts", "stops", "smallest"]
 
 
+@pytest.mark.long
 def test_alone_the_robot_works_as_in_an_empty_cell_and_protection_costs_work(cell, one_person):
     modes, scenario, bodies, protected = one_person
     alone = run_episode(cell=cell, scenario=scenario, variant=modes[0], bodies=bodies, nobody=True)

@@ -15,6 +15,7 @@ def found(cell):
     return compute(cell=cell, motions=["procedural:1"], lead_in_s=0.4, variants=modes)
 
 
+@pytest.mark.long
 def test_zones_are_where_the_body_will_be(cell, found):
     settings = cell.source.model_copy(
         update={"motions": ["procedural:1"], "places": [[0.0, 0.0, 0.0]], "lead_in_s": 0.4}

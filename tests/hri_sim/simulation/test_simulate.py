@@ -107,6 +107,7 @@ def glimpse(tmp_path):
     return str(path)
 
 
+@pytest.mark.long
 def test_a_recording_that_is_too_short_is_left_out_and_told(request_of, glimpse, caplog):
     motions = (glimpse, *request_of().motions)
     told = report(simulate(request_of(motions=motions), lambda *_: None), None)
@@ -151,6 +152,7 @@ def test_a_run_of_which_no_recording_is_left_is_refused(request_of, glimpse):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.long
 def test_two_recordings_of_one_name_in_two_folders_are_two(request_of, tmp_path):
     first, _ = request_of().motions
     (tmp_path / "second").mkdir()

@@ -28,6 +28,7 @@ class _Tap(View):
         )
 
 
+@pytest.mark.long
 def test_every_frame_has_the_length_that_the_dbc_gives_its_id():
     if not RECORDING.exists():
         pytest.skip("needs the data pack beside the project")

@@ -48,6 +48,7 @@ def run(folder: Path, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.long
 def test_numba_computes_and_keeps_its_copy_in_the_cache_alone(tmp_path):
     pytest.importorskip("numba", reason="extra accel is not installed")
     cache = tmp_path / "cache"
@@ -58,12 +59,14 @@ def test_numba_computes_and_keeps_its_copy_in_the_cache_alone(tmp_path):
     assert run(tmp_path, HRI_PREDICT_CACHE=str(cache)) == "True 14.0"  # from the copy
 
 
+@pytest.mark.long
 def test_without_a_cache_nothing_is_written(tmp_path):
     pytest.importorskip("numba", reason="extra accel is not installed")
     assert run(tmp_path, HRI_PREDICT_CACHE="") == "True 14.0"
     assert {p.name for p in tmp_path.rglob("*")} == {"loops.py"}
 
 
+@pytest.mark.long
 def test_a_cache_that_cannot_be_written_is_not_needed(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
@@ -93,6 +96,7 @@ def _loops(row):
 """
 
 
+@pytest.mark.long
 def test_a_kept_copy_whose_types_have_moved_is_made_again(tmp_path):
     """As after an update: the loops' file is the same, and the type has another name."""
     pytest.importorskip("numba", reason="extra accel is not installed")
@@ -123,6 +127,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_a_loop_that_cannot_be_compiled_falls_back_to_arrays_with_one_line(tmp_path):
     pytest.importorskip("numba", reason="extra accel is not installed")
     (tmp_path / "failing.py").write_text(FAILING, encoding="utf-8")

@@ -85,6 +85,7 @@ def change(folder, key, value, *, section="risk"):
     path.write_text(yaml.safe_dump(data))
 
 
+@pytest.mark.long
 def test_it_writes_a_report_that_says_what_was_done_and_what_was_not(folder):
     report, _ = read_report(folder / "out" / "report.json")
     steps = steps_of(folder)
@@ -114,6 +115,7 @@ def test_it_goes_on_where_it_was_and_does_one_step_again(folder, cli):
     assert report.notes == ["wet"]
 
 
+@pytest.mark.long
 def test_the_status_is_of_the_named_step_or_of_all(folder, cli):
     answers: dict[str, Any] = {
         **ANSWERS,

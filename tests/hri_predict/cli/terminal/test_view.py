@@ -24,6 +24,7 @@ def page_of(view, width, height):
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (100, 30), (160, 60)])
+@pytest.mark.long
 def test_the_page_fits_the_terminal_and_names_level_reason_and_speed(shown, width, height):
     lines = page_of(shown, width, height)
     assert len(lines) < height

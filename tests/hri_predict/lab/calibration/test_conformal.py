@@ -133,6 +133,7 @@ def test_a_body_is_held_by_its_worst_joint():
     assert found["body"][0, 1] == pytest.approx(3.0)
 
 
+@pytest.mark.long
 def test_a_speed_that_few_recordings_show_is_not_calibrated():
     entries = [scores(f"r{n}", 0.1) for n in range(6)]
     entries += [scores(f"r{n}", 0.1, speed=0.1) for n in range(LEAST_RECORDINGS - 1)]
@@ -218,6 +219,7 @@ def test_estimated_radii_hold_new_recordings_nearly_as_often_as_they_say():
         assert share < 1.0
 
 
+@pytest.mark.long
 def test_guaranteed_radii_hold_nine_of_ten_new_recordings_wholly():
     # With 9 recordings the tenth is the worst of the ten by a chance of one in ten, exactly. Of one
     # calibration the share is Beta(9, 1), SD 0.09: the mean of 400 is within 0.9 +- 3 x 0.0047.
@@ -285,6 +287,7 @@ def test_the_guaranteed_body_has_one_growth_for_all_joints():
 # -- whatever is given ----------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_order_of_recordings_does_not_matter_and_the_same_gives_the_same_bytes():
     rng = np.random.default_rng(1)
     entries = [random_scores(rng, f"r{n}", 0.5, windows=20 + n) for n in range(8)]

@@ -41,6 +41,7 @@ def by_condition(found, start):
     return next(one for one in found if one.condition.startswith(start))
 
 
+@pytest.mark.long
 def test_what_is_like_the_calibrated_is_left_alone(found):
     plain = by_condition(found, "as recorded")
     assert plain.unlike == 0

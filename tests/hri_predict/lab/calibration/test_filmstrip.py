@@ -144,6 +144,7 @@ def test_a_scene_shows_truth_and_zones_of_the_same_moments(scene):
             assert apart <= radius[k, s]
 
 
+@pytest.mark.long
 def test_moments_beyond_the_horizon_are_left_out(make_recording):
     short = constant(0.5)
     found = [make_recording(walked(4.0, seed=i), name=f"walking_{i}") for i in range(4)]
@@ -236,6 +237,7 @@ def test_a_silhouette_by_hand():
     assert outside(points, view, capsule) == pytest.approx([2.5, 4.5, -0.5])
 
 
+@pytest.mark.long
 def test_arms_alone_are_a_picture(make_recording):
     arms = np.array([n[2:] in ("shoulder", "elbow", "wrist", "hand") for n in JOINTS])
     found = [

@@ -43,6 +43,7 @@ def found():
         )
 
 
+@pytest.mark.long
 def test_each_set_that_occurs_is_left_out_once(found):
     assert [f.name for f in found] == ["cmu_tools", "cmu_dance"]
     assert [f.calibrated_on for f in found] == [5, 5]

@@ -67,6 +67,7 @@ def held(made, scores, level, of):
 
 
 @pytest.mark.parametrize("of", ["joint", "body"])
+@pytest.mark.long
 def test_noisy_people_are_held_as_often_as_stated(clean, noisy, of):
     small = calibration(0.05)
     made = with_noise(small, clean=clean, noisy=noisy, skeleton=CANONICAL)

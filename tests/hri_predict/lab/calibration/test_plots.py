@@ -200,6 +200,7 @@ def test_radii_of_nothing_are_still_a_picture(make_recording):
 # -- all of them ------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_every_picture_is_written(tmp_path, make_recording):
     scores = [s for n in (1, 2) for s in standing(make_recording, name=f"walking_{n}")]
     coverage = {(level, of, WAYS[2]): covered(level) for level in LEVELS for of in QUESTIONS}
@@ -222,6 +223,7 @@ def test_every_picture_is_written(tmp_path, make_recording):
     assert all(sane(f) for f in files)
 
 
+@pytest.mark.long
 def test_no_filmstrip_of_windows_without_a_known_second(tmp_path, make_recording):
     scores = standing(make_recording, seconds=1.28)  # the first origin is at 0.28 s
     judged = ZoneJudgement(

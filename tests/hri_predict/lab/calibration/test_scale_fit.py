@@ -109,6 +109,7 @@ def test_the_inputs_of_a_recording_do_not_decide_how_its_own_are_scaled():
     assert not np.array_equal(before[3][30:], after[3][30:])
 
 
+@pytest.mark.long
 def test_the_same_scores_give_the_same_network_in_any_order():
     own = entries()
     with short_fit():

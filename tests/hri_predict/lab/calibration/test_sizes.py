@@ -97,6 +97,7 @@ def test_a_segment_with_an_unseen_end_does_not_count(scores, zero):
     assert ball[left] < ball[right]  # no hand
 
 
+@pytest.mark.long
 def test_smaller_radii_make_smaller_zones_within_what_bodies_can_do(scores, zero):
     small, large = (sizes_with(scores, zero, r).by_method["own"] for r in (0.05, 0.3))
     assert (small < large).all()

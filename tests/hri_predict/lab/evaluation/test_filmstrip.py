@@ -71,6 +71,7 @@ def test_a_picture_per_time_tells_the_error_and_that_of_standing_still():
     assert short[3:] == [["beyond its horizon"]] * 3
 
 
+@pytest.mark.long
 def test_a_file_per_predictor_of_the_actions_asked_for(tmp_path):
     both = {name: built(baselines()[name]) for name in ("zero_velocity", "kalman")}
     arms = [j for j, name in enumerate(BODY.joints) if name[2:] in ("shoulder", "elbow", "wrist")]

@@ -94,6 +94,7 @@ def test_a_report_of_recordings_that_end_early_and_of_none_of_the_five_actions(t
     assert corruption_table(results).rows[1] == ("30 % of joint-frames missing", "5 (+0%)")
 
 
+@pytest.mark.long
 def test_a_report_is_written_and_a_folder_that_cannot_be_is_the_users_to_mend(tmp_path, results):
     pytest.importorskip("matplotlib")
     files = write_report(results, tmp_path / "new" / "folder")
@@ -118,6 +119,7 @@ def test_a_report_that_cannot_be_finished_leaves_the_old_one(tmp_path, results, 
 
 
 @pytest.mark.parametrize("actions", [1, 2, 5])
+@pytest.mark.long
 def test_the_legend_of_a_picture_is_inside_it(actions):
     pytest.importorskip("matplotlib")
     from hri_predict.lab.evaluation.plots import error_by_action, error_by_joint

@@ -80,6 +80,7 @@ def cli(monkeypatch, capsys):
     return call
 
 
+@pytest.mark.long
 def test_it_trains_a_predictor(cli, config, tmp_path):
     status, out, err = cli(config, "--json")
     assert status == 0, err

@@ -107,6 +107,7 @@ seldom = partial(pytest.param, marks=pytest.mark.long)  # to export one takes se
     "name",
     ["sinn", "trajectorycnn", "kdformer", seldom("stb"), seldom("auxformer"), seldom("mixer")],
 )
+@pytest.mark.long
 def test_forecasts_of_the_copy_are_torch_s(name):
     torch_s, copy_s = shipped(name, "torch"), shipped(name, "auto")
     assert (torch_s.engine.name, copy_s.engine.name) == ("torch", "onnxruntime")
@@ -191,6 +192,7 @@ def test_a_copy_is_kept_and_found_again(folder):
     assert len(list(folder.iterdir())) == 2  # other weights, another copy
 
 
+@pytest.mark.long
 def test_a_random_adversary_does_not_make_another_copy(folder):
     cls = registry.load("predictors", "sinn")
     for _ in range(2):
@@ -227,6 +229,7 @@ def test_torch_alone_is_what_was_asked_for(folder):
     assert not list(folder.iterdir())
 
 
+@pytest.mark.long
 def test_nothing_is_written_outside_the_cache(tmp_path):
     """ONNX Runtime would write a device's id below the home folder, and call its maker."""
     home, kept = tmp_path / "home", tmp_path / "kept"

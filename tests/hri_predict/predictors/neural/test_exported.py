@@ -58,6 +58,7 @@ def window(predictor, people=3):
     return rng.normal(0, 0.5, (*shape, 3)).cumsum(1) * 0.1, rng.random(shape) > 0.1
 
 
+@pytest.mark.long
 def test_its_forecasts_are_those_of_the_predictor(by_torch, made):
     copy = predictor_of(settings_of())
     assert isinstance(copy, ExportedPredictor)
@@ -117,6 +118,7 @@ def test_other_settings_or_weights_have_their_own_copy(made, tmp_path):
     assert len(made) == 3
 
 
+@pytest.mark.long
 def test_a_copy_that_disagrees_with_torch_does_not_compute(monkeypatch, made, stored, by_torch):
     moved = [(p, o, w + np.float32(0.01)) for p, o, w in stored.probes]
     calls = counted(monkeypatch, replace(stored, probes=moved).packed())

@@ -291,6 +291,7 @@ def test_is_warm_and_keeps_to_its_threads(weights):
         torch.set_num_threads(before)
 
 
+@pytest.mark.long
 def test_torch_is_not_imported_for_what_does_not_need_it(tmp_path):
     demo = yaml.safe_load(configuration.shipped("demo.yaml").read_text(encoding="utf-8"))
     path = tmp_path / "cell.yaml"
@@ -304,6 +305,7 @@ def test_torch_is_not_imported_for_what_does_not_need_it(tmp_path):
     assert done.returncode == 0
 
 
+@pytest.mark.long
 def test_loading_weights_does_not_import_the_compiler_of_torch():
     """It takes two seconds of each start."""
     script = (

@@ -51,6 +51,7 @@ def _read(path: Path) -> Iterator[tuple[Any, Any, Any, Any]]:
             yield schema, channel, message, json.loads(message.data)
 
 
+@pytest.mark.long
 def test_every_message_is_valid_by_its_schema(recorded):
     validators: dict[str, Any] = {}
     seen: dict[str, int] = {}
@@ -223,6 +224,7 @@ def test_a_part_is_read_without_the_rest(recorded):
     assert part == whole[100:150]
 
 
+@pytest.mark.long
 def test_two_virtual_runs_give_the_same_bytes_also_into_a_folder(tmp_path):
     found = []
     for run_number in (1, 2):
@@ -239,6 +241,7 @@ def test_two_virtual_runs_give_the_same_bytes_also_into_a_folder(tmp_path):
     assert min(found[0]).startswith("press_4-19700101T000001Z")
 
 
+@pytest.mark.long
 def test_what_was_sent_is_left_out_of_folders_by_default(tmp_path):
     record = {"folder": "kept", "zones_hz": 0, "poses_hz": 1, "view_hz": 0}
     run(_demo(tmp_path, record=record), Options(factor=None, duration_s=5))

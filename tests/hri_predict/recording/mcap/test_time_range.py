@@ -15,6 +15,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.mark.long
 def test_a_span_holds_the_messages_of_that_span(recording):
     whole = list(read_messages(recording))
     start, end = whole[0].utc_ns + 1_000_000_000, whole[0].utc_ns + 2_000_000_000

@@ -58,6 +58,7 @@ def node_recording(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("to", STORAGES)
+@pytest.mark.long
 def test_a_recording_of_the_node_replays_from_a_bag_as_from_itself(tmp_path, node_recording, to):
     own = open_recording(node_recording)
     bag = bag_of(own, tmp_path, to)
@@ -229,6 +230,7 @@ def test_fractions_are_of_the_links_speed_or_of_the_fastest_robots(config, speed
     assert full_speed(config) == speed
 
 
+@pytest.mark.long
 def test_mcap_ros2_support_reads_it_and_we_read_what_it_writes(tmp_path, node_recording):
     """An implementation of MCAP's ROS 2 profile that shares nothing with rosbags."""
     reader = pytest.importorskip("mcap_ros2.reader", reason="needs mcap-ros2-support")

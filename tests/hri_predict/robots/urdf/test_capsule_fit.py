@@ -46,6 +46,7 @@ def outside(points: Floats, radii: Floats, a: Floats, b: Floats, radius: float) 
 
 
 @given(SEEDS)
+@pytest.mark.long
 def test_every_point_is_inside_and_no_sphere_about_the_mean_is_smaller(seed: int) -> None:
     points = cloud(seed)
     fit = fit_capsule(points)
@@ -60,6 +61,7 @@ def test_every_point_is_inside_and_no_sphere_about_the_mean_is_smaller(seed: int
 
 @settings(max_examples=10)
 @given(SEEDS)
+@pytest.mark.long
 def test_balls_are_inside_by_coal(seed: int) -> None:
     points = cloud(seed)[:40]
     radii = np.random.default_rng(seed).uniform(0, 0.3, len(points))

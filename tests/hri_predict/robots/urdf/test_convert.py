@@ -119,6 +119,7 @@ def frames(angles: list[float]) -> dict[str, pinocchio.SE3]:
     return {"plate": plate, "tower": tower, "arm": arm, "wrist": wrist, "camera": camera}
 
 
+@pytest.mark.long
 def test_a_mesh_in_a_package(urdf: Path) -> None:
     meshes = urdf.parent / "ws" / "my_arm" / "meshes"
     meshes.mkdir(parents=True)

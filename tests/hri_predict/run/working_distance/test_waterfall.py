@@ -91,6 +91,7 @@ def test_a_turned_robot_turns_the_person_with_it(situation, cell):
     assert measured(elsewhere, seen).distance_m(step=STEP_M) == pytest.approx(here_m, abs=STEP_M)
 
 
+@pytest.mark.long
 def test_the_terms_and_what_is_left_add_up_and_no_delay_costs_less_than_nothing(situation):
     feet = [situation.predictor.skeleton.joints.index(f"{side}_foot") for side in "lr"]
 

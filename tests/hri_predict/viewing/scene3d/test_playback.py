@@ -18,6 +18,7 @@ def playback(tmp_path):
     shown.server.stop()
 
 
+@pytest.mark.long
 def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
     playback.go(0.0)
     playback.draw(10.0)
@@ -43,6 +44,7 @@ def test_a_recording_plays_stands_and_goes_where_the_slider_is(playback):
     assert playback._at.value == pytest.approx(playback._recorded.duration_s, abs=0.1)
 
 
+@pytest.mark.long
 def test_a_recording_opens_where_somebody_comes_into_the_scene(playback):
     playback.draw(10.0)
     recorded = playback._recorded
@@ -53,6 +55,7 @@ def test_a_recording_opens_where_somebody_comes_into_the_scene(playback):
     assert playback._at.value == pytest.approx(playback._position_s, abs=0.051)  # in tenths
 
 
+@pytest.mark.long
 def test_buttons_and_keys_go_to_the_next_change_and_the_next_picture(playback):
     recorded = playback._recorded
     changes = [(ns - recorded.start_ns) * 1e-9 for ns, _ in recorded.changes]
@@ -82,6 +85,7 @@ def test_buttons_and_keys_go_to_the_next_change_and_the_next_picture(playback):
     assert press("play or stop") == pytest.approx(recorded.duration_s)
 
 
+@pytest.mark.long
 def test_nobody_can_publish_the_view_beyond_its_address(playback):
     assert playback.server.request_share_url() is None
     assert playback.url.startswith("http://127.0.0.1:")

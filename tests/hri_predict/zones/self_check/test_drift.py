@@ -64,6 +64,7 @@ def test_it_ends_after_the_stated_time_and_does_not_flap():
     assert drift.report()["raised"] == 1
 
 
+@pytest.mark.long
 def test_a_good_week_does_not_hide_a_bad_hour():
     drift = Drift(0.99)
     feed(drift, np.zeros(minutes(24 * 60)))
@@ -100,6 +101,7 @@ def shares(error, radius):
 
 
 @pytest.mark.parametrize("level", [0.9, 0.99])
+@pytest.mark.long
 def test_a_calibration_that_fits_is_not_accused_in_a_day_and_one_too_small_soon_is(level):
     radius = np.quantile(errors(1, 24), level)
     new = errors(2, 24)
@@ -118,6 +120,7 @@ def test_the_log_says_it_once_an_hour(caplog):
     assert "calibrate --onto" in caplog.text
 
 
+@pytest.mark.long
 def test_the_self_check_feeds_it_with_the_radii_as_calibrated():
     # zones are widened at once, so that forecasts hold again; the calibration is no better for it
     check = checker()

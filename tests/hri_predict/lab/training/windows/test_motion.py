@@ -173,6 +173,7 @@ def test_validation_is_always_the_same_and_names_its_action(folder):
         assert a.observed.all()
 
 
+@pytest.mark.long
 def test_a_refit_draws_from_the_validation_recordings_and_keeps_none(folder):
     plain = {"root": folder, "fit": ["line_*.npz"], "validation": ["check_1.npz"]}
     refit = MotionSamples(DataSettings(**plain, augment=PLAIN, refit=True), SHAPE)
