@@ -280,6 +280,14 @@ class Source(Protocol):
         """Release what it holds. Safe to call twice, and before ``open``."""
 
 
+@runtime_checkable
+class HasTwin(Protocol):
+    """A source of which a second one costs nothing: nothing is read again."""
+
+    def twin(self) -> Source:
+        """Return a source that yields the same scenes from the start, once it is opened."""
+
+
 S = TypeVar("S", bound=SourceSettings)
 
 

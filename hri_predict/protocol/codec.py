@@ -118,13 +118,19 @@ def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | Non
 
 
 def decode_payload(
-    definition: Definition, robot: int, payload: bytes, items: int | None = None
+    definition: Definition,
+    robot: int,
+    payload: bytes,
+    items: int | None = None,
+    *,
+    with_items: bool = True,
 ) -> Message:
     """Return the message in ``payload``; bytes after its end (padding) are ignored.
 
     Extra parts that it does not need may be missing or hold anything.
 
-    ``items`` is the largest number of items of a Zone or Pose; default: what fits a frame.
+    ``items`` is the largest number of items of a Zone or Pose; default: what fits a frame. Without
+    ``with_items`` they are left out.
 
     Raises:
         Malformed: too short, or an impossible value.
@@ -136,10 +142,13 @@ def decode_payload(
         held = row[_COUNT[definition.type]]
         if held > (items or definition.items_per_frame):
             raise Malformed(f"{definition.name} holds {held} items")
-    return _message(definition, row, robot, payload)
+    return _message(definition, row, robot, payload if with_items else None)
 
 
-def _message(definition: Definition, row: tuple[Any, ...], robot: int, payload: bytes) -> Message:
+def _message(
+    definition: Definition, row: tuple[Any, ...], robot: int, payload: bytes | None
+) -> Message:
+    """Make the message; without ``payload``, a Zone or Pose without its items."""
     members = _MEMBERS[definition.type]
     given = dict(zip(members, row, strict=True))
     if definition.per_robot:
@@ -184,7 +193,11 @@ def _base_of(*row: float) -> BaseMotion:
     return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=rate)
 
 
-def _items(definition: Definition, computed: list[Any], payload: bytes) -> list[tuple[Any, ...]]:
+def _items(
+    definition: Definition, computed: list[Any], payload: bytes | None
+) -> list[tuple[Any, ...]]:
+    if payload is None:
+        return []
     first, total, count = computed
     unpack, start, size = (
         _UNPACK_ITEM[definition.type],

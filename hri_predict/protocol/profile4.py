@@ -65,6 +65,7 @@ class Profile4Receiver:
     """Decodes frames; it counts errors and continues.
 
     ``items``: how many items of a Zone or Pose one frame may hold; default: as on a serial line.
+    ``with_items``: whether to unpack them.
 
     Attributes:
         counters: see ``ReceiveCounters``.
@@ -72,8 +73,8 @@ class Profile4Receiver:
             hands none of them on.
     """
 
-    def __init__(self, items: int | None = None) -> None:
-        self._items = items
+    def __init__(self, items: int | None = None, *, with_items: bool = True) -> None:
+        self._items, self._with_items = items, with_items
         self.own: OwnFrames | None = None
         self._table = {e2e.data_id_32(n): entry for n, entry in frame_table(classic=False).items()}
         self._sequences: dict[int, e2e.CounterCheck] = {}
@@ -106,7 +107,9 @@ class Profile4Receiver:
             return None
         try:
             payload = frame[e2e.PROFILE_4_HEADER :]
-            message = decode_payload(definition, robot, payload, self._items)
+            message = decode_payload(
+                definition, robot, payload, self._items, with_items=self._with_items
+            )
         except Malformed as error:
             self.counters.malformed += 1
             self.refused = str(error)

@@ -34,13 +34,14 @@ class SerialReceiver:
     """Finds and decodes frames in a stream of bytes; it counts errors and continues.
 
     Garbage costs at most the frame that it touches. The buffer never holds more than one frame.
+    ``with_items``: see ``Profile4Receiver``.
 
     Attributes:
         counters: see ``ReceiveCounters``.
     """
 
-    def __init__(self) -> None:
-        self._frames = Profile4Receiver()
+    def __init__(self, *, with_items: bool = True) -> None:
+        self._frames = Profile4Receiver(with_items=with_items)
         self._buffer = b""
         self._skipping = False
 

@@ -19,7 +19,7 @@ from hri_predict.contracts.link import (
 )
 from hri_predict.contracts.predictor import Predictor, PredictorSettings
 from hri_predict.contracts.repetition import messages_hz
-from hri_predict.contracts.source import Source
+from hri_predict.contracts.source import HasTwin, Source
 from hri_predict.node.node import Listener, Node
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.repeats import Repeats
@@ -70,6 +70,11 @@ def build_source(config: Config, with_faults: bool = True) -> Source:
     if config.source.faults and with_faults:
         return registry.load("faults", "source")(source, config.source.faults, seed=0)
     return source
+
+
+def build_again(config: Config, source: Source) -> Source:
+    """Return a second source like ``source``, but without faults."""
+    return source.twin() if isinstance(source, HasTwin) else build_source(config, with_faults=False)
 
 
 def build_predictor(config: Config) -> Predictor:

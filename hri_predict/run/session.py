@@ -380,7 +380,7 @@ class _Referee:
     def __init__(self, config: Config, assembly: assemble.Assembly, cell: Cell) -> None:
         self._cell = cell
         with _said_already():
-            source = assemble.build_source(config, with_faults=False)
+            source = assemble.build_again(config, assembly.source)
         self._people = cell.true_people(source)
         self._referee = cell.referee(assembly.robots)
         self._opened = False

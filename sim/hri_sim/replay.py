@@ -5,6 +5,7 @@ as it was received: several people with their ids, and blind, late and lost scen
 """
 
 import bisect
+import copy
 import itertools
 import logging
 import os
@@ -137,6 +138,12 @@ class RecordingSource:
         self._period_ns = round(1e9 / self.rate_hz)
         span_ns = self._arrival[-1] - self._arrival[0]
         self._loop_ns = span_ns + (self._gap + 1) * self._period_ns
+
+    def twin(self) -> "RecordingSource":
+        """See ``contracts.source.HasTwin``; both share the recording, which neither changes."""
+        twin = copy.copy(self)
+        twin.close()
+        return twin
 
     def open(self, start_ns: int) -> None:
         """Start: the first scene is captured at ``start_ns``."""

@@ -79,6 +79,17 @@ def test_scenes_come_at_their_true_time_and_then_it_ends(walk: Path) -> None:
     assert source.poll(0) is not None
 
 
+def test_a_twin_plays_the_same_scenes_without_reading_the_file_again(walk: Path) -> None:
+    source = _source(walk)
+    source.poll(START)
+    walk.unlink()
+    twin = source.twin()
+    assert twin.next_ns() is None  # not open
+    twin.open(START)
+    assert len(_all(twin)) == 241
+    assert len(_all(source)) == 240  # its own place was not moved
+
+
 def test_late_questions_get_every_scene_in_order(walk: Path) -> None:
     source, late = _source(walk), _source(walk)
     expected = [scene for _, scene in _all(source)]

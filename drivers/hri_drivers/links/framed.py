@@ -51,10 +51,13 @@ S = TypeVar("S", bound=FramedLinkSettings)
 
 
 class SerialCodec(FrameCodec[bytes]):
-    """Messages as protected packets on a serial line; ``bitrate_8n1`` as in its settings."""
+    """Messages as protected packets on a serial line; ``bitrate_8n1`` as in its settings.
 
-    def __init__(self, bitrate_8n1: float) -> None:
-        super().__init__(SerialReceiver())
+    ``with_items``: whether what is received of a Zone or Pose is unpacked whole.
+    """
+
+    def __init__(self, bitrate_8n1: float, *, with_items: bool = True) -> None:
+        super().__init__(SerialReceiver(with_items=with_items))
         self._sender = SerialSender()
         self._bitrate_8n1 = bitrate_8n1
 

@@ -208,7 +208,7 @@ def codec_for(link: LinkSettings) -> Codec[Any]:
         ConfigError: there is no mock controller for this kind of link.
     """
     if isinstance(link, SerialLinkSettings):
-        return SerialCodec(link.baudrate)
+        return SerialCodec(link.baudrate, with_items=False)  # it obeys Advice alone
     if isinstance(link, CanLinkSettings):
         return CanCodec(link)
     raise ConfigError(f"links.{link.name}.simulate: no mock controller for kind '{link.kind}'")

@@ -1,5 +1,6 @@
 """Serial frames: round trips, resynchronisation, bit errors, hostile input."""
 
+from dataclasses import replace
 from math import nan
 
 import pytest
@@ -82,6 +83,14 @@ def test_long_messages_come_as_pieces_that_stand_alone() -> None:
     assert [m for m in got if isinstance(m, Pose)] == [
         Pose(person=9, step=4, horizon_s=0.16, joints=JOINTS[i : i + 7]) for i in range(0, 21, 7)
     ]
+
+
+def test_who_reads_no_zones_gets_them_counted_and_without_capsules() -> None:
+    zone = Zone(person=9, step=4, horizon_s=0.16, capsules=CAPSULES, age_s=0.02)
+    receiver = SerialReceiver(with_items=False)
+    got = receiver.feed(SerialSender().encode(zone))
+    assert got == [replace(zone, capsules=())] * 6
+    assert receiver.counters.received == 6
 
 
 @given(st.lists(st.integers(1, 40), max_size=40))
