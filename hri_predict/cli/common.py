@@ -99,6 +99,7 @@ def predictor_settings(
     weights: Path | None,
     rate_hz: float,
     horizon_s: float,
+    *,
     changes: Mapping[str, Any] | None = None,
 ) -> "PredictorSettings":
     """Settings of a predictor from ``--predictor``, ``--weights`` and other ``changes``.

@@ -238,7 +238,7 @@ def _real(
                 {**own, **baselines(future_steps)},
                 motions,
                 condition,
-                future_steps,
+                future_steps=future_steps,
                 on_motion=lambda: bar.advance(task),
             )
     if out is not None:
@@ -309,7 +309,7 @@ def _settings(
         set_key(own, change)
     return {
         label: predictor_settings(
-            each.name, each.weights, RATE_HZ, future_steps / RATE_HZ, own[each.name]
+            each.name, each.weights, RATE_HZ, future_steps / RATE_HZ, changes=own[each.name]
         )
         for label, each in asked.items()
     }

@@ -132,7 +132,7 @@ def _mean_mm(total_m: Floats, count: Floats) -> Floats:
 
 
 def at_horizons(by_step: Floats) -> Floats:
-    """Of (H, ...) steps those of ``RecordingResult.horizons_ms``."""
+    """Pick the steps of ``RecordingResult.horizons_ms`` from (H, ...)."""
     return by_step[np.array(_within(len(by_step))) - 1]
 
 
@@ -184,8 +184,8 @@ def judge_by(
     predictors: Mapping[str, PredictorSettings],
     motions: Sequence[Motion],
     corruption: Corruption | None = None,
-    future_steps: int = FUTURE_STEPS,
     *,
+    future_steps: int = FUTURE_STEPS,
     on_motion: Callable[[], None] = lambda: None,
 ) -> list[RecordingResult]:
     """``judge_all`` by others: a task is one motion, which is sent, not read there.
