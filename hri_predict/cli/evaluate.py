@@ -60,7 +60,7 @@ def evaluate(
     calibration: CalibrationsOption = None,
     benchmark: Annotated[
         str | None,
-        typer.Option(help="cmu, or human36m (baselines alone): evaluate as the papers do."),
+        typer.Option(help="cmu, human36m, or a package's: evaluate as the papers do."),
     ] = None,
     windows: Annotated[
         str | None,

@@ -187,11 +187,11 @@ def test_networks_that_cannot_be_judged_are_refused(shape, told):
         network_forecaster(Protocol("cmu", "all", 25), Mean(shape), "--predictor x")
 
 
-def test_human36m_judges_no_network():
+def test_human36m_refuses_a_network_of_other_joints():
     network = Mean(
         Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
     )
-    with pytest.raises(PredictorError, match="no network is trained for Human3"):
+    with pytest.raises(PredictorError, match="needs human22 in its own frame"):
         network_forecaster(Protocol("human36m", "all", 25), network, "--predictor x")
 
 
