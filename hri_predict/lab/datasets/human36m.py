@@ -21,7 +21,8 @@ from hri_predict.base.skeleton import Skeleton, make_skeleton
 from hri_predict.lab.datasets.cmu_benchmark import check_values
 from hri_predict.lab.datasets.expmap import joint_positions
 
-TEST_SUBJECT = "S5"
+TEST_SUBJECT, VALIDATION_SUBJECT = "S5", "S11"
+FIT_SUBJECTS = ("S1", "S6", "S7", "S8", "S9")
 _STEP = 2
 _COLUMNS = 99
 _SEED = 1234567890

@@ -12,10 +12,14 @@ import torch
 
 from hri_predict.contracts import registry
 from hri_predict.lab.training.config import TrainSettings
-from hri_predict.lab.training.windows.benchmark import BenchmarkSamples
+from hri_predict.lab.training.windows.benchmark import BenchmarkSamples, HumanSamples
 from hri_predict.lab.training.windows.motion import MotionSamples
 
-DATA_SETS: Mapping[str, Any] = {"real": MotionSamples, "benchmark": BenchmarkSamples}
+DATA_SETS: Mapping[str, Any] = {
+    "real": MotionSamples,
+    "benchmark": BenchmarkSamples,
+    "human36m": HumanSamples,
+}
 """``judgement:`` -> a ``samples.SampleSourceClass``."""
 
 OPTIMISERS: Mapping[str, Callable[..., torch.optim.Optimizer]] = {
