@@ -95,15 +95,21 @@ def processes(jobs: int | None, cluster: str | None, default: int = 1) -> int:
 
 
 def predictor_settings(
-    name: str, weights: Path | None, rate_hz: float, horizon_s: float
+    name: str,
+    weights: Path | None,
+    rate_hz: float,
+    horizon_s: float,
+    *,
+    changes: Mapping[str, Any] | None = None,
 ) -> "PredictorSettings":
-    """Settings of a predictor from ``--predictor`` and ``--weights``.
+    """Settings of a predictor from ``--predictor``, ``--weights`` and other ``changes``.
 
     Raises:
         ConfigError: the predictor does not exist, it has no weights, or does not reach so far.
     """
     model = registry.predictor_settings(name)
     asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
+    asked |= changes or {}
     if weights is not None:
         if "weights" not in model.model_fields:
             raise ConfigError(f"--weights: {name} takes no weights; leave it out")

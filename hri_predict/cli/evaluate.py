@@ -5,11 +5,12 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hri_predict.base.errors import ConfigError, UnusableRecordingError
+from hri_predict.base.set_key import set_key
 from hri_predict.cli.common import (
     CalibrationsOption,
     ClusterOption,
@@ -59,7 +60,7 @@ def evaluate(
     calibration: CalibrationsOption = None,
     benchmark: Annotated[
         str | None,
-        typer.Option(help="cmu, or human36m (baselines alone): evaluate as the papers do."),
+        typer.Option(help="cmu, human36m, or a package's: evaluate as the papers do."),
     ] = None,
     windows: Annotated[
         str | None,
@@ -88,6 +89,20 @@ def evaluate(
         str | None,
         typer.Option(
             help="Split of the data pack: validation, test, test_motion, ...", show_default="test"
+        ),
+    ] = None,
+    horizon: Annotated[
+        float | None,
+        typer.Option(
+            min=1, max=2, help="Seconds ahead; more leaves fewer windows.", show_default="1"
+        ),
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="NAME.KEY=VALUE",
+            help="A setting of a --predictor, such as aggregated.inner=sinn. Repeatable.",
         ),
     ] = None,
     joint_map: JointMapOption = None,
@@ -119,12 +134,16 @@ def evaluate(
             {"--windows": windows, "--n-out": n_out, "--n-in": n_in, "--error": error},
             "without --benchmark",
         )
+        from hri_predict.lab.evaluation.windows import RATE_HZ
+
         if split is not None:
             one_of("--split", split, USES)
         _real(
             data=data,
             asked=asked,
             split=split,
+            future_steps=round((horizon or 1) * RATE_HZ),
+            changes=changes or (),
             joint_map=joint_map,
             disturb=disturb,
             calibrations=calibration or (),
@@ -137,6 +156,8 @@ def evaluate(
         without_effect(
             {
                 "--split": split,
+                "--horizon": horizon,
+                "--set": changes,
                 "--joint-map": joint_map,
                 "--calibration": calibration,
                 "--disturb": True if disturb else None,
@@ -185,6 +206,8 @@ def _real(
     data: list[Path],
     asked: "Mapping[str, ComparedPredictor]",
     split: str | None,
+    future_steps: int,
+    changes: Sequence[str],
     joint_map: str | None,
     disturb: bool,
     calibrations: Sequence[Path],
@@ -198,7 +221,7 @@ def _real(
     from hri_predict.lab.evaluation import report
     from hri_predict.lab.evaluation.recordings import baselines, built, judge_by
 
-    own = {label: _settings(each.name, each.weights) for label, each in asked.items()}
+    own = _settings(asked, future_steps, changes)
     predictors = {name: built(settings) for name, settings in own.items()}  # errors before the work
     bases = _bases(asked, own, calibrations)
     motions = _motions(files(data, split), own_map(joint_map))
@@ -212,9 +235,10 @@ def _real(
             bar.update(task, description=text)
             results += judge_by(
                 workers,
-                {**own, **baselines()},
+                {**own, **baselines(future_steps)},
                 motions,
                 condition,
+                future_steps=future_steps,
                 on_motion=lambda: bar.advance(task),
             )
     if out is not None:
@@ -271,10 +295,24 @@ def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motio
     return found
 
 
-def _settings(predictor: str, weights: Path | None) -> "PredictorSettings":
-    from hri_predict.lab.evaluation.windows import FUTURE_STEPS, RATE_HZ
+def _settings(
+    asked: "Mapping[str, ComparedPredictor]", future_steps: int, changes: Sequence[str]
+) -> "dict[str, PredictorSettings]":
+    """The settings of each label, with the changes of ``--set``."""
+    from hri_predict.lab.evaluation.windows import RATE_HZ
 
-    return predictor_settings(predictor, weights, RATE_HZ, FUTURE_STEPS / RATE_HZ)
+    own: dict[str, Any] = {each.name: {} for each in asked.values()}
+    for change in changes:
+        name, dot, _ = change.partition("=")[0].partition(".")
+        if name not in own or not dot:
+            raise ConfigError(f"--set {change}: write it as NAME.key=value, NAME of a --predictor")
+        set_key(own, change)
+    return {
+        label: predictor_settings(
+            each.name, each.weights, RATE_HZ, future_steps / RATE_HZ, changes=own[each.name]
+        )
+        for label, each in asked.items()
+    }
 
 
 def card(

@@ -40,10 +40,10 @@ def by_benchmark(
         raise ConfigError(f"--n-in {n_in}: the benchmark's windows have 1 to 50 frames before")
     loaded = {label: _load(each.name, each.weights) for label, each in asked.items()}
     protocol = Protocol(
-        benchmark=one_of("--benchmark", benchmark, ("cmu", "human36m")),
-        windows=one_of("--windows", windows, ("all", "8-seeds", "80-seeds")),
+        benchmark=benchmark,
+        windows=windows,
         n_out=n_out,
-        error=one_of("--error", error or _own_error(loaded), ("mpjpe", "euler")),
+        error=one_of("--error", error or _own_error(benchmark, loaded), ("mpjpe", "euler")),
         observed_frames=n_in,
     )
     _warn_of_longer_histories(protocol, loaded)
@@ -98,10 +98,13 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
     return loaded
 
 
-def _own_error(loaded: "Mapping[str, LoadedWeights | None]") -> str:
+def _own_error(benchmark: str, loaded: "Mapping[str, LoadedWeights | None]") -> str:
     """The error that the weights are trained for: euler where a network predicts rotations."""
+    from hri_predict.lab.evaluation.benchmarks import benchmark_of
+
+    euler = benchmark_of(benchmark).skeletons.get("euler")
     errors = {
-        name: "euler" if found.network.shape.skeleton.name == "cmu38" else "mpjpe"
+        name: "euler" if euler and found.network.shape.skeleton.name == euler.name else "mpjpe"
         for name, found in loaded.items()
         if found is not None
     }

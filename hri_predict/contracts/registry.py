@@ -8,7 +8,7 @@ for the parts that any package may bring, ``cell`` for what ``hri_sim`` brings.
 
 import contextlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from importlib import metadata
 from typing import Any, Literal, overload
@@ -21,8 +21,8 @@ from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
 """Parts that third parties may bring, and that ``hri-predict conformance`` checks."""
-TrainingKind = Literal["data_sets", "optimisers", "schedules"]
-"""Parts of a training, besides those of ``lab.training.parts``."""
+TrainingKind = Literal["data_sets", "optimisers", "schedules", "benchmarks"]
+"""Parts of a training and its evaluation, besides those of ``lab``; see ``part``."""
 Kind = PartKind | TrainingKind | Literal["commands", "predictor_settings", "cells", "faults"]
 
 _SETTINGS = {"sources": SourceSettings, "predictors": PredictorSettings, "links": LinkSettings}
@@ -109,6 +109,23 @@ def load(kind: Kind, name: str) -> Any:
             f"{base.__name__}; fix the package that provides it"
         )
     return part
+
+
+def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
+    """The part of this name, ours or that of an installed package.
+
+    Raises:
+        ConfigError: nothing has this name, or it cannot be imported.
+    """
+    if name in ours:
+        return ours[name]
+    known = sorted({*ours, *names(kind)})
+    if name not in known:
+        raise ConfigError(
+            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; there are: "
+            f"{', '.join(known)}"
+        )
+    return load(kind, name)
 
 
 def predictor_settings(name: str) -> type[PredictorSettings]:

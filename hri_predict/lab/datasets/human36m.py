@@ -8,6 +8,7 @@ joints: Dang et al., "MSR-GCN", ICCV 2021). Subject 5 is the test set.
 """
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,10 +18,11 @@ from numpy.typing import NDArray
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.base.skeleton import Skeleton, make_skeleton
-from hri_predict.lab.datasets.cmu_benchmark import all_windows, check_values
+from hri_predict.lab.datasets.cmu_benchmark import check_values
 from hri_predict.lab.datasets.expmap import joint_positions
 
-TEST_SUBJECT = "S5"
+TEST_SUBJECT, VALIDATION_SUBJECT = "S5", "S11"
+FIT_SUBJECTS = ("S1", "S6", "S7", "S8", "S9")
 _STEP = 2
 _COLUMNS = 99
 _SEED = 1234567890
@@ -138,26 +140,27 @@ def read_take(path: Path) -> Take:
     return Take(name, action, joint_positions(maps, PARENTS, OFFSETS_MM))
 
 
-def read_test_takes(directory: Path) -> dict[str, list[Take]]:
-    """The takes of subject 5 by action, in order.
+def read_takes(directory: Path, subjects: Sequence[str] = (TEST_SUBJECT,)) -> dict[str, list[Take]]:
+    """The takes of these subjects by action, in order.
 
     Args:
         directory: folder of the subjects' folders, or the parent of such a ``dataset``.
+        subjects: names of their folders; some may be missing.
 
     Raises:
         ConfigError: the folder does not exist, or is empty.
         RecordingError: a file cannot be read.
     """
     for root in (directory, directory / "dataset"):
-        files = sorted((root / TEST_SUBJECT).glob("*_*.txt"))
+        files = [path for each in subjects for path in sorted((root / each).glob("*_*.txt"))]
         if files:
             found: dict[str, list[Take]] = {}
             for take in map(read_take, files):
                 found.setdefault(take.action, []).append(take)
             return found
     raise ConfigError(
-        f"--data {directory}: no {TEST_SUBJECT}/<action>_<n>.txt there or in its 'dataset'; give "
-        f"the folder that holds the subjects' folders"
+        f"--data {directory}: no {' or '.join(subjects)}/<action>_<n>.txt there or in its "
+        f"'dataset'; give the folder that holds the subjects' folders"
     )
 
 
@@ -177,18 +180,3 @@ def seeded_windows(frames: list[int], n_in: int) -> list[NDArray[np.intp]]:
     draw = np.random.RandomState(_SEED)
     starts = [[draw.randint(16, n - 150) + 50 - n_in for n in frames] for _ in range(_SEEDED_PAIRS)]
     return [np.array([pair[take] for pair in starts], dtype=np.intp) for take in range(2)]
-
-
-def windows_of(choice: str, takes: list[Take], n_in: int, n_out: int) -> list[NDArray[np.intp]]:
-    """First frames of the test windows of each take: ``all`` or ``8-seeds``.
-
-    Raises:
-        ConfigError: another choice.
-        RecordingError: see ``seeded_windows``.
-    """
-    lengths = [len(take.positions) for take in takes]
-    if choice == "all":
-        return [all_windows(n, n_in, n_out) for n in lengths]
-    if choice == "8-seeds":
-        return seeded_windows(lengths, n_in)
-    raise ConfigError(f"--windows {choice}: Human3.6M is evaluated with all or 8-seeds")

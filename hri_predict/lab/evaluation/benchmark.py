@@ -8,7 +8,6 @@ import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -16,14 +15,13 @@ import torch
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError, PredictorError, RecordingError
 from hri_predict.base.skeleton import Skeleton
-from hri_predict.lab.datasets import cmu_benchmark, human36m
+from hri_predict.lab.datasets import cmu_benchmark
 from hri_predict.lab.datasets.cmu_benchmark import from_model, to_model
 from hri_predict.lab.datasets.euler import euler_error
-from hri_predict.lab.evaluation.published import ErrorKind, Windows
-from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+from hri_predict.lab.evaluation.benchmarks import Benchmark, benchmark_of
+from hri_predict.lab.evaluation.published import ErrorKind
 from hri_predict.predictors.neural.network import Network
 
-Name = Literal["cmu", "human36m"]
 Forecaster = Callable[[Floats], Floats]
 
 _FRAMES = (1, 3, 7, 9, 13, 24)
@@ -45,11 +43,27 @@ class Protocol:
         observed_frames: frames observed, if not as most papers do; SINN's observes 25.
     """
 
-    benchmark: Name
-    windows: Windows
+    benchmark: str
+    windows: str
     n_out: int
     error: ErrorKind = "mpjpe"
     observed_frames: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the benchmark has such windows and such an error.
+
+        Raises:
+            ConfigError: it has not, or there is no such benchmark.
+        """
+        of = self.of
+        for flag, value, known in (
+            ("--windows", self.windows, of.windows),
+            ("--error", self.error, of.skeletons),
+        ):
+            if value not in known:
+                raise ConfigError(
+                    f"{flag} {value}: {of.title} is evaluated with {', '.join(known)}; use one"
+                )
 
     @property
     def n_in(self) -> int:
@@ -65,18 +79,19 @@ class Protocol:
         return frames, tuple(f for f in _KD_FRAMES if f < self.n_out)
 
     @property
+    def of(self) -> Benchmark:
+        """The benchmark."""
+        return benchmark_of(self.benchmark)
+
+    @property
     def unit(self) -> str:
         """Unit of the errors."""
-        if self.error == "euler":
-            return "rad"
-        return "benchmark mm" if self.benchmark == "cmu" else "mm"
+        return "rad" if self.error == "euler" else self.of.unit
 
     @property
     def skeleton(self) -> Skeleton:
         """Joints that forecasters predict."""
-        if self.benchmark == "human36m":
-            return human36m.HUMAN22
-        return CMU25 if self.error == "mpjpe" else CMU38
+        return self.of.skeletons[self.error]
 
 
 def nominal_ms(frame: int) -> int:
@@ -88,7 +103,7 @@ def nominal_ms(frame: int) -> int:
 class ActionTests:
     """An action's test windows: (N, n_in, J, 3) and (N, n_out, J, 3) of ``Protocol.skeleton``.
 
-    Positions are in the benchmark's mm, x left, y up, z forward; rotations as stored.
+    Positions are in the benchmark's unit, x left, y up, z forward; rotations as stored.
     """
 
     action: str
@@ -115,44 +130,18 @@ def open_tests(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
     """Yield each action's test windows.
 
     Raises:
-        ConfigError: no such recordings below ``directory``, or no such choice of windows.
+        ConfigError: no such recordings below ``directory``.
         RecordingError: a recording cannot be read or is too short.
     """
-    if protocol.benchmark == "human36m":
-        yield from _human36m(protocol, directory)
-        return
-    root = cmu_benchmark.data_root(directory)
-    names = cmu_benchmark.benchmark_names(root, "test")
-    if not names:
-        raise ConfigError(
-            f"--data {directory}: no test recording of the CMU benchmark (test/basketball_1.npz, "
-            f"...) there; check the folder"
-        )
-    for name in names:
-        clip = cmu_benchmark.read_clip(root, name)
-        values = clip.expmaps if protocol.error == "euler" else clip.positions()[:, MOVING]
-        where = f"recording {root / name}.npz"
+    benchmark = protocol.of
+    for action, where, takes in benchmark.takes(directory, protocol.error):
+        frames = [len(take) for take in takes]
         with _named(where):
-            starts = cmu_benchmark.windows_of(
-                protocol.windows, len(values), protocol.n_in, protocol.n_out
-            )
-            _check_long_enough(protocol, [len(values)], len(starts))
-        yield ActionTests(
-            clip.action, *cmu_benchmark.cut(values, starts, protocol.n_in, protocol.n_out)
-        )
-
-
-def _human36m(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
-    if protocol.error == "euler":
-        raise ConfigError("--error euler: Human3.6M is evaluated on positions alone; use mpjpe")
-    for action, takes in human36m.read_test_takes(directory).items():
-        with _named(f"recordings {directory}: {human36m.TEST_SUBJECT}/{action}_*.txt"):
-            starts = human36m.windows_of(protocol.windows, takes, protocol.n_in, protocol.n_out)
-            frames = [len(take.positions) for take in takes]
+            starts = benchmark.starts(protocol.windows, frames, protocol.n_in, protocol.n_out)
             _check_long_enough(protocol, frames, sum(map(len, starts)))
         parts = [
-            cmu_benchmark.cut(t.positions[:, human36m.SCORED], s, protocol.n_in, protocol.n_out)
-            for t, s in zip(takes, starts, strict=True)
+            cmu_benchmark.cut(take, own, protocol.n_in, protocol.n_out)
+            for take, own in zip(takes, starts, strict=True)
         ]
         yield ActionTests(action, *(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -190,9 +179,7 @@ def score(protocol: Protocol, forecaster: Forecaster, test: ActionTests) -> Scor
         error = np.asarray(euler_error(predicted, test.future))
         return Score(len(test.history), error.mean(0), None)
     joints = np.linalg.norm(predicted - test.future, axis=-1)
-    counted = joints
-    if protocol.benchmark == "cmu":
-        counted = cmu_benchmark.joint_errors(predicted, test.future)
+    counted = protocol.of.errors(predicted, test.future)
     return Score(len(test.history), counted.mean((0, 2)), joints.mean(0))
 
 
@@ -225,8 +212,8 @@ def judge(
 
 
 def mean_over(protocol: Protocol, actions: Mapping[str, Score]) -> Floats:
-    """(n_out,) mean over the five comparable actions (Human3.6M: all); NaN if one is missing."""
-    names = cmu_benchmark.MEAN_OVER if protocol.benchmark == "cmu" else tuple(actions)
+    """(n_out,) mean over the benchmark's ``mean_over``; NaN if one is missing."""
+    names = protocol.of.mean_over or tuple(actions)
     if not all(name in actions for name in names):
         return np.full(protocol.n_out, np.nan)
     result: Floats = np.mean([actions[name].errors for name in names], axis=0)
@@ -257,11 +244,6 @@ def network_forecaster(protocol: Protocol, network: Network, where: str) -> Fore
         PredictorError: it works on other joints, in the room's frame, or predicts too few frames.
     """
     shape, wanted = network.shape, protocol.skeleton
-    if protocol.benchmark == "human36m":
-        raise PredictorError(
-            f"{where}: no network is trained for Human3.6M yet; evaluate zero_velocity and "
-            f"constant_velocity there, or use --benchmark cmu"
-        )
     if shape.skeleton.joints != wanted.joints or not shape.framed:
         raise PredictorError(
             f"{where}: predicts skeleton {shape.skeleton.name}; this benchmark needs "

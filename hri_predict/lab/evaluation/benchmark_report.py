@@ -14,9 +14,6 @@ from hri_predict.lab.evaluation.benchmark import Protocol, Score, mean_over, nom
 from hri_predict.lab.evaluation.benchmark_result import MEAN, BenchmarkResult, printed_at
 from hri_predict.lab.evaluation.table import Table
 
-_ZERO_SHOT = ("washwindow",)
-"""Actions without any train recording here."""
-
 
 def tables(result: BenchmarkResult) -> list[Table]:
     """The mean over the actions, then each action; once for each of ``Protocol.readings``."""
@@ -44,7 +41,7 @@ def _title(result: BenchmarkResult, action: str, frames: Sequence[int]) -> str:
         what = "mean over " + ", ".join(result.averaged)
     else:
         what += f" ({next(iter(result.scores.values()))[action].windows} windows)"
-        if result.protocol.benchmark == "cmu" and action in _ZERO_SHOT:
+        if action in result.protocol.of.zero_shot:
             what += ": no train recording, zero-shot; the printed methods trained on it"
     read = ""
     if len(result.protocol.readings) > 1:
@@ -83,17 +80,9 @@ def notes(result: BenchmarkResult) -> list[str]:
     found = [
         f"{protocol.n_in} frames observed, {protocol.n_out} predicted; windows: {protocol.windows}."
     ]
-    if protocol.benchmark == "cmu":
-        found += [
-            "The benchmark's time and length are nominal: its 25 frames per second are 60, its mm "
-            "are 0.806 true mm. 38 joints are scored, 13 of which copy another or cannot err."
-            if protocol.error == "mpjpe"
-            else "Error of Euler angles by the quaternion route, the root's rotation included.",
-            "32 of the 40 train recordings and 6 of the 8 test recordings are available: printed "
-            "methods trained on more. Their epoch was chosen on the test recordings, ours was not.",
-        ]
-        if protocol.windows == "all":
-            found.append("10 and 25 predicted frames are scored on different sets of windows.")
+    found += protocol.of.notes.get(protocol.error, ())
+    if protocol.windows == "all":
+        found.append("10 and 25 predicted frames are scored on different sets of windows.")
     for entry in result.printed:
         note = f" ({entry.note})" if entry.note else ""
         found.append(f"{entry.method}: {entry.paper}, {entry.table}{note}.")
@@ -102,7 +91,7 @@ def notes(result: BenchmarkResult) -> list[str]:
 
 def as_markdown(result: BenchmarkResult, command: str) -> str:
     """All tables, what they mean, and the command that makes them."""
-    name = {"cmu": "CMU-Mocap", "human36m": "Human3.6M"}[result.protocol.benchmark]
+    name = result.protocol.of.title
     lines = [f"# {', '.join(result.asked)} on the {name} benchmark", "", f"`{command}`", ""]
     lines += [f"- {note}" for note in notes(result)]
     return "\n".join([*lines, "", *(table.markdown() for table in tables(result))])

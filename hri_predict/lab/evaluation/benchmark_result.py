@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.lab.evaluation.benchmark import Protocol, Score
 from hri_predict.lab.evaluation.published import Published, comparable
 
@@ -36,15 +35,17 @@ class BenchmarkResult:
     @property
     def averaged(self) -> tuple[str, ...]:
         """Actions of the mean, all with the same weight."""
-        return MEAN_OVER if self.protocol.benchmark == "cmu" else self.actions
+        return tuple(self.protocol.of.mean_over) or self.actions
 
     @property
     def printed(self) -> list[Published]:
         """Values printed in papers for this very protocol."""
-        if self.protocol.benchmark != "cmu":
+        protocol, file = self.protocol, self.protocol.of.published
+        if file is None:
             return []
-        protocol = self.protocol
-        return comparable(protocol.windows, protocol.n_in, protocol.n_out, protocol.error)
+        return comparable(
+            file, protocol.windows, n_in=protocol.n_in, n_out=protocol.n_out, error=protocol.error
+        )
 
 
 def printed_at(entry: Published, action: str, frame: int, averaged: Sequence[str]) -> float | None:

@@ -11,7 +11,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.figures import Figure, legend_below, panels, write_figure
 from hri_predict.base.looks import PALETTE
 from hri_predict.lab.evaluation.recordings import MEAN_ACTIONS, RecordingResult
-from hri_predict.lab.evaluation.windows import FUTURE_STEPS, RATE_HZ, scored_joints
+from hri_predict.lab.evaluation.windows import RATE_HZ, scored_joints
 from hri_predict.predictors.neural.body import BODY
 
 # baselines are grey
@@ -22,7 +22,6 @@ _BASELINES = {
     "kalman": ("#999999", ":"),
 }
 _MARKERS = dict(zip(_BASELINES, "|x+1", strict=True))
-_MS = 1000.0 / RATE_HZ * np.arange(1, FUTURE_STEPS + 1)
 _DPI = 130
 
 
@@ -86,10 +85,11 @@ def error_by_joint(results: Sequence[RecordingResult]) -> Figure:
 
 
 def _lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[Floats]) -> None:
+    ms = 1000.0 / RATE_HZ * np.arange(1, results[0].steps + 1)
     for result, (colour, line), curve in zip(results, _styles(results), curves, strict=True):
         width = 1.4 if result.predictor in _BASELINES else 1.9
-        axes.plot(_MS, curve, line, color=colour, label=result.predictor, linewidth=width)
-    axes.set_xlim(0, _MS[-1])
+        axes.plot(ms, curve, line, color=colour, label=result.predictor, linewidth=width)
+    axes.set_xlim(0, ms[-1])
     axes.set_ylim(0, _limit(results, curves))
     axes.set_xlabel("ms ahead")
     axes.set_ylabel("mean error, mm")
@@ -114,7 +114,13 @@ def _name_lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[
     handles, labels = axes.get_legend_handles_labels()
     order = np.argsort([-np.nan_to_num(c[-1], nan=np.inf) for c in curves])
     names = [f"{labels[i]}  {curves[i][-1]:.0f} mm" for i in order]
-    axes.legend([handles[i] for i in order], names, title="at 1 s", fontsize=9, loc="upper left")
+    axes.legend(
+        [handles[i] for i in order],
+        names,
+        title=f"at {results[0].steps / RATE_HZ:g} s",
+        fontsize=9,
+        loc="upper left",
+    )
 
 
 def _styles(results: Sequence[RecordingResult]) -> list[tuple[str, str]]:

@@ -9,14 +9,11 @@ from pydantic import Field, model_validator
 from hri_predict.base.files import load_yaml
 from hri_predict.base.settings import Settings, validated
 
-_FILE = Path(__file__).with_name("published.yaml")
-
-Windows = Literal["all", "8-seeds", "80-seeds"]
 ErrorKind = Literal["mpjpe", "euler"]
 
 
 class Published(Settings):
-    """A method's printed errors under one protocol on the CMU benchmark.
+    """A method's printed errors under one protocol of a benchmark.
 
     Attributes:
         columns: future frames of the errors, from 0.
@@ -26,7 +23,7 @@ class Published(Settings):
     method: str
     paper: str
     table: str
-    windows: Windows
+    windows: str
     n_in: int = 10
     n_out: Literal[10, 25]
     error: ErrorKind
@@ -53,13 +50,17 @@ class _File(Settings):
 
 
 @cache
-def published() -> tuple[Published, ...]:
-    """All printed numbers."""
-    text = _FILE.read_text(encoding="utf-8")
-    return tuple(validated(_File, {"published": load_yaml(text)}, str(_FILE)).published)
+def published(file: Path) -> tuple[Published, ...]:
+    """All printed numbers of a file.
+
+    Raises:
+        ConfigError: an entry is wrong.
+    """
+    text = file.read_text(encoding="utf-8")
+    return tuple(validated(_File, {"published": load_yaml(text)}, str(file)).published)
 
 
-def comparable(windows: str, n_in: int, n_out: int, error: str) -> list[Published]:
+def comparable(file: Path, windows: str, *, n_in: int, n_out: int, error: str) -> list[Published]:
     """The printed numbers of one protocol alone.
 
     Seeded windows are the same for 10 and 25 frames, so their length does not matter. The set of
@@ -67,7 +68,7 @@ def comparable(windows: str, n_in: int, n_out: int, error: str) -> list[Publishe
     """
     return [
         entry
-        for entry in published()
+        for entry in published(file)
         if entry.windows == windows
         and entry.n_in == n_in
         and entry.error == error

@@ -8,7 +8,7 @@ joint-frames of an action's windows; the headline is the mean over five actions 
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from hri_predict.base.work.workers import Workers
 from hri_predict.contracts import registry
 from hri_predict.contracts.predictor import Predictor, PredictorSettings, checked
 from hri_predict.lab.datasets.corruption import Corruption
+from hri_predict.lab.evaluation.table import HORIZONS_MS
 from hri_predict.lab.evaluation.windows import (
     FUTURE_STEPS,
     HORIZON_STEPS,
@@ -47,20 +48,25 @@ class Errors:
 
     Attributes:
         windows: number of windows.
-        total_m: (25, 28) sum of errors by step and joint, metres.
-        count: (25, 28) number of errors summed.
+        total_m: (H, 28) sum of errors by step and joint, metres.
+        count: (H, 28) number of errors summed.
     """
 
-    windows: int = 0
-    total_m: Floats = field(default_factory=lambda: np.zeros((FUTURE_STEPS, len(BODY.joints))))
-    count: Floats = field(default_factory=lambda: np.zeros((FUTURE_STEPS, len(BODY.joints))))
+    windows: int
+    total_m: Floats
+    count: Floats
+
+    @classmethod
+    def none(cls, steps: int) -> "Errors":
+        """Sums over no window."""
+        return cls(0, *np.zeros((2, steps, len(BODY.joints))))
 
     def by_step(self) -> Floats:
-        """(25,) mean error in millimetres 40, 80, ... ms ahead; NaN where nothing is known."""
+        """(H,) mean error in millimetres 40, 80, ... ms ahead; NaN where nothing is known."""
         return _mean_mm(self.total_m.sum(axis=1), self.count.sum(axis=1))
 
     def by_joint(self) -> Floats:
-        """(25, 28) mean error in millimetres; NaN where nothing is known, and at the hips."""
+        """(H, 28) mean error in millimetres; NaN where nothing is known, and at the hips."""
         return _mean_mm(self.total_m, self.count)
 
 
@@ -83,20 +89,30 @@ class RecordingResult:
         """Actions of the mean: those of ``MEAN_ACTIONS`` that occur, or all if none does."""
         return tuple(a for a in MEAN_ACTIONS if a in self.actions) or tuple(self.actions)
 
+    @property
+    def steps(self) -> int:
+        """H, the steps evaluated."""
+        return max((len(e.count) for e in self.actions.values()), default=FUTURE_STEPS)
+
+    @property
+    def horizons_ms(self) -> tuple[int, ...]:
+        """Those of ``HORIZONS_MS`` that are evaluated."""
+        return HORIZONS_MS[: len(_within(self.steps))]
+
     def action_mm(self, action: str) -> Floats:
-        """(6,) mean error in millimetres at ``HORIZONS_MS``; NaN beyond the recording's end."""
-        return _at_horizons(self.actions[action].by_step())
+        """Mean error in millimetres at ``horizons_ms``; NaN beyond the recording's end."""
+        return at_horizons(self.actions[action].by_step())
 
     def mean_by_step(self) -> Floats:
-        """(25,) mean over ``averaged``, all actions with the same weight; NaN if there is none."""
+        """(H,) mean over ``averaged``, all actions with the same weight; NaN if there is none."""
         if not self.averaged:
-            return np.full(FUTURE_STEPS, np.nan)
+            return np.full(self.steps, np.nan)
         result: Floats = np.mean([self.actions[a].by_step() for a in self.averaged], axis=0)
         return result
 
     def mean_mm(self) -> Floats:
-        """(6,) the headline: ``mean_by_step`` at ``HORIZONS_MS``."""
-        return _at_horizons(self.mean_by_step())
+        """The headline: ``mean_by_step`` at ``horizons_ms``."""
+        return at_horizons(self.mean_by_step())
 
     def overall_mm(self) -> float:
         """Mean of ``mean_mm`` over the horizons that all of ``averaged`` reach; NaN if none."""
@@ -104,9 +120,9 @@ class RecordingResult:
         return float(reached.mean()) if reached.size else math.nan
 
     def mean_by_joint(self) -> Floats:
-        """(25, 28) mean over ``averaged`` by joint, millimetres."""
+        """(H, 28) mean over ``averaged`` by joint, millimetres."""
         if not self.averaged:
-            return np.full((FUTURE_STEPS, len(BODY.joints)), np.nan)
+            return np.full((self.steps, len(BODY.joints)), np.nan)
         result: Floats = np.mean([self.actions[a].by_joint() for a in self.averaged], axis=0)
         return result
 
@@ -115,8 +131,13 @@ def _mean_mm(total_m: Floats, count: Floats) -> Floats:
     return np.where(count > 0, 1000.0 * total_m / np.maximum(count, 1), np.nan)
 
 
-def _at_horizons(by_step: Floats) -> Floats:
-    return by_step[np.array(HORIZON_STEPS) - 1]
+def at_horizons(by_step: Floats) -> Floats:
+    """Pick the steps of ``RecordingResult.horizons_ms`` from (H, ...)."""
+    return by_step[np.array(_within(len(by_step))) - 1]
+
+
+def _within(steps: int) -> list[int]:
+    return [step for step in HORIZON_STEPS if step <= steps]
 
 
 def judge_one(
@@ -134,7 +155,7 @@ def judge_all(
     predictors: Mapping[str, Predictor],
     recordings: Sequence[Path | Recording | Motion],
     corruption: Corruption | None = None,
-    on_windows: Callable[[int], None] = lambda _: None,
+    future_steps: int = FUTURE_STEPS,
 ) -> list[RecordingResult]:
     """Evaluate predictors on the same windows.
 
@@ -143,7 +164,7 @@ def judge_all(
             NaN.
         recordings: files, recordings, or what ``read_motions`` made of them.
         corruption: applied to every history.
-        on_windows: called with the number of windows just finished, for a progress bar.
+        future_steps: number of steps evaluated; see ``windows.batches``.
 
     Raises:
         PredictorError: a predictor works on other joints or another rate, or breaks its contract.
@@ -152,7 +173,7 @@ def judge_all(
     for name, predictor in predictors.items():
         _check(name, predictor)
     parts = [
-        (motion.action, _of_motion(predictors, motion, corruption, on_windows))
+        (motion.action, _of_motion(predictors, motion, corruption, future_steps))
         for motion in _read(recordings)
     ]
     return _summed(list(predictors), corruption, parts)
@@ -164,6 +185,7 @@ def judge_by(
     motions: Sequence[Motion],
     corruption: Corruption | None = None,
     *,
+    future_steps: int = FUTURE_STEPS,
     on_motion: Callable[[], None] = lambda: None,
 ) -> list[RecordingResult]:
     """``judge_all`` by others: a task is one motion, which is sent, not read there.
@@ -171,23 +193,27 @@ def judge_by(
     Args:
         workers: workers that do it.
         predictors: settings by name; each worker builds its own.
-        motions, corruption: see ``judge_all``.
+        motions, corruption, future_steps: see ``judge_all``.
         on_motion: called when a motion is done.
 
     Raises:
         HriPredictError: see ``judge_all`` and ``Workers.each``.
     """
-    tasks = [(dict(predictors), motion, corruption) for motion in motions]
+    tasks = [(dict(predictors), motion, corruption, future_steps) for motion in motions]
     found = workers.in_order(_by_settings, tasks, on_motion)
     parts = [(motion.action, errors) for motion, errors in zip(motions, found, strict=True)]
     return _summed(list(predictors), corruption, parts)
 
 
 def _by_settings(
-    asked: Mapping[str, PredictorSettings], motion: Motion, corruption: Corruption | None
+    asked: Mapping[str, PredictorSettings],
+    motion: Motion,
+    corruption: Corruption | None,
+    future_steps: int,
 ) -> dict[str, Errors]:
     """A task: all predictors on one motion."""
-    return _of_motion({name: built(how) for name, how in asked.items()}, motion, corruption)
+    predictors = {name: built(how) for name, how in asked.items()}
+    return _of_motion(predictors, motion, corruption, future_steps)
 
 
 def built(settings: PredictorSettings) -> Predictor:
@@ -211,22 +237,21 @@ def _of_motion(
     predictors: Mapping[str, Predictor],
     motion: Motion,
     corruption: Corruption | None,
-    on_windows: Callable[[int], None] = lambda _: None,
+    future_steps: int,
 ) -> dict[str, Errors]:
     """Each predictor's errors on one motion; none if it is too short for a window."""
     longest = max([ORIGIN_STEPS, *(p.history_steps for p in predictors.values())])
     sums: dict[str, Errors] = {}
-    for batch in batches(motion, longest):
+    for batch in batches(motion, longest, future_steps):
         disturbed = _disturbed(batch, corruption)
         for name, predictor in predictors.items():
             try:
-                _score(predictor, disturbed, sums.setdefault(name, Errors()))
+                _score(predictor, disturbed, sums.setdefault(name, Errors.none(future_steps)))
             except PredictorError as error:
                 raise PredictorError(
                     f"predictor {name}: {error}, on recording {motion.name}; leave it out, or "
                     f"give it other weights"
                 ) from error
-        on_windows(len(batch.history))
     return sums
 
 
@@ -239,7 +264,7 @@ def _summed(
     sums: dict[str, dict[str, Errors]] = {name: {} for name in names}
     for action, errors in parts:
         for name, own in errors.items():
-            total = sums[name].setdefault(action, Errors())
+            total = sums[name].setdefault(action, Errors.none(len(own.count)))
             total.windows += own.windows
             total.total_m += own.total_m
             total.count += own.count
@@ -279,7 +304,7 @@ def forecast(predictor: Predictor, batch: Batch) -> Floats:
 
 def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
     predicted = forecast(predictor, batch)
-    steps = min(FUTURE_STEPS, predicted.shape[1])
+    steps = min(batch.future.shape[1], predicted.shape[1])
     distance = np.linalg.norm(predicted[:, :steps] - batch.future[:, :steps], axis=-1)
     scored = np.zeros_like(batch.known[:, :steps])
     scored[..., _SCORED] = batch.known[:, :steps][..., _SCORED]
@@ -288,9 +313,9 @@ def _score(predictor: Predictor, batch: Batch, errors: Errors) -> None:
     errors.count[:steps] += scored.sum(axis=0)
 
 
-def baselines() -> dict[str, PredictorSettings]:
+def baselines(future_steps: int = FUTURE_STEPS) -> dict[str, PredictorSettings]:
     """Settings of the baselines that are evaluated next to every trained predictor."""
-    common = {"horizon_s": FUTURE_STEPS / RATE_HZ, "rate_hz": RATE_HZ}
+    common = {"horizon_s": future_steps / RATE_HZ, "rate_hz": RATE_HZ}
     return {
         "zero_velocity": ZeroVelocitySettings(name="zero_velocity", **common),
         **{
@@ -304,7 +329,7 @@ def baselines() -> dict[str, PredictorSettings]:
 
 
 def relative_loss(clean: RecordingResult, disturbed: RecordingResult) -> Floats:
-    """(7,) relative growth of the mean error, at each of ``HORIZONS_MS`` and then over them all.
+    """Relative growth of the mean error, at each of ``horizons_ms`` and then over them all.
 
     0.1: the error is 10 % larger with disturbed input. NaN where the recordings are too short.
     """

@@ -12,13 +12,16 @@ import numpy as np
 
 from hri_predict.base.errors import ConfigError, OsErrorAs
 from hri_predict.base.files import atomic_write
-from hri_predict.lab.evaluation.recordings import MEAN_ACTIONS, RecordingResult, relative_loss
+from hri_predict.lab.evaluation.recordings import (
+    MEAN_ACTIONS,
+    RecordingResult,
+    at_horizons,
+    relative_loss,
+)
 from hri_predict.lab.evaluation.table import HORIZONS_MS, Table
 from hri_predict.lab.evaluation.windows import HORIZON_STEPS, scored_joints
 from hri_predict.predictors.neural.body import BODY
 from hri_predict.run.zone_basis import ZoneBasis
-
-_MS = tuple(f"{ms} ms" for ms in HORIZONS_MS)
 
 
 def judge_table(results: Sequence[RecordingResult]) -> Table:
@@ -27,7 +30,7 @@ def judge_table(results: Sequence[RecordingResult]) -> Table:
     averaged = clean[0].averaged if clean else ()
     title = "Mean over " + ("the five actions" if averaged == MEAN_ACTIONS else _and(averaged))
     rows = tuple((r.predictor, *_cells(r.mean_mm())) for r in clean)
-    return Table(f"{title}, mm", ("predictor", *_MS), rows)
+    return Table(f"{title}, mm", _columns(clean), rows)
 
 
 def action_tables(results: Sequence[RecordingResult]) -> list[Table]:
@@ -37,7 +40,7 @@ def action_tables(results: Sequence[RecordingResult]) -> list[Table]:
     for action in clean[0].actions if clean else ():
         rows = tuple((r.predictor, *_cells(r.action_mm(action))) for r in clean)
         windows = clean[0].actions[action].windows
-        tables.append(Table(f"{action} ({windows} windows), mm", ("predictor", *_MS), rows))
+        tables.append(Table(f"{action} ({windows} windows), mm", _columns(clean), rows))
     return tables
 
 
@@ -79,7 +82,7 @@ def as_json(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] = ())
     """
     clean = {r.predictor: r for r in undisturbed(results)}
     return {
-        "horizons_ms": list(HORIZONS_MS),
+        "horizons_ms": list(results[0].horizons_ms),
         "zones": [basis.as_json() for basis in zones],
         "results": [_result_json(r) for r in results],
         "losses": [
@@ -96,7 +99,7 @@ def as_json(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] = ())
 
 
 def _result_json(result: RecordingResult) -> dict[str, Any]:
-    by_joint = result.mean_by_joint()[np.array(HORIZON_STEPS) - 1]
+    by_joint = at_horizons(result.mean_by_joint())
     return {
         "predictor": result.predictor,
         "disturbance": result.corruption.name if result.corruption else None,
@@ -125,9 +128,9 @@ def as_csv(results: Sequence[RecordingResult]) -> str:
         for action, windows, whole, joints in parts:
             columns = [("all", whole), *((BODY.joints[j], joints[:, j]) for j in scored_joints())]
             for joint, errors in columns:
-                for ms, step in zip(HORIZONS_MS, HORIZON_STEPS, strict=True):
-                    if math.isfinite(errors[step - 1]):
-                        value = f"{errors[step - 1]:.2f}"
+                for ms, error in zip(r.horizons_ms, at_horizons(errors), strict=True):
+                    if math.isfinite(error):
+                        value = f"{error:.2f}"
                         writer.writerow([r.predictor, what, action, windows, joint, ms, value])
     return out.getvalue()
 
@@ -171,6 +174,10 @@ def write_report(
         from hri_predict.lab.evaluation.plots import write_plots
 
         return [*(out_dir / name for name in texts), *write_plots(results, out_dir)]
+
+
+def _columns(results: Sequence[RecordingResult]) -> tuple[str, ...]:
+    return ("predictor", *(f"{ms} ms" for ms in (results[0].horizons_ms if results else ())))
 
 
 def _cells(values: Sequence[float] | np.ndarray) -> tuple[str, ...]:

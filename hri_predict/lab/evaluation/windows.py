@@ -32,7 +32,8 @@ RATE_HZ = 25.0
 ORIGIN_STEPS = 15
 """Steps of history before every origin, however many a predictor reads."""
 HORIZON_STEPS = tuple(round(ms * RATE_HZ / 1000) for ms in HORIZONS_MS)
-FUTURE_STEPS = HORIZON_STEPS[-1]
+FUTURE_STEPS = 25
+"""Steps evaluated unless more are asked for: one second."""
 BATCH = 256
 
 LEAST_RATE_HZ = 1000.0 / HORIZONS_MS[0]
@@ -54,8 +55,8 @@ class Batch:
         index: number of this batch within its motion.
         history: (N, T, 28, 3) metres, finite; anything where not observed.
         observed: (N, T, 28).
-        future: (N, 25, 28, 3) metres, the true motion that followed.
-        known: (N, 25, 28) where the future is known.
+        future: (N, H, 28, 3) metres, the true motion that followed.
+        known: (N, H, 28) where the future is known.
     """
 
     motion: Motion
@@ -103,11 +104,12 @@ def _motions(track: Track) -> list[Motion]:
     return [track.only(frames) for frames in np.split(seen, breaks) if frames.size]
 
 
-def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
+def origins(motion: Motion, future_steps: int = FUTURE_STEPS) -> tuple[NDArray[np.int64], int]:
     """(N,) forecast origins, capture times in nanoseconds, and the number of steps evaluated.
 
-    The whole longest horizon follows each origin. A motion too short for five such origins is
-    evaluated to the longest horizon that leaves five (``running``: 600 ms), or not at all.
+    The longest horizon within ``future_steps`` follows each origin. A motion too short for five
+    such origins is evaluated to the longest horizon that leaves five (``running``: 600 ms), or not
+    at all.
     """
     stamps = motion.stamps_ns
     length = int(stamps[-1] - stamps[0])
@@ -115,29 +117,35 @@ def origins(motion: Motion) -> tuple[NDArray[np.int64], int]:
     captures = np.unique(stamps[nearest(stamps, grid)])
     earliest = stamps[0] + (ORIGIN_STEPS - 1) * _STEP_NS - motion.period_ns // 2
     captures = captures[captures >= earliest]
-    for steps in reversed(HORIZON_STEPS):
+    for steps in reversed([s for s in HORIZON_STEPS if s <= future_steps]):
         possible: NDArray[np.int64] = captures[captures + steps * _STEP_NS <= stamps[-1]]
         if possible.size >= _LEAST_ORIGINS:
             return possible, steps
     return captures[:0], 0
 
 
-def batches(motion: Motion, history_steps: int) -> Iterator[Batch]:
+def batches(
+    motion: Motion, history_steps: int, future_steps: int = FUTURE_STEPS
+) -> Iterator[Batch]:
     """Yield all windows of a motion, at most ``BATCH`` at a time, in order.
 
     Args:
         motion: see ``read_motions``.
         history_steps: T; the newest steps do not depend on it.
+        future_steps: H; which windows there are depends on it.
     """
-    times, reach = origins(motion)
+    times, reach = origins(motion, future_steps)
     for index, start in enumerate(range(0, len(times), BATCH)):
-        windows = [_window(motion, int(t), history_steps) for t in times[start : start + BATCH]]
-        batch = Batch(motion, index, *(np.stack(part) for part in zip(*windows, strict=True)))
+        part = times[start : start + BATCH]
+        windows = [_window(motion, int(t), history_steps, future_steps) for t in part]
+        batch = Batch(motion, index, *(np.stack(each) for each in zip(*windows, strict=True)))
         batch.known[:, reach:] = False  # all horizons are evaluated on the same windows
         yield batch
 
 
-def _window(motion: Motion, origin_ns: int, steps: int) -> tuple[Floats, Bools, Floats, Bools]:
+def _window(
+    motion: Motion, origin_ns: int, steps: int, future_steps: int
+) -> tuple[Floats, Bools, Floats, Bools]:
     """History and truth of one origin."""
     stamps = motion.stamps_ns
     now = int(stamps.searchsorted(origin_ns, side="right"))
@@ -152,10 +160,10 @@ def _window(motion: Motion, origin_ns: int, steps: int) -> tuple[Floats, Bools, 
         rate_hz=RATE_HZ,
         max_gap_ns=motion.max_gap_ns,
     )
-    end_ns = origin_ns + FUTURE_STEPS * _STEP_NS
+    end_ns = origin_ns + future_steps * _STEP_NS
     # a capture beyond the end is needed to interpolate up to it: this is the truth, not the input
     ahead = slice(now - 1, int(stamps.searchsorted(end_ns)) + 1)
-    times = origin_ns + _STEP_NS * np.arange(1, FUTURE_STEPS + 1)
+    times = origin_ns + _STEP_NS * np.arange(1, future_steps + 1)
     return past.positions, past.observed, *_interpolated(motion.only(ahead), times)
 
 

@@ -92,7 +92,7 @@ class TrainingConfig(Settings):
     """A whole training run."""
 
     predictor: str
-    judgement: str = Field(description="data set: real, benchmark, or a package's")
+    judgement: str = Field(description="data set: real, benchmark (CMU), human36m, or a package's")
     shape: ShapeSettings
     options: dict[str, Any] = Field({}, description="the network's own sizes and switches")
     data: dict[str, Any] = Field({}, description="see the data set's settings_model")

@@ -10,13 +10,16 @@ from typing import Any
 
 import torch
 
-from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.contracts import registry
 from hri_predict.lab.training.config import TrainSettings
-from hri_predict.lab.training.windows.benchmark import BenchmarkSamples
+from hri_predict.lab.training.windows.benchmark import BenchmarkSamples, HumanSamples
 from hri_predict.lab.training.windows.motion import MotionSamples
 
-DATA_SETS: Mapping[str, Any] = {"real": MotionSamples, "benchmark": BenchmarkSamples}
+DATA_SETS: Mapping[str, Any] = {
+    "real": MotionSamples,
+    "benchmark": BenchmarkSamples,
+    "human36m": HumanSamples,
+}
 """``judgement:`` -> a ``samples.SampleSourceClass``."""
 
 OPTIMISERS: Mapping[str, Callable[..., torch.optim.Optimizer]] = {
@@ -65,13 +68,4 @@ def part(kind: registry.TrainingKind, name: str) -> Any:
     Raises:
         ConfigError: nothing has this name, or it cannot be imported.
     """
-    ours = _OURS[kind]
-    if name in ours:
-        return ours[name]
-    known = sorted({*ours, *registry.names(kind)})
-    if name not in known:
-        raise ConfigError(
-            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; there are: "
-            f"{', '.join(known)}"
-        )
-    return registry.load(kind, name)
+    return registry.part(kind, name, _OURS[kind])

@@ -133,6 +133,9 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "cmu", "--split", "test"], "--split: has no effect with --benchmark"),
         (["--benchmark", "cmu", "--disturb"], "--disturb: has no effect with --benchmark"),
         (["--benchmark", "cmu", "--n-out", "0"], "10 or 25"),
+        (["--benchmark", "cmu", "--horizon", "2"], "--horizon: has no effect with --benchmark"),
+        (["--set", "sinn.threads=2"], "write it as NAME.key=value"),
+        (["--set", "zero_velocity=2"], "write it as NAME.key=value"),
     ],
 )
 def test_mistakes_end_in_one_line(cli, pack, arguments, told):
@@ -277,6 +280,16 @@ def test_several_predictors_are_judged_on_the_same_windows(cli, walk, tmp_path):
     markdown = (tmp_path / "report" / "real.md").read_text(encoding="utf-8")
     assert "| sinn |" in markdown
     assert "| constant_velocity |" in markdown
+
+
+def test_two_seconds_of_a_predictor_with_settings_of_its_own(cli, walk):
+    asked = ["--data", walk, "--predictor", "constant_velocity", "--json"]
+    status, text, _ = cli(*asked, "--horizon", 2, "--set", "constant_velocity.span_s=0.04")
+    found = json.loads(text)
+    assert (status, found["horizons_ms"][-1]) == (0, 2000)
+    own, _, _, of_40_ms, _ = (r["mean_mm"] for r in found["results"])
+    assert own == of_40_ms
+    assert len(own) == 8
 
 
 def test_a_recording_without_a_window_is_named_and_left_out(cli, walk, tmp_path):

@@ -1,4 +1,4 @@
-"""The CMU benchmark's train recordings as batches for the training loop.
+"""The train recordings of the benchmarks, CMU's and Human3.6M, as batches for the training loop.
 
 All windows of stride 1 of every train file, as in the papers. But 70 % of them belong to two
 actions, while the benchmark's mean weighs actions equally, so batches may draw the action first.
@@ -9,7 +9,7 @@ so: not all papers do.
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import torch
@@ -19,6 +19,7 @@ from torch import Tensor
 from hri_predict.base.arrays import Floats
 from hri_predict.base.errors import ConfigError
 from hri_predict.base.settings import Settings
+from hri_predict.base.skeleton import Skeleton
 from hri_predict.lab.datasets.cmu_benchmark import (
     ACTIONS,
     RATE_HZ,
@@ -30,6 +31,13 @@ from hri_predict.lab.datasets.cmu_benchmark import (
     read_clip,
     to_model,
 )
+from hri_predict.lab.datasets.human36m import (
+    FIT_SUBJECTS,
+    HUMAN22,
+    SCORED,
+    VALIDATION_SUBJECT,
+    read_takes,
+)
 from hri_predict.lab.datasets.splits import benchmark_split
 from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
@@ -37,17 +45,19 @@ from hri_predict.predictors.neural.network import Shape
 
 _BATCH = 64
 
+Take = tuple[str, Floats]
+"""An action, and (n, J, 3) of one recording as networks read it."""
 
-class BenchmarkData(Settings):
-    """``data:`` of a training configuration for the benchmark: which windows are used."""
 
-    root: Path = Field(Path("../shared/data"), description="folder of the CMU pack")
-    splits: str = Field("splits.yaml", description="file that lists the pack's recordings by use")
+class WindowData(Settings):
+    """``data:`` of a training configuration for a benchmark: which windows are used."""
+
+    root: Path = Field(Path("../shared/data"), description="folder of the recordings")
     refit: bool = Field(
         False, description="fit all train recordings, once the epoch has been chosen"
     )
     space: Literal["positions", "rotations"] = Field(
-        "positions", description="25 joints in benchmark metres, or 38 exponential maps"
+        "positions", description="joints in metres, or exponential maps where the set has them"
     )
     actions: list[str] = Field([], description="these actions alone; default: all")
     balanced: bool = Field(True, description="draw the action first, then a window of it")
@@ -62,6 +72,18 @@ class BenchmarkData(Settings):
         if self.mirror and self.space == "rotations":
             raise ValueError("mirror: rotations cannot be mirrored here; use 0")
         return self
+
+
+class BenchmarkData(WindowData):
+    """``data:`` for the CMU benchmark."""
+
+    splits: str = Field("splits.yaml", description="file that lists the pack's recordings by use")
+
+
+class HumanData(WindowData):
+    """``data:`` for Human3.6M."""
+
+    space: Literal["positions"] = "positions"
 
 
 class BenchmarkSamples:
@@ -84,37 +106,29 @@ class BenchmarkSamples:
         RecordingError: a recording cannot be read.
     """
 
-    settings_model = BenchmarkData
+    settings_model: type[WindowData] = BenchmarkData
+    skeletons = {"positions": CMU25, "rotations": CMU38}
 
     @classmethod
     def opened(
-        cls, data: BenchmarkData, *, history_steps: int, horizon_steps: int, rate_hz: float
-    ) -> "BenchmarkSamples":
+        cls, data: WindowData, *, history_steps: int, horizon_steps: int, rate_hz: float
+    ) -> Self:
         """Open the recordings; their rate is the benchmark's."""
         return cls(data, history_steps, horizon_steps)
 
-    def __init__(self, data: BenchmarkData, history_steps: int, horizon_steps: int) -> None:
-        root = data_root(data.root)
-        everything = _of(data.actions, benchmark_names(root, "train"))
-        fitted = everything if data.refit else _of(data.actions, _listed(data.splits, "fit"))
-        validation = [] if data.refit else _of(data.actions, _listed(data.splits, "validation"))
-        self.actions = tuple(a for a in ACTIONS if any(action_of(n) == a for n in everything))
-        for name in sorted(set(fitted) & set(validation)):
-            raise ConfigError(
-                f"splits {data.splits}: {name} is both in fit and in validation; take it out of "
-                f"one of them"
-            )
-        skeleton = CMU25 if data.space == "positions" else CMU38
+    def __init__(self, data: WindowData, history_steps: int, horizon_steps: int) -> None:
+        fitted, validation = self._takes(data)
+        self.actions = tuple(sorted({action for action, _ in (*fitted, *validation)}))
         self.shape = Shape(
-            skeleton=skeleton,
+            skeleton=self.skeletons[data.space],
             history_steps=history_steps,
             horizon_steps=horizon_steps,
             rate_hz=RATE_HZ,
             framed=True,
         )
         self._data = data
-        self._fit = self._windows(root, fitted)
-        self._validation = self._windows(root, validation) if validation else None
+        self._fit = _Windows(fitted, self.actions, self.shape)
+        self._validation = _Windows(validation, self.actions, self.shape) if validation else None
         if self._validation is not None:
             self._validation.thin(data.validation_windows)
         self._counts = np.array([len(starts) for starts in self._fit.starts])
@@ -126,13 +140,30 @@ class BenchmarkSamples:
             )
         if self._validation is not None and not any(map(len, self._validation.starts)):
             raise ConfigError(
-                f"splits {data.splits}: no recording in validation has "
+                f"data.root {data.root}: no recording in validation has "
                 f"{history_steps + horizon_steps} frames at the nominal rate; add longer ones"
             )
 
-    def _windows(self, root: Path, names: Sequence[str]) -> "_Windows":
-        clips = [read_clip(root, name) for name in names]
-        return _Windows(clips, self.actions, self.shape, self._data.space)
+    @staticmethod
+    def _takes(data: Any) -> tuple[list[Take], list[Take]]:
+        """The recordings to fit, and those to validate on."""
+        root = data_root(data.root)
+        if data.refit:
+            fitted, validation = _of(data.actions, benchmark_names(root, "train")), []
+        else:
+            fitted, validation = (
+                _of(data.actions, _listed(data.splits, key)) for key in ("fit", "validation")
+            )
+        for name in sorted(set(fitted) & set(validation)):
+            raise ConfigError(
+                f"splits {data.splits}: {name} is both in fit and in validation; take it out of "
+                f"one of them"
+            )
+        read = [
+            [(action_of(name), model_values(read_clip(root, name), data.space)) for name in names]
+            for names in (fitted, validation)
+        ]
+        return read[0], read[1]
 
     def rest(self) -> Tensor:
         """(J, 3) mean pose, or mean exponential map, of the fitted windows."""
@@ -150,7 +181,7 @@ class BenchmarkSamples:
         backwards = torch.from_numpy(rng.random(size) < self._data.reverse)
         whole[backwards] = whole[backwards].flip(1)
         mirrored = torch.from_numpy(rng.random(size) < self._data.mirror)
-        whole[mirrored] = _mirrored(whole[mirrored])
+        whole[mirrored] = _mirrored(whole[mirrored], self.shape.skeleton)
         steps = self.shape.history_steps
         return replace(samples, history=whole[:, :steps], future=whole[:, steps:])
 
@@ -165,6 +196,35 @@ class BenchmarkSamples:
             yield self._validation.samples(starts[i : i + _BATCH], actions[i : i + _BATCH])
 
 
+class HumanSamples(BenchmarkSamples):
+    """Windows of Human3.6M: subject 11 validates, 5 is the test, a refit takes all others.
+
+    Positions are (22, 3) of ``HUMAN22`` in metres, x forward, y left, z up.
+    """
+
+    settings_model = HumanData
+    skeletons = {"positions": HUMAN22}
+
+    @staticmethod
+    def _takes(data: Any) -> tuple[list[Take], list[Take]]:
+        fit = (*FIT_SUBJECTS, VALIDATION_SUBJECT) if data.refit else FIT_SUBJECTS
+        fitted, validation = (
+            [
+                (action, to_model(take.positions[:, SCORED]))
+                for action, takes in read_takes(data.root, subjects).items()
+                for take in takes
+                if not data.actions or action in data.actions
+            ]
+            for subjects in (fit, (VALIDATION_SUBJECT,))
+        )
+        if not fitted:
+            raise ConfigError(
+                f"data.actions {', '.join(data.actions)}: no recording of {', '.join(fit)} shows "
+                f"them; name others"
+            )
+        return fitted, [] if data.refit else validation
+
+
 class _Windows:
     """Frames of several recordings in one tensor, and where windows begin in it.
 
@@ -173,17 +233,15 @@ class _Windows:
         starts: by action, the first frames of its windows.
     """
 
-    def __init__(
-        self, clips: Sequence[Clip], actions: Sequence[str], shape: Shape, space: str
-    ) -> None:
+    def __init__(self, takes: Sequence[Take], actions: Sequence[str], shape: Shape) -> None:
         self._shape = shape
-        values = [model_values(clip, space) for clip in clips]
+        values = [value for _, value in takes]
         self.frames = torch.from_numpy(np.concatenate(values)).float()
         offsets = np.cumsum([0, *(len(v) for v in values[:-1])])
         found: list[list[np.ndarray]] = [[np.empty(0, np.intp)] for _ in actions]
-        for clip, first, value in zip(clips, offsets, values, strict=True):
+        for (action, value), first in zip(takes, offsets, strict=True):
             windows = all_windows(len(value), shape.history_steps, shape.horizon_steps)
-            found[actions.index(clip.action)].append(first + windows)
+            found[actions.index(action)].append(first + windows)
         self.starts = [np.concatenate(windows) for windows in found]
 
     def thin(self, most: int) -> None:
@@ -207,10 +265,10 @@ class _Windows:
         )
 
 
-def _mirrored(positions: Tensor) -> Tensor:
-    """Left and right of ``CMU25`` exchanged: (..., 25, 3), y to the left."""
-    order = torch.arange(len(CMU25.joints))
-    for left, right in CMU25.left_right_pairs:
+def _mirrored(positions: Tensor, skeleton: Skeleton) -> Tensor:
+    """Left and right exchanged: (..., J, 3), y to the left."""
+    order = torch.arange(len(skeleton.joints))
+    for left, right in skeleton.left_right_pairs:
         order[left], order[right] = right, left
     return positions[..., order, :] * positions.new_tensor([1.0, -1.0, 1.0])
 

@@ -10,7 +10,6 @@ import pytest
 from hri_predict.base.errors import ConfigError, RecordingError
 from hri_predict.lab.datasets import cmu_benchmark as cmu
 from hri_predict.lab.evaluation.benchmark import Protocol, constant_velocity, judge, zero_velocity
-from hri_predict.lab.evaluation.published import Windows
 from hri_predict.predictors.neural.cmu_skeleton import (
     CMU25,
     CMU38,
@@ -25,7 +24,7 @@ SHARED = Path(__file__).resolve().parents[5] / "shared" / "data"
 PACK = SHARED / "cmu_mocap"
 needs_pack = pytest.mark.skipif(not PACK.exists(), reason="needs ../shared/data/cmu_mocap")
 FRAMES = {10: [1, 3, 7, 9], 25: [1, 3, 7, 9, 13, 24]}
-TABLES: list[tuple[str, Windows, int, str]] = [
+TABLES: list[tuple[str, str, int, str]] = [
     ("Zero velocity, all windows, 10 -> 25:", "all", 25, "zero_velocity"),
     ("Zero velocity, 8 seeds, 10 -> 25:", "8-seeds", 25, "zero_velocity"),
     ("Zero velocity, all windows of the short run, 10 -> 10:", "all", 10, "zero_velocity"),

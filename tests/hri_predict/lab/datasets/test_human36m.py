@@ -1,21 +1,27 @@
 """Human3.6M, on small files made in its usual layout."""
 
+import json
+import sys
 import warnings
 
 import numpy as np
 import pytest
+import torch
 
 from hri_predict.base.errors import ConfigError, RecordingError
+from hri_predict.cli import main
+from hri_predict.lab.datasets.cmu_benchmark import to_model
 from hri_predict.lab.datasets.human36m import (
     HUMAN22,
     OFFSETS_MM,
     PARENTS,
     SCORED,
     read_take,
-    read_test_takes,
+    read_takes,
     seeded_windows,
 )
 from hri_predict.lab.evaluation.benchmark import Protocol, judge, open_tests, zero_velocity
+from hri_predict.lab.training.windows.benchmark import HumanData, HumanSamples
 
 
 def rotation(vector):
@@ -43,9 +49,10 @@ def chained(maps):
 
 @pytest.fixture
 def dataset(tmp_path):
-    """S5 with two takes each of two actions, and S1 that must not be tested on."""
+    """S5 with two takes each of two actions, and S1 and S11 that must not be tested on."""
     rng = np.random.default_rng(2)
-    for subject, actions in (("S5", ("walking", "eating")), ("S1", ("walking",))):
+    both = ("walking", "eating")
+    for subject, actions in (("S5", both), ("S1", ("walking",)), ("S11", both)):
         (tmp_path / subject).mkdir()
         for action in actions:
             for take, frames in ((1, 400), (2, 380)):
@@ -86,7 +93,7 @@ def test_zero_velocity_over_all_windows_of_subject_5(dataset):
     protocol = Protocol("human36m", "all", 25)
     scores = judge(protocol, dataset, {"zero": zero_velocity(25)})["zero"]
     assert set(scores) == {"walking", "eating"}
-    takes = read_test_takes(dataset)["eating"]
+    takes = read_takes(dataset)["eating"]
     total = []
     for take in takes:
         joints = take.positions[:, SCORED]
@@ -95,6 +102,44 @@ def test_zero_velocity_over_all_windows_of_subject_5(dataset):
             total.append(np.linalg.norm(moved, axis=-1).mean(axis=-1))
     assert scores["eating"].windows == len(total) == (200 - 34) + (190 - 34)
     np.testing.assert_allclose(scores["eating"].errors, np.mean(total, axis=0))
+
+
+def test_training_fits_others_than_it_is_judged_on(dataset):
+    chosen = HumanSamples(HumanData(root=dataset), 10, 25)
+    assert (chosen.shape.skeleton, chosen.shape.framed) == (HUMAN22, True)
+    assert chosen.window_count == (200 - 34) + (190 - 34)  # of S1
+    takes = [to_model(t.positions[:, SCORED]) for t in read_takes(dataset, ["S1"])["walking"]]
+    window = chosen.batch(np.random.default_rng(0), 1)
+    joined = torch.cat([window.history, window.future], 1)[0].numpy()
+    gaps = [np.abs(t[i : i + 35] - joined).max() for t in takes for i in range(len(t) - 34)]
+    assert min(gaps) < 1e-6
+    assert sum(len(s.history) for s in chosen.validation()) == 2 * 64
+    refit = HumanSamples(HumanData(root=dataset, refit=True), 10, 25)
+    assert refit.window_count == 3 * chosen.window_count
+    with pytest.raises(ConfigError, match=r"data\.actions posing: no recording of S1"):
+        HumanSamples(HumanData(root=dataset, actions=["posing"]), 10, 25)
+
+
+@pytest.mark.long
+def test_a_network_is_trained_on_it_and_judged(dataset, tmp_path, monkeypatch, capsys):
+    def hri_predict(*arguments):
+        monkeypatch.setattr(sys, "argv", ["hri-predict", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        assert not ended.value.code, err
+        return out
+
+    small = ["judgement=human36m", "options.channels=4", "options.blocks=1", "train.epochs=1"]
+    small += ["train.windows_per_epoch=32", f"out={tmp_path / 'run'}"]
+    changes = [part for each in small for part in ("--set", each)]
+    hri_predict("train", "configs/training/papers/trajectorycnn.yaml", "--data", dataset, *changes)
+    weights = tmp_path / "run" / "trajectorycnn.safetensors"
+    asked = ["--benchmark", "human36m", "--data", dataset, "--windows", "8-seeds", "--json"]
+    found = hri_predict("evaluate", *asked, "--predictor", f"trajectorycnn={weights}")
+    results = json.loads(found)["results"]
+    assert results[0]["method"] == "trajectorycnn"
+    assert set(results[0]["actions"]) == {"walking", "eating"}
 
 
 def test_seeded_windows_are_the_ones_that_papers_list():
@@ -120,17 +165,17 @@ def test_eight_seeds_of_each_action(dataset):
 
 
 def test_mistakes_are_named_in_one_line(dataset):
-    with pytest.raises(ConfigError, match="all or 8-seeds"):
+    with pytest.raises(ConfigError, match=r"80-seeds: Human3\.6M is evaluated with all, 8-seeds"):
         list(open_tests(Protocol("human36m", "80-seeds", 25), dataset))
-    with pytest.raises(ConfigError, match="use mpjpe"):
+    with pytest.raises(ConfigError, match=r"euler: Human3\.6M is evaluated with mpjpe"):
         list(open_tests(Protocol("human36m", "all", 25, "euler"), dataset))
     with pytest.raises(ConfigError, match=r"S5/<action>_<n>\.txt"):
-        read_test_takes(dataset / "S1")
+        read_takes(dataset / "S1")
     with pytest.raises(RecordingError, match="more than 166 frames"):
         seeded_windows([160, 400], 10)
     (dataset / "S5" / "eating_3.txt").write_text("1,2,3\n4,5,6\n")
     with pytest.raises(RecordingError, match=r"eating_3\.txt: 3 columns"):
-        read_test_takes(dataset)
+        read_takes(dataset)
     for text, told in (
         ("", "no frames"),
         ("nan," * 98 + "1\n", "NaN"),
@@ -140,7 +185,7 @@ def test_mistakes_are_named_in_one_line(dataset):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             with pytest.raises(RecordingError, match=rf"eating_3.*{told}"):
-                read_test_takes(dataset)
+                read_takes(dataset)
     (dataset / "S5" / "eating_3.txt").write_text("walking, but no number\n")
     with pytest.raises(RecordingError, match="comma-separated"):
-        read_test_takes(dataset)
+        read_takes(dataset)

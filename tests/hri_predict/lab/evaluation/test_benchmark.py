@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from hri_predict.base.errors import PredictorError, RecordingError
+from hri_predict.base.errors import ConfigError, PredictorError, RecordingError
 from hri_predict.base.skeleton import make_skeleton
+from hri_predict.contracts import registry
 from hri_predict.lab.evaluation.benchmark import (
     ActionTests,
     Protocol,
@@ -19,6 +20,9 @@ from hri_predict.lab.evaluation.benchmark import (
     score,
     zero_velocity,
 )
+from hri_predict.lab.evaluation.benchmark_report import tables
+from hri_predict.lab.evaluation.benchmark_result import BenchmarkResult
+from hri_predict.lab.evaluation.benchmarks import Cmu
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38
 from hri_predict.predictors.neural.network import Network, Shape, last_pose
 
@@ -187,11 +191,29 @@ def test_networks_that_cannot_be_judged_are_refused(shape, told):
         network_forecaster(Protocol("cmu", "all", 25), Mean(shape), "--predictor x")
 
 
-def test_human36m_judges_no_network():
+def test_a_package_brings_a_benchmark_with_printed_numbers(tmp_path, expmap, monkeypatch):
+    class Own(Cmu):
+        title, mean_over, published = "Own", ("walking",), tmp_path / "printed.yaml"
+
+    entry = "{method: M, paper: P, table: T, windows: all, n_out: 25, error: mpjpe, "
+    entry += "columns: [1], errors: {walking: [7.5]}}"
+    Own.published.write_text(f"[{entry}]", encoding="utf-8")
+    monkeypatch.setattr(registry, "names", lambda kind: ["own"])
+    monkeypatch.setattr(registry, "load", lambda kind, name: Own())
+    protocol = Protocol("own", "all", 25)
+    scores = judge(protocol, pack(tmp_path / "pack", expmap), {"zero": zero_velocity(25)})
+    assert mean_over(protocol, scores["zero"]) == pytest.approx(scores["zero"]["walking"].errors)
+    found = BenchmarkResult(protocol, scores, ("zero",), {})
+    assert tables(found)[0].rows[1][:2] == ("M, printed", "7.50")
+    with pytest.raises(ConfigError, match=r"unknown benchmark 'owl'.*cmu, human36m, own"):
+        Protocol("owl", "all", 25)
+
+
+def test_human36m_refuses_a_network_of_other_joints():
     network = Mean(
         Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)
     )
-    with pytest.raises(PredictorError, match="no network is trained for Human3"):
+    with pytest.raises(PredictorError, match="needs human22 in its own frame"):
         network_forecaster(Protocol("human36m", "all", 25), network, "--predictor x")
 
 

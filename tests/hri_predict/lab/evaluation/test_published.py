@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
+from hri_predict.lab.evaluation.benchmarks import Cmu
 from hri_predict.lab.evaluation.published import comparable, published
 
 SHARED = Path(__file__).resolve().parents[5] / "shared" / "data"
@@ -26,7 +27,7 @@ FIVE: dict[tuple[str, int], list[float | None]] = {
 
 @pytest.mark.parametrize(("method", "n_out"), FIVE)
 def test_means_over_the_five_actions(method, n_out):
-    (entry,) = [e for e in published() if (e.method, e.n_out) == (method, n_out)]
+    (entry,) = [e for e in published(Cmu.published) if (e.method, e.n_out) == (method, n_out)]
     assert len(entry.columns) == len(FIVE[method, n_out])
     for column, expected in zip(entry.columns, FIVE[method, n_out], strict=True):
         values = [entry.at(action, column) for action in MEAN_OVER]
@@ -44,13 +45,14 @@ def test_pgbig_is_the_packs_copy_of_its_result_file():
     text = (SHARED / "README.md").read_text(encoding="utf-8")
     lines = text[text.index("PGBIG's published result file") :].splitlines()[2:]
     rows = [[c.strip() for c in line.strip("|").split("|")] for line in lines[2:8]]
-    (entry,) = [e for e in published() if e.method == "PGBIG"]
+    (entry,) = [e for e in published(Cmu.published) if e.method == "PGBIG"]
     assert entry.errors == {row[0]: [float(c) for c in row[1:]] for row in rows}
 
 
 def test_only_the_same_protocol_is_comparable():
-    def names(*protocol):
-        return {e.method for e in comparable(*protocol)}
+    def names(windows, n_in, n_out, error):
+        found = comparable(Cmu.published, windows, n_in=n_in, n_out=n_out, error=error)
+        return {e.method for e in found}
 
     assert names("all", 10, 25, "mpjpe") == {"PGBIG", "MSR-GCN", "GGMotion", "SPGSN", "AuxFormer"}
     assert names("all", 25, 25, "mpjpe") == {"SINN"}
@@ -62,7 +64,7 @@ def test_only_the_same_protocol_is_comparable():
 
 
 def test_where_a_number_cannot_be_taken_as_it_stands_a_note_says_so():
-    notes = {e.method: e.note for e in published()}
+    notes = {e.method: e.note for e in published(Cmu.published)}
     assert "future frame" in notes["STB"]
     assert "one frame early" in notes["KD-Former"]
     assert "not stated" in notes["SINN"]

@@ -108,9 +108,19 @@ def test_running_is_judged_to_600_ms_and_arms_where_they_are_observed():
 def test_true_seconds_and_metres_at_any_rate(rate_hz):
     result = judge(predictor(), [motion(4.0, rate_hz)])
     speed = np.linalg.norm(VELOCITY)
-    assert result.mean_mm() == pytest.approx(speed * np.array(HORIZONS_MS), rel=1e-6)
+    assert result.mean_mm() == pytest.approx(speed * np.array(result.horizons_ms), rel=1e-6)
     straight = judge(predictor("constant_velocity 120 ms"), [motion(4.0, rate_hz)])
     assert straight.mean_mm() == pytest.approx(np.zeros(6), abs=1e-4)
+
+
+def test_two_seconds_are_judged_on_windows_that_have_them():
+    given = {"straight": built(baselines(50)["constant_velocity 120 ms"]), "off": predictor()}
+    straight, one_second = judge_all(given, [motion(4.0, 120)], future_steps=50)
+    assert straight.horizons_ms == (120, 200, 400, 600, 800, 1000, 1500, 2000)
+    assert straight.mean_mm() == pytest.approx(np.zeros(8), abs=1e-4)
+    assert np.isfinite(one_second.mean_mm()).tolist() == [True] * 6 + [False] * 2
+    whole = judge(predictor(), [motion(4.0, 120)])
+    assert whole.actions["walking"].windows == straight.actions["walking"].windows + 25
 
 
 def test_nothing_after_an_origin_reaches_the_predictor():

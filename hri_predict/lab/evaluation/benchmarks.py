@@ -1,0 +1,157 @@
+"""Benchmarks that ``evaluate --benchmark`` names: recordings, windows, joints and printed numbers.
+
+A package adds one by an entry point of the group ``hri_predict.benchmarks``, an object.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hri_predict.base.arrays import Floats
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.skeleton import Skeleton
+from hri_predict.contracts import registry
+from hri_predict.lab.datasets import cmu_benchmark, human36m
+from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
+
+Takes = tuple[str, str, list[Floats]]
+"""An action, what errors call its recordings, and (n, J, 3) of each at 25 frames per second."""
+
+
+class Benchmark(Protocol):
+    """The test recordings of a benchmark, and how its papers count.
+
+    Attributes:
+        title: its name for readers.
+        unit: unit of positions; networks read and predict a thousandth of them.
+        skeletons: joints that are predicted, by error: ``mpjpe``, and ``euler`` where the
+            recordings hold rotations.
+        windows: the choices of ``--windows``.
+        mean_over: actions of the mean; empty: all.
+        zero_shot: actions without a train recording.
+        notes: sentences for a reader of the tables, by error.
+        published: YAML of the numbers that papers print, as ``published.yaml``; or ``None``.
+    """
+
+    title: str
+    unit: str
+    skeletons: Mapping[str, Skeleton]
+    windows: Sequence[str]
+    mean_over: Sequence[str]
+    zero_shot: Sequence[str]
+    notes: Mapping[str, Sequence[str]]
+    published: Path | None
+
+    def takes(self, directory: Path, error: str) -> Iterator[Takes]:
+        """Yield the test recordings: positions with x left, y up, z forward, or rotations.
+
+        Raises:
+            ConfigError: there are none below ``directory``.
+            RecordingError: a recording cannot be read.
+        """
+
+    def starts(
+        self, windows: str, frames: Sequence[int], n_in: int, n_out: int
+    ) -> list[NDArray[np.intp]]:
+        """First frames of the windows of each take.
+
+        Raises:
+            RecordingError: a take is too short.
+        """
+
+    def errors(self, predicted: Floats, true: Floats) -> Floats:
+        """(N, H, joints that count) distances of (N, H, J, 3)."""
+
+
+class Cmu(Benchmark):
+    """CMU-Mocap; see ``datasets.cmu_benchmark``."""
+
+    title, unit = "CMU-Mocap", "benchmark mm"
+    skeletons = {"mpjpe": CMU25, "euler": CMU38}
+    windows = ("all", "8-seeds", "80-seeds")
+    mean_over, zero_shot = cmu_benchmark.MEAN_OVER, ("washwindow",)
+    _AVAILABLE = (
+        "32 of the 40 train recordings and 6 of the 8 test recordings are available: printed "
+        "methods trained on more. Their epoch was chosen on the test recordings, ours was not."
+    )
+    notes = {
+        "mpjpe": (
+            "The benchmark's time and length are nominal: its 25 frames per second are 60, its mm "
+            "are 0.806 true mm. 38 joints are scored, 13 of which copy another or cannot err.",
+            _AVAILABLE,
+        ),
+        "euler": (
+            "Error of Euler angles by the quaternion route, the root's rotation included.",
+            _AVAILABLE,
+        ),
+    }
+    published = Path(__file__).with_name("published.yaml")
+
+    def takes(self, directory: Path, error: str) -> Iterator[Takes]:
+        """See ``Benchmark``."""
+        root = cmu_benchmark.data_root(directory)
+        names = cmu_benchmark.benchmark_names(root, "test")
+        if not names:
+            raise ConfigError(
+                f"--data {directory}: no test recording of the CMU benchmark "
+                f"(test/basketball_1.npz, ...) there; check the folder"
+            )
+        for name in names:
+            clip = cmu_benchmark.read_clip(root, name)
+            values = clip.expmaps if error == "euler" else clip.positions()[:, MOVING]
+            yield clip.action, f"recording {root / name}.npz", [values]
+
+    def starts(
+        self, windows: str, frames: Sequence[int], n_in: int, n_out: int
+    ) -> list[NDArray[np.intp]]:
+        """See ``Benchmark``."""
+        return [cmu_benchmark.windows_of(windows, n, n_in, n_out) for n in frames]
+
+    def errors(self, predicted: Floats, true: Floats) -> Floats:
+        """See ``cmu_benchmark.joint_errors``."""
+        return cmu_benchmark.joint_errors(predicted, true)
+
+
+class Human36m(Benchmark):
+    """Human3.6M, positions; see ``datasets.human36m``."""
+
+    title, unit = "Human3.6M", "mm"
+    skeletons = {"mpjpe": human36m.HUMAN22}
+    windows = ("all", "8-seeds")
+    mean_over, zero_shot = (), ()
+    notes = {}
+    published = None
+
+    def takes(self, directory: Path, error: str) -> Iterator[Takes]:
+        """See ``Benchmark``."""
+        for action, takes in human36m.read_takes(directory).items():
+            where = f"recordings {directory}: {human36m.TEST_SUBJECT}/{action}_*.txt"
+            yield action, where, [take.positions[:, human36m.SCORED] for take in takes]
+
+    def starts(
+        self, windows: str, frames: Sequence[int], n_in: int, n_out: int
+    ) -> list[NDArray[np.intp]]:
+        """See ``Benchmark``."""
+        if windows == "8-seeds":
+            return human36m.seeded_windows(list(frames), n_in)
+        return [cmu_benchmark.all_windows(n, n_in, n_out) for n in frames]
+
+    def errors(self, predicted: Floats, true: Floats) -> Floats:
+        """Distance of each of the 22 joints."""
+        return np.asarray(np.linalg.norm(predicted - true, axis=-1))
+
+
+_OURS: Mapping[str, Benchmark] = {"cmu": Cmu(), "human36m": Human36m()}
+
+
+def benchmark_of(name: str) -> Benchmark:
+    """The benchmark of this name, ours or that of an installed package.
+
+    Raises:
+        ConfigError: nothing has this name, or it cannot be imported.
+    """
+    found: Benchmark = registry.part("benchmarks", name, _OURS)
+    return found
