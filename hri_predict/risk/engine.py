@@ -56,6 +56,9 @@ class RiskEngine:
     forecasts can be trusted; the robots' trackers, and whether robots did as advised; and one level
     machine per robot. Zones and separation are pure functions of what they are given.
 
+    Attributes:
+        new_levels: makes a levels stage like its own that remembers nothing.
+
     Args:
         settings: see ``RiskSettings``.
         robots: one tracker per robot, in the configuration's order.
@@ -153,7 +156,8 @@ class RiskEngine:
                 base_dir=base_dir,
             ),
         )
-        self._levels = Levels(
+        self.new_levels = partial(
+            Levels,
             settings=settings,
             robots=constants,
             named=named,
@@ -161,6 +165,7 @@ class RiskEngine:
             segment_index=self._builder.segment_index,
             last_latch_id=last_latch_id,
         )
+        self._levels = self.new_levels()
 
     def warm_up(self) -> None:
         """Have every loop compiled before time matters: a second from a copy, many without.

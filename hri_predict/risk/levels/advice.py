@@ -7,36 +7,29 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import compress, count
 from typing import Any
 
 from hri_predict.base.arrays import Ints
-from hri_predict.base.skeleton import JOINTS, in_words
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.messages import Advice, Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.areas import NamedZone
 from hri_predict.risk.levels.demand import Demand, combined, demand_of
+from hri_predict.risk.levels.detail import detail_of
 from hri_predict.risk.levels.latches import LatchIds, causes_now, recall, remembered
 from hri_predict.risk.levels.machine import Advised, LevelMachine
 from hri_predict.risk.levels.modes import Decision, Modes, Situation
 from hri_predict.risk.levels.muted_time import MutedTime
 from hri_predict.risk.levels.named_zones import zone_demand
-from hri_predict.risk.levels.pair import pair_m
 from hri_predict.risk.levels.set_chooser import SetChooser
 from hri_predict.risk.levels.steady_reason import SteadyReason
-from hri_predict.risk.levels.waiting import why_and_until
 from hri_predict.risk.permitted import NEAR_M
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.stage import Findings, RobotFindings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.risk.terms import Finding
 from hri_predict.risk.types import NamedZoneState
-from hri_predict.risk.wording import NOTE, STANDS_M_S, off_text
 from hri_predict.zones.body_zones import BodyZones
-
-_TOO_CLOSE = "too close for the robot's present speed"
-_TOO_NEAR_TO_START = "too close for the standing robot to start"
 
 
 class Levels:
@@ -157,6 +150,35 @@ class Levels:
         """Number of times that each operating mode began and was refused, over all robots."""
         return sum((modes.counters for modes in self._modes), Counter())
 
+    def limit_m_s(
+        self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
+    ) -> float:
+        """The speed limit of one robot's advice alone, which takes no words; m/s.
+
+        It counts as that robot's tick: call either this or the stage itself.
+        """
+        self.sets.update(snapshot.now_ns)
+        found = findings.robots[robot]
+        demand = self._demand(robot, found, bodies, findings.named)[0]
+        demand = self._decide(robot, demand, found, snapshot.now_ns).demand
+        return self._advance(robot, snapshot, bodies, demand).limit_m_s
+
+    def asked_m_s(self, robot: int, bodies: BodyZones, findings: Findings) -> float:
+        """The limit that these findings alone ask of a robot, m/s; memory can only lower it."""
+        return self._demand(robot, findings.robots[robot], bodies, findings.named)[0].limit_m_s
+
+    def _advance(
+        self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, demand: Demand
+    ) -> Advised:
+        return self._machines[robot].update(
+            demand,
+            snapshot.captures,
+            snapshot.now_ns,
+            causes_now(snapshot, bodies.untrusted),
+            lost=snapshot.to_acknowledge,
+            cap_m_s=self.sets.in_force.max_speed_m_s,
+        )
+
     def _advise(
         self,
         *,
@@ -174,14 +196,7 @@ class Levels:
         demand = decision.demand
         if too_fast:
             demand = demand.full_or_stop(Reason.ROBOT_TOO_FAST)
-        advised = self._machines[robot].update(
-            demand,
-            snapshot.captures,
-            snapshot.now_ns,
-            causes_now(snapshot, bodies.untrusted),
-            lost=snapshot.to_acknowledge,
-            cap_m_s=self.sets.in_force.max_speed_m_s,
-        )
+        advised = self._advance(robot, snapshot, bodies, demand)
         reason = advised.reason
         if reason is Reason.NONE and bodies.speeds.unknown.any():
             reason = Reason.SPEED_UNKNOWN
@@ -191,7 +206,7 @@ class Levels:
             reason = (*bodies.reasons, *remarks)[0]
         reason = self._reasons[robot].update(advised.level, reason, snapshot.captures)
         who = people if people is not None and natural.reason.row.by_distance else None
-        detail = _detail(
+        detail = detail_of(
             self._robots[robot],
             bodies,
             findings.named,
@@ -341,58 +356,3 @@ def _reason(finding: Finding, bodies: BodyZones) -> Reason:
 def _wire_m(distance_m: float) -> float:
     """A distance for the wire: never below 0, and 0 if it is not finite."""
     return max(0.0, distance_m) if math.isfinite(distance_m) else 0.0
-
-
-def _detail(
-    robot: RobotConstants,
-    bodies: BodyZones,
-    named: Sequence[NamedZoneState],
-    *,
-    demand: Demand,
-    advised: Advised,
-    reason: Reason,
-    who: Finding | None,
-    found: RobotFindings,
-) -> str:
-    """The problem and its remedy, in words; at *clear*, what there is to note."""
-    if reason is Reason.NONE:
-        return ""
-    ids, speeds = bodies.zones.ids, bodies.speeds
-    is_clear = advised.level is Level.CLEAR
-    text, clears_when = why_and_until(robot, found, advised, reason)
-    parts = [f"{robot.name}: {NOTE if is_clear else ''}{text}"]
-    if demand.reason not in (Reason.NONE, reason):
-        parts.append(demand.reason.text)
-    if who is not None:
-        segment, apart_m = bodies.zones.segments[who.segment], who.pair_m
-        if apart_m is None and found.motion is not None:
-            apart_m = pair_m(who, bodies, found.motion)
-        part, off = in_words(segment), off_text(bodies.error_m(who.person))
-        parts.append(f"person {ids[who.person]}{off}, {part}, {where(robot, who, apart_m)}")
-        if who.slack_m < 0:
-            stands = found.speed_m_s < STANDS_M_S
-            parts.append(f"{-who.slack_m:.2f} m {_TOO_NEAR_TO_START if stands else _TOO_CLOSE}")
-    for i in compress(count(), speeds.fast.tolist()):
-        joint = in_words(JOINTS[speeds.fastest_joint[i]])
-        parts.append(f"person {ids[i]} is fast: {joint} {speeds.fastest_m_s[i]:.1f} m/s")
-    parts += [
-        f"speed of person {ids[i]} unknown" for i in compress(count(), speeds.unknown.tolist())
-    ]
-    if demand.reason in (Reason.ZONE_OCCUPIED, Reason.ZONE_ENTRY_PREDICTED):
-        inside = demand.reason is Reason.ZONE_OCCUPIED
-        names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]
-        parts.append("zone " + ", ".join(names))
-    if robot.tools and found.tool is None:
-        parts.append("no tool is confirmed: the worst of all counts")
-    return "; ".join(parts if is_clear else [*parts, f"clears when {clears_when}"])
-
-
-def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:
-    """The deciding pair's distance, and from what it is measured, in words.
-
-    ``apart_m``: that distance; by default the least distance of all pairs.
-    """
-    if robot.risk.mode == "fixed":
-        return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"
-    link = in_words(robot.model.capsule_names[people.link])
-    return f"{max(people.separation_m if apart_m is None else apart_m, 0.0):.2f} m from {link}"

@@ -7,10 +7,10 @@ node's own stages. The person stays the same, and is only moved and turned over 
 the middle lies in front of where the robot works.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from math import atan2, cos, sin
+from functools import cache, cached_property
+from math import atan2, ceil, cos, sin
 from typing import Any
 
 import numpy as np
@@ -22,13 +22,14 @@ from hri_predict.contracts.source import Source
 from hri_predict.protocol.messages import RobotMode, RobotState
 from hri_predict.risk.delay_budget import DelayBudget
 from hri_predict.risk.engine import RiskEngine
+from hri_predict.risk.separation.stage import Findings
 from hri_predict.robots.model import RobotModel, StandingMotion, StateMotion
 from hri_predict.robots.tracker import RobotNow, RobotTracker
 from hri_predict.robots.trajectory import Trajectory, load_trajectory
 from hri_predict.run import assemble
 from hri_predict.run.config import Config
 from hri_predict.run.session import VIRTUAL_START_NS
-from hri_predict.run.working_distance.seen import Seen, moved_zones
+from hri_predict.run.working_distance.seen import Seen, moved_zones, shifted_zones
 from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.calibration import Calibration
 
@@ -43,6 +44,7 @@ STEP_M = 0.02
 STATE_S = 0.02
 """Time between two RobotStates."""
 _PHASES = 64
+_TRIED = 2  # times the ticks that may be slow are tried first
 _AHEAD_M = 0.05  # a robot whose parts are nearer to its axis than this on average faces nowhere
 
 
@@ -220,30 +222,51 @@ class Measure:
         robots: Sequence[Sequence[RobotNow]],
         middle: Floats,
     ) -> None:
-        self._situation, self._seen, self._zones, self._middle = situation, seen, zones, middle
-        self._trackers = situation.trackers(seen.snapshots[0].now_ns)
+        self._situation, self._seen, self._middle = situation, seen, middle
+        self._engine = situation.engine(situation.trackers(seen.snapshots[0].now_ns))
+        self._asked_m_s = self._engine.new_levels().asked_m_s
         self._robots = robots
         model = situation.models[situation.robot]
         assert model.base is not None  # robot_of has checked it
-        self._base, self._ahead_rad = model.base, _ahead_rad(model, situation.path)
+        self._base = model.base
+        # the turn is the same at every distance
+        ahead_rad = _ahead_rad(model, situation.path)
+        c, s = cos(ahead_rad), sin(ahead_rad)
+        turn = np.eye(4)
+        turn[:2, :2] = self._turn = np.array([[c, -s], [s, c]])
+        self._zones = [moved_zones(bodies, turn) for bodies in zones]
         self._counts = np.array(
             [(s.now_ns - VIRTUAL_START_NS) * 1e-9 >= WARM_S for s in seen.snapshots]
         )
+        self._slow_at_m = np.zeros(len(self._counts))  # the farthest distance known so far
         self.known: dict[float, Floats] = {}
 
     def limits(self, distance_m: float) -> Floats:
         """(N,) permitted speeds of the ticks that count, m/s; people are at this distance."""
         if distance_m not in self.known:
-            self.known[distance_m] = np.array(list(self._limits(distance_m)))
+            self.known[distance_m] = np.array(list(self._limits(self._ticks_at(distance_m))))
         return self.known[distance_m]
 
     def works(self, distance_m: float) -> bool:
         """Whether the robot may work with people at this distance."""
         fast_m_s = FAST * self._situation.max_speed_m_s - 1e-9
-        count, fast, slow = max(1, int(self._counts.sum())), 0, 0
-        for limit_m_s in self.known.get(distance_m, self._limits(distance_m)):
+        ticks, there = np.flatnonzero(self._counts), self._ticks_at(distance_m)
+        count, fast, slow = max(1, len(ticks)), 0, 0
+        if distance_m not in self.known:  # first, and in any order, whether any memory is too much
+            first = ticks[np.argsort(-self._slow_at_m[ticks], kind="stable")]
+            for k in first[: ceil(_TRIED * (1 - HELD) * count)].tolist():
+                if self._asked_m_s(self._situation.robot, *there(k)) < fast_m_s:
+                    self._slow_at_m[k] = max(self._slow_at_m[k], distance_m)
+                    slow += 1
+                    if (count - slow) / count < HELD:
+                        return False
+        fast = slow = 0
+        limits_m_s = self.known.get(distance_m, self._limits(there))
+        for k, limit_m_s in zip(ticks, limits_m_s, strict=False):
             fast += limit_m_s >= fast_m_s
-            slow += limit_m_s < fast_m_s
+            if limit_m_s < fast_m_s:
+                slow += 1
+                self._slow_at_m[k] = max(self._slow_at_m[k], distance_m)
             if fast / count >= HELD or (count - slow) / count < HELD:
                 break  # the ticks that are left change nothing
         return fast / count >= HELD
@@ -266,27 +289,30 @@ class Measure:
             low, high = (low, middle) if self.works(middle) else (middle, high)
         return high
 
-    def _limits(self, distance_m: float) -> Iterator[float]:
+    def _limits(self, there: "_Ticks") -> Iterator[float]:
         """Yield the permitted speed of each tick that counts, m/s."""
-        robot, matrix = self._situation.robot, self._place(distance_m)
-        engine = self._situation.engine(self._trackers)
-        for snapshot, bodies, robots, counts in zip(
-            self._seen.snapshots, self._zones, self._robots, self._counts, strict=True
+        levels, robot = self._engine.new_levels(), self._situation.robot
+        for k, (snapshot, counts) in enumerate(
+            zip(self._seen.snapshots, self._counts, strict=True)
         ):
-            there = moved_zones(bodies, matrix)
-            found = engine.separation(there, robots)
-            advice = engine.levels(snapshot, there, found).advices[robot]
+            limit_m_s = levels.limit_m_s(robot, snapshot, *there(k))
             if counts:
-                yield advice.speed_limit_m_s or 0.0
+                yield limit_m_s
 
-    def _place(self, distance_m: float) -> Floats:
-        """(4, 4) from the people's frame to where they are at this distance."""
-        c, s = cos(self._ahead_rad), sin(self._ahead_rad)
-        matrix = np.eye(4)
-        matrix[:2, :2] = [[c, -s], [s, c]]
-        here = matrix[:2, :2] @ (np.array([distance_m, 0.0]) - self._middle)
-        matrix[:2, 3] = self._base[:2] + here
-        return matrix
+    def _ticks_at(self, distance_m: float) -> "_Ticks":
+        """Tick -> people at this distance and what the robots find; each is computed once."""
+        to = self._turn @ (np.array([distance_m, 0.0]) - self._middle)
+        by_m = np.append(self._base[:2] + to, 0.0)
+
+        @cache
+        def tick(k: int) -> tuple[BodyZones, Findings]:
+            there = shifted_zones(self._zones[k], by_m)
+            return there, self._engine.separation(there, self._robots[k])
+
+        return tick
+
+
+_Ticks = Callable[[int], tuple[BodyZones, Findings]]
 
 
 def _report(

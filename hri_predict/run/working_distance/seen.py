@@ -98,3 +98,22 @@ def moved_zones(bodies: BodyZones, matrix: Floats, person: int = 0) -> BodyZones
 
 def _moved_capsules(capsules: Capsules, matrix: Floats) -> Capsules:
     return Capsules(transform(matrix, capsules.a), transform(matrix, capsules.b), capsules.radius)
+
+
+def shifted_zones(bodies: BodyZones, by_m: Floats) -> BodyZones:
+    """Return the zones moved by (3,) metres; ``moved_zones`` in less time."""
+    zones = bodies.zones
+    capsules, toward = _shifted(zones.capsules, by_m), bodies.toward
+    if toward is not None:
+        toward = toward._replace(mid=toward.mid + by_m, path=toward.path + by_m)
+    same = bodies.paths is zones.capsules
+    return replace(
+        bodies,
+        zones=replace(zones, capsules=capsules),
+        paths=capsules if same else _shifted(bodies.paths, by_m),
+        toward=toward,
+    )
+
+
+def _shifted(capsules: Capsules, by_m: Floats) -> Capsules:
+    return Capsules(capsules.a + by_m, capsules.b + by_m, capsules.radius)

@@ -25,7 +25,7 @@ from hri_predict.risk.settings import RISK_MODES
 from hri_predict.run import config as configuration
 from hri_predict.run.compared_predictors import asked_predictors
 from hri_sim.simulation.command.shown import distances, occluded, show_report
-from hri_sim.simulation.distance.people import ACTIVITIES, FULL, own_sights, sights
+from hri_sim.simulation.distance.people import ACTIVITIES, FULL, SETS, own_sights, sights
 from hri_sim.simulation.request import (
     DistanceRequest,
     OcclusionRequest,
@@ -180,8 +180,8 @@ def simulate(
     activity: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"With --distance: what the person does ({', '.join(ACTIVITIES)}), or a recording "
-            "of your own. Repeatable.",
+            help=f"With --distance: what the person does ({', '.join(ACTIVITIES)}), each recording "
+            f"of a set of the data pack ({', '.join(SETS)}), or one of your own. Repeatable.",
             show_default="window tools talking",
         ),
     ] = None,

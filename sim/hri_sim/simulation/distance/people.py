@@ -1,7 +1,7 @@
 """The people of a measured distance: what they do, and what their tracker sees of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hri_predict.base.errors import ConfigError, nearest
@@ -11,6 +11,7 @@ from hri_predict.cli.common import one_of
 from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.lab.datasets.splits import is_pack
 from hri_predict.recording.format_table import ENDINGS
+from hri_predict.recording.formats.npz import read_arrays
 from hri_predict.run.working_distance.measure import WARM_S
 from hri_sim.simulation.motion import PROCEDURAL, load_motion
 
@@ -28,12 +29,14 @@ class Activity:
         text: in words.
         motion: a recording below the data pack's root, or a script; see ``load_motion``.
         absent: parts of the body that are never there.
+        of_set: the set that was asked for; "": it was asked for by itself.
     """
 
     name: str
     text: str
     motion: str
     absent: tuple[str, ...] = ()
+    of_set: str = ""
 
     @property
     def is_recorded(self) -> bool:
@@ -62,6 +65,15 @@ ACTIVITIES = {
         Activity(name="reaching", text="reaches in now and then", motion=f"{PROCEDURAL}:reaching"),
     )
 }
+
+SETS = {
+    "arms": "assembly",
+    **{
+        name: f"motion/{name}"
+        for name in ("beside_robot", "cmu_tools", "cmu_subjects", "cmu_dance")
+    },
+}
+"""The data pack's sets that ``calibrate --leave-out`` leaves out, with their folders."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,39 +154,32 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
     """The activities, with their recordings' paths; and a line about those that are left out.
 
     Args:
-        names: of ``ACTIVITIES``, or recordings of the user's.
+        names: of ``ACTIVITIES``; of ``SETS``, for each recording of the set that is long enough; or
+            recordings of the user's.
         data: the data pack; ``None``: there is none, and recorded activities are left out.
 
     Raises:
         ConfigError: an activity is unknown, or none is left; a recording is too short.
         RecordingError: one cannot be read.
     """
-    found, missing = [], []
+    found: list[Activity] = []
+    missing, notes = [], []
     for name in names:
         if Path(name).suffix.lower() in ENDINGS:
-            if not Path(name).is_file():
-                raise ConfigError(f"--activity {name}: no such recording; check the path")
-            path = Path(name).resolve()
-            lasts_s = load_motion(str(path), _RATE_HZ).duration_s
-            if lasts_s < SHORTEST_S:
-                raise ConfigError(
-                    f"--activity {name}: lasts {lasts_s:.1f} s, of which the first {WARM_S:g} s do "
-                    f"not count; give a recording of {SHORTEST_S:g} s or more"
-                )
-            found.append(Activity(name=path.stem, text=f"recording {path.stem}", motion=str(path)))
+            found.append(_own_recording(name))
             continue
-        activity: Activity = ACTIVITIES[one_of("--activity", name, list(ACTIVITIES))]
-        if not activity.is_recorded:
-            found.append(activity)
-        elif data is None or not (path := data / f"{activity.motion}.npz").is_file():
-            missing.append(name)
+        one_of("--activity", name, [*ACTIVITIES, *SETS])
+        if name in ACTIVITIES and not ACTIVITIES[name].is_recorded:
+            found.append(ACTIVITIES[name])
+        elif data is not None and (path := _in_pack(data, name)).exists():
+            chosen, short = _of_pack(name, path.resolve())
+            found += chosen
+            if short:
+                notes.append(f"{name}: {short} recordings of less than {SHORTEST_S:g} s left out.")
         else:
-            motion = str(path.resolve())
-            found.append(
-                Activity(name=name, text=activity.text, motion=motion, absent=activity.absent)
-            )
+            missing.append(name)
     if not missing:
-        return found, []
+        return found, notes
     simulated = [each.name for each in ACTIVITIES.values() if not each.is_recorded]
     said = (
         f"left out, for they are recordings of the data pack, which is not in "
@@ -183,7 +188,40 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
     )
     if not found:
         raise ConfigError(f"--activity: {said}")
-    return found, [said]
+    return found, [*notes, said]
+
+
+def _own_recording(name: str) -> Activity:
+    if not Path(name).is_file():
+        raise ConfigError(f"--activity {name}: no such recording; check the path")
+    path = Path(name).resolve()
+    lasts_s = load_motion(str(path), _RATE_HZ).duration_s
+    if lasts_s < SHORTEST_S:
+        raise ConfigError(
+            f"--activity {name}: lasts {lasts_s:.1f} s, of which the first {WARM_S:g} s do "
+            f"not count; give a recording of {SHORTEST_S:g} s or more"
+        )
+    return Activity(name=path.stem, text=f"recording {path.stem}", motion=str(path))
+
+
+def _in_pack(data: Path, name: str) -> Path:
+    return data / (SETS[name] if name in SETS else f"{ACTIVITIES[name].motion}.npz")
+
+
+def _of_pack(name: str, path: Path) -> tuple[list[Activity], int]:
+    """An activity, or each recording of a set by name; and how many of them are too short."""
+    if name in ACTIVITIES:
+        return [replace(ACTIVITIES[name], motion=str(path))], 0
+    absent = ACTIVITIES["seated"].absent if name == "arms" else ()
+    found, paths = [], sorted(path.glob("*.npz"))
+    for each in paths:
+        stored = read_arrays(each, ("positions", "fps"))
+        if len(stored["positions"]) - 1 >= SHORTEST_S * float(stored["fps"]):
+            text = f"{name}/{each.stem}"
+            found.append(
+                Activity(name=text, text=text, motion=str(each), absent=absent, of_set=name)
+            )
+    return found, len(paths) - len(found)
 
 
 def pack(data: Path | None) -> Path | None:

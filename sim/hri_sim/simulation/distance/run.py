@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from hri_predict.base.errors import ConfigError
@@ -120,7 +121,7 @@ def _report(
     if plan.error_m:
         said.append(f"The tracker states an error of each person's place of {plan.error_m:g} m.")
     tables = [_table(found, request.modes or MODES, config.predictor.name)]
-    tables += _terms_table(*terms)
+    tables += [*_sets_table(found), *_terms_table(*terms)]
     data = {
         "configuration": Path(plan.config).name,
         "robot": robot.name,
@@ -159,6 +160,28 @@ def _table(found: Sequence[Found], modes: Sequence[str], own: str) -> Table:
             )
         )
     return Table("Working distance, m", (*first, *modes), tuple(rows))
+
+
+def _sets_table(found: Sequence[Found]) -> list[Table]:
+    """The first two modes over each set that was asked for; nothing without sets or two modes."""
+    by_set: dict[str, list[tuple[float, float, str]]] = {}
+    modes: list[str] = []
+    for case, result in found:
+        if case.activity.of_set and len(result) > 1:
+            modes = list(result)[:2]
+            at_m = [result[mode]["distance_m"] for mode in modes]
+            first_m, second_m = (FARTHEST_M if m is None else m for m in at_m)
+            own = by_set.setdefault(case.activity.of_set, [])
+            own.append((first_m, second_m, case.activity.name))
+    rows = []
+    for name, own in by_set.items():
+        worst = max(own, key=lambda each: each[0] - each[1])
+        middle_m = [median(each[i] for each in own) for i in (0, 1)]
+        most = f"{100 * (worst[0] - worst[1]):+.0f} ({worst[2].rpartition('/')[2]})"
+        rows.append((name, str(len(own)), *(f"{m:.2f}" for m in middle_m), most))
+    header = ("set", "cases", *(f"{mode}, median" for mode in modes), "farther at most, cm")
+    title = f"Whole sets, m; {FARTHEST_M:g} m where it is more"
+    return [Table(title, header, tuple(rows))] if rows else []
 
 
 def _metres(distance_m: float | None) -> str:

@@ -15,8 +15,9 @@ from hri_predict.contracts.link import LinkSettings
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.delay_budget import DelayBudget
-from hri_predict.risk.levels.advice import asked_of, where
+from hri_predict.risk.levels.advice import asked_of
 from hri_predict.risk.levels.demand import Demand
+from hri_predict.risk.levels.detail import where
 from hri_predict.risk.robot_constants import RobotConstants
 from hri_predict.risk.separation.now import judge_fixed
 from hri_predict.risk.separation.receding import link_distances, receding_steps

@@ -14,9 +14,11 @@ from hri_predict.run.working_distance.measure import (
     HELD,
     Measure,
     Situation,
+    _ahead_rad,
     alone,
     robot_of,
 )
+from hri_predict.run.working_distance.seen import moved_zones
 from hri_predict.run.working_distance.standing import standing
 from hri_predict.run.working_distance.waterfall import TERMS, waterfall
 
@@ -65,6 +67,28 @@ def test_at_the_working_distance_the_robot_may_work_and_a_little_nearer_it_may_n
     assert nearer.mean() < HELD
     assert found.limits(0.5).max() == 0.0  # inside the robot's reach
     assert found.limits(FARTHEST_M).min() == situation.max_speed_m_s
+
+
+def test_each_distance_is_judged_as_the_stages_do_it_tick_by_tick(situation):
+    seen = person(situation, hidden=(3,))
+    zones, robots = situation.zones(seen), situation.robots(seen)
+    found = measured(situation, seen)
+    model = situation.models[0]
+    for distance_m in (0.8, 1.4, 1.6, 1.8, 2.0, 3.0):
+        angle = _ahead_rad(model, situation.path)
+        matrix = np.eye(4)
+        matrix[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        matrix[:2, 3] = model.base[:2] + matrix[:2, :2] @ [distance_m, 0.0]
+        engine = situation.engine(situation.trackers(seen.snapshots[0].now_ns))
+        limits = []
+        for snapshot, bodies, now in zip(seen.snapshots, zones, robots, strict=True):
+            there = moved_zones(bodies, matrix)
+            advice = engine.levels(snapshot, there, engine.separation(there, now)).advices[0]
+            limits.append(advice.speed_limit_m_s)
+        limits = limits[-len(found.limits(6.0)) :]
+        works = found.works(distance_m)  # before the limits are known
+        assert works == (np.mean(np.array(limits) >= FAST * situation.max_speed_m_s) >= HELD)
+        assert found.limits(distance_m).tolist() == limits
 
 
 def test_it_does_not_matter_where_the_person_was_seen_nor_where_to_look_first(situation):

@@ -1,10 +1,22 @@
 """Activities and trackers of a measured distance: by name, by file, and what is missing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hri_predict.base.errors import ConfigError
-from hri_sim.simulation.distance.people import ACTIVITIES, SIGHTS, activities, pack, sights
+from hri_sim.simulation.distance.people import (
+    ACTIVITIES,
+    FULL,
+    SETS,
+    SIGHTS,
+    Activity,
+    activities,
+    pack,
+    sights,
+)
+from hri_sim.simulation.distance.run import _sets_table
 from hri_sim.simulation.distance.work import Case, joints_seen
 from hri_sim.simulation.motion import load_motion
 
@@ -44,6 +56,21 @@ def test_a_recording_of_the_users_own_is_an_activity(recording):
         activities([str(recording.with_name("none.npz"))], None)
 
 
+def test_a_set_is_all_its_recordings_that_are_long_enough(recording, tmp_path):
+    own = np.load(recording)
+    folder = tmp_path / SETS["arms"]
+    folder.mkdir(parents=True)
+    for name, times in (("b", 2), ("a", 2), ("short", 1)):
+        positions = np.concatenate([own["positions"]] * times)
+        np.savez(folder / f"{name}.npz", positions=positions, fps=own["fps"])
+    found, lines = activities(["arms"], tmp_path)
+    assert [(each.name, each.of_set) for each in found] == [("arms/a", "arms"), ("arms/b", "arms")]
+    assert found[0].absent == ACTIVITIES["seated"].absent  # legs, which nobody recorded
+    assert lines == ["arms: 1 recordings of less than 3 s left out."]
+    with pytest.raises(ConfigError, match=r"left out.*cmu_dance"):
+        activities(["cmu_dance"], tmp_path)
+
+
 def test_a_recording_that_ends_before_much_of_it_counts_is_refused(recording):
     with pytest.raises(ConfigError, match=r"lasts 2\.0 s, .* 2\.5 s do not count; .* 3 s or more"):
         activities([str(recording)], None)
@@ -72,3 +99,20 @@ def test_what_is_hidden_is_known_to_the_tracker_and_what_it_lacks_is_not():
     assert joints("waist-hidden") == (21, 12)
     assert joints("upper-body") == (12, 12)
     assert joints("marker_clusters9") == (7, 7)
+
+
+def test_whole_sets_are_compared_by_their_worst_recording():
+    def case(name):
+        activity = Activity(name=f"arms/{name}", text=name, motion=name, of_set="arms")
+        return Case(activity=activity, sight=FULL, noise_m=0.0, predictor=None, modes=())
+
+    def result(*distances_m):
+        pairs = zip(("predictive", "iso"), distances_m, strict=True)
+        return {mode: {"distance_m": at_m} for mode, at_m in pairs}
+
+    near, far = result(2.0, 3.0), result(None, 5.9)
+    found = [(case("a"), near), (case("b"), far), (case("c"), near)]
+    (table,) = _sets_table(found)
+    assert table.rows == (("arms", "3", "2.00", "3.00", "+10 (b)"),)
+    assert table.columns[2:4] == ("predictive, median", "iso, median")
+    assert _sets_table([(replace(case("a"), activity=ACTIVITIES["talking"]), near)]) == []
