@@ -72,7 +72,8 @@ class Cmu(Benchmark):
     title, unit = "CMU-Mocap", "benchmark mm"
     skeletons = {"mpjpe": CMU25, "euler": CMU38}
     windows = ("all", "8-seeds", "80-seeds")
-    mean_over, zero_shot = cmu_benchmark.MEAN_OVER, ("washwindow",)
+    mean_over: Sequence[str] = cmu_benchmark.MEAN_OVER
+    zero_shot: Sequence[str] = ("washwindow",)
     _AVAILABLE = (
         "32 of the 40 train recordings and 6 of the 8 test recordings are available: printed "
         "methods trained on more. Their epoch was chosen on the test recordings, ours was not."

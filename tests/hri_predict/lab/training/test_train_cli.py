@@ -302,7 +302,10 @@ def test_help_has_an_example(cli):
         (["--set", "train.epochs=[1"], "its value is not valid YAML"),
         (["--set", "out.x=1"], "'out' has no keys"),
         (["--set", "train.epochs=0"], "train.epochs: input should be greater than or equal to 1"),
-        (["--set", "judgement=dance"], "unknown data set 'dance'; there are: benchmark, real"),
+        (
+            ["--set", "judgement=dance"],
+            "unknown data set 'dance'; there are: benchmark, human36m, real",
+        ),
         (["--set", "train.schedule=cosin"], "unknown schedule 'cosin'; did you mean 'cosine'?"),
         (["--set", "train.optimiser=sgd"], "unknown optimiser 'sgd'; there are: adam, adamw"),
         (["--set", "predictor=kalman"], "predictor 'kalman' has no network: nothing to train"),
