@@ -44,18 +44,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     missed += _missed((i for i in items if _long(i)), LONG)
     if missed:
         raise pytest.UsageError(f"tests.together would not find {', '.join(missed)}")
-    if share := os.environ.get("SHARE"):
+    if share := os.environ.pop("SHARE", None):  # not for tests that a test runs
         items[:] = _share(items, *map(int, share.split("/")))
 
 
 def _share(items: list[pytest.Item], first: int, of: int) -> list[pytest.Item]:
-    """Return those in real time and each ``of``-th of the others, as their names fall."""
-    return [
-        item
-        for item in items
-        if item.get_closest_marker("realtime")
-        or zlib.crc32(item.nodeid.encode()) % of == first % of
-    ]
+    """Return each ``of``-th, as their names fall."""
+    return [item for item in items if zlib.crc32(item.nodeid.encode()) % of == first % of]
 
 
 def _long(item: pytest.Item) -> bool:
