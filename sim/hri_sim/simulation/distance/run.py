@@ -176,7 +176,7 @@ def _sets_table(found: Sequence[Found]) -> list[Table]:
     rows = []
     for name, own in by_set.items():
         worst = max(own, key=lambda each: each[0] - each[1])
-        middle_m = [median(each[i] for each in own) for i in (0, 1)]
+        middle_m = (median(first for first, _, _ in own), median(second for _, second, _ in own))
         most = f"{100 * (worst[0] - worst[1]):+.0f} ({worst[2].rpartition('/')[2]})"
         rows.append((name, str(len(own)), *(f"{m:.2f}" for m in middle_m), most))
     header = ("set", "cases", *(f"{mode}, median" for mode in modes), "farther at most, cm")
