@@ -6,6 +6,7 @@ Nothing here asserts that anything is fast; the limits are those after which wai
 import contextlib
 import json
 import os
+import re
 import select
 import signal
 import subprocess
@@ -109,7 +110,9 @@ def test_run_for_a_while(tmp_path):
     assert (alerts[0]["was"], alerts[0]["level"]) == ("none", "unknown")
     assert alerts[-1]["reason"] == "the node is stopping"
     told = [line for line in done.stderr.splitlines() if " -> " in line]
-    assert len(told) == len(alerts)
+    counts = [re.search(r"left out (\d+) lines like", line) for line in told]
+    # on a busy machine levels change often, and the log leaves lines out and says how many
+    assert sum(int(count[1]) if count else 1 for count in counts) == len(alerts)
     assert (tmp_path / "a.mcap").stat().st_size > 10_000
 
 
