@@ -209,7 +209,7 @@ def _below(entry: Path, pack: Path, use: str) -> list[Path]:
     found = [pack / f"{name}.npz" for name in split(use)]
     found = [path for path in found if entry.resolve() in path.parents]
     if not found:
-        raise ConfigError(f"--data {entry}: has no recording of the split {use}; name another")
+        raise ConfigError(f"--data {entry}: no recording of the split {use}; name another")
     return found
 
 

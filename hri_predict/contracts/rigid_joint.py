@@ -44,7 +44,7 @@ class RigidJoint(Settings):
         return RigidJoint(at=names[self.at], left=left, up=up, offset_m=self.offset_m)
 
     def place(self, positions: Floats, names: tuple[str, ...]) -> tuple[Floats, Bools]:
-        """The joint's places.
+        """Return the joint's positions.
 
         Args:
             positions: (..., J_source, 3) metres, right-handed, in any frame; those of its sources

@@ -82,7 +82,7 @@ def open_recording(
             recording = _read(chosen, path, wanted)
             # only now: a damaged file is to be said first
             if topic is not None and chosen.read is not read_bag:
-                raise RecordingError(f"recording {path}: has no topics; leave --topic out")
+                raise RecordingError(f"recording {path}: no topics; leave --topic out")
             if rate_hz is not None and not chosen.may_lack_times:
                 raise RecordingError(f"recording {path}: has times of its own; leave --fps out")
         except RecordingError as error:

@@ -62,7 +62,7 @@ def protective_distance(
     Args:
         speed_m_s: v_r.
         reaction_s: T_r, from the capture until the robot begins to brake.
-        stopping_s: T_s, from then until it stands.
+        stopping_s: T_s, from then until it stops.
         stopping_m: S_s, its travel in T_s.
         intrusion_m: C.
         person_uncertainty_m: Z_d.
@@ -162,7 +162,7 @@ def directed_limit(
 
     Args:
         levels_m_s: (L,) ascending.
-        distance_m: (L,) smallest distance at each speed until the robot stands.
+        distance_m: (L,) smallest distance at each speed until the robot stops.
         needed_m: the smallest distance that is clear.
         any_way_m_s: permitted in any direction; speeds up to it need no check.
     """

@@ -176,7 +176,7 @@ class StoppingRow(Settings):
         ge=0, le=MAX_PAYLOAD_KG, description="heaviest load that it holds for"
     )
     time_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
-        description="until it stands, for each speed"
+        description="until it stops, for each speed"
     )
     distance_m: Annotated[list[Stopping], Field(min_length=1)] = Field(
         description="way of the fastest point meanwhile, for each speed"

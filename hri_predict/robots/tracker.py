@@ -211,7 +211,7 @@ class RobotTracker:
         link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
         ``uncertainty_m`` bounds the effect of a change of speed since then.
 
-        A robot that stands or follows a trajectory is unknown where a RobotState says otherwise.
+        A robot configured as at rest or on a trajectory is unknown where a RobotState disagrees.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):

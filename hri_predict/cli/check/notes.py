@@ -115,9 +115,9 @@ def still_note(robots: Sequence[RobotSettings], mode: str) -> list[str]:
     if not believed:
         return []
     return [
-        f"{', '.join(believed)}: a RobotState that freezes while the robot stands is not noticed "
-        "when the robot moves on; motion.still_s notices it, and also stops a robot that waits "
-        "for longer while people are within its reach"
+        f"{', '.join(believed)}: a RobotState that freezes while the robot is at rest is not "
+        "noticed when the robot moves on; motion.still_s notices it, and also stops a robot that "
+        "waits for longer while people are within its reach"
     ]
 
 

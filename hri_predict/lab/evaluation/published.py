@@ -1,4 +1,4 @@
-"""Numbers printed in papers, as data: method, paper, table, protocol (``published.yaml``)."""
+"""Numbers published in papers, as data: method, paper, table, protocol (``published.yaml``)."""
 
 from functools import cache
 from pathlib import Path
@@ -16,11 +16,11 @@ ErrorKind = Literal["mpjpe", "euler"]
 
 
 class Published(Settings):
-    """A method's printed errors under one protocol on the CMU benchmark.
+    """A method's published errors under one protocol on the CMU benchmark.
 
     Attributes:
         columns: future frames of the errors, from 0.
-        errors: by action, the error at each column; ``None`` where it is not printed.
+        errors: by action, the error at each column; ``None`` where it is not published.
     """
 
     method: str
@@ -42,7 +42,7 @@ class Published(Settings):
         return self
 
     def at(self, action: str, frame: int) -> float | None:
-        """The printed error at a future frame, or ``None``."""
+        """The published error at a future frame, or ``None``."""
         if action not in self.errors or frame not in self.columns:
             return None
         return self.errors[action][self.columns.index(frame)]
@@ -54,7 +54,7 @@ class _File(Settings):
 
 @cache
 def published() -> tuple[Published, ...]:
-    """All printed numbers."""
+    """All published numbers."""
     text = _FILE.read_text(encoding="utf-8")
     return tuple(validated(_File, {"published": load_yaml(text)}, str(_FILE)).published)
 

@@ -378,10 +378,10 @@ def _needs_our_frames(part: LinkPart) -> None:
     """Skip a check of what only this node's own frames can do.
 
     Raises:
-        Skipped: the link speaks a protocol of others.
+        Skipped: the link speaks a third-party protocol.
     """
     if isinstance(part.cls, Unprotected):
-        raise Skipped("it speaks a protocol of others, without CRC and counters of this node")
+        raise Skipped("it speaks a third-party protocol, without CRC and counters of this node")
 
 
 def _refused(counters: LinkCounters | ReceiveCounters) -> int:

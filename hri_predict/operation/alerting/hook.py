@@ -15,7 +15,7 @@ from hri_predict.operation.alerting.text import one_line
 log = logging.getLogger(__name__)
 
 TELL_EVERY_S = 60.0
-"""Least time between two lines of one hook in the log."""
+"""Minimum time between two lines of one hook in the log."""
 
 
 class Hook:

@@ -326,7 +326,7 @@ class Evidence(Items):
 
 
 def _plain(robot: str) -> str:
-    """A robot's name as it stands in names of files."""
+    """A robot's name as used in file names."""
     return re.sub(r"[^A-Za-z0-9_-]", "_", robot)
 
 

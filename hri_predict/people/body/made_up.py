@@ -56,7 +56,7 @@ TURNING_M = 0.02
 """By this a joint's step may differ from the one before it: a foot at 18 m/s2 at 30 Hz. A quarter
 of the joints may do more."""
 COASTED_M = 0.1
-"""Least way in ``COAST_S`` of a body that glides."""
+"""Minimum way in ``COAST_S`` of a body that glides."""
 EVEN = 3.5
 """Ratio of peak to average speed: a body that glides stays below it, one that jumps does not."""
 LINEAR_S, LINEAR_M = 1.0, 0.6

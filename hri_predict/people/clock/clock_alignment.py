@@ -25,7 +25,7 @@ must be distinguished:
   ``SPIKE_CONFIRMATIONS`` scenes within ``SPIKE_WITHIN_NS``.
 
 Backward steps of a clock that are smaller than the limit count as delay, and so does a clock that
-stands still while its source sleeps. All errors make the age larger, never smaller, but for these:
+stands still while its source sleeps. All errors make the age larger, never smaller, except these:
 
 - A delay that exists since the first scene, or since the scene of a jump, counts as offset. No
   one-way alignment can detect it. A delay of the scene before a jump is carried across it, for

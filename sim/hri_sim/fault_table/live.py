@@ -1,6 +1,6 @@
 """Faults of live senders, in real time, over the real sockets of every kind of live source.
 
-A node runs with the source under test and a robot that stands; a person stands near it. Once the
+A node runs with the source under test and a robot at rest; a person stands near it. Once the
 node has been running for a second, the fault begins, at the sender or on the wire.
 """
 

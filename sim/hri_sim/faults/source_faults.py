@@ -184,7 +184,7 @@ class Occlude(FaultSettings):
         [], description="that hide people: [x, y, x, y, height], m"
     )
     rename: float = Field(
-        0.0, ge=0, le=1, description="chance that who is found again has another id"
+        0.0, ge=0, le=1, description="chance that a person found again has another id"
     )
 
 

@@ -36,7 +36,7 @@ def main(
     piece: Annotated[int, typer.Option(help="Send in pieces of this many bytes.")] = 0,
     frozen: Annotated[bool, typer.Option(help="The time stamp stands still.")] = False,
 ) -> None:
-    """Serve RTDE until it is ended."""
+    """Serve RTDE until interrupted."""
     behaviour = Behaviour(
         refuse_version=refuse_version,
         lacks=frozenset(lacks or ()),

@@ -23,7 +23,7 @@ from hri_predict.base.files import read_yaml
 from hri_predict.base.settings import validated
 
 MAX_CANDIDATES = 200
-"""Number of people of a picture that are searched for duplicates: the surest ones."""
+"""Number of people of a picture that are searched for duplicates: the most confident ones."""
 
 
 class DescribedNetwork:

@@ -50,7 +50,7 @@ from hri_predict.protocol.robot_state import MAX_JOINTS
 
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 120
-"""Most bytes of Ethernet, IPv6, TCP and Modbus around the registers of one reply."""
+"""Maximum bytes of Ethernet, IPv6, TCP and Modbus around the registers of one reply."""
 _ACK_AT = offset_of(WRITTEN, "ACK_LATCH_ID")
 _MODES = frozenset(RobotMode)
 _REQUESTS = frozenset(OperatingMode)

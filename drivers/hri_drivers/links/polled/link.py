@@ -22,9 +22,9 @@ from hri_predict.robots.settings import RobotSettings, StateMotion
 
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 300
-"""Most bytes of Ethernet, IPv6, TCP and the protocol around a request and its reply."""
+"""Maximum bytes of Ethernet, IPv6, TCP and the protocol around a request and its reply."""
 VALUE_BYTES = 80
-"""Most bytes of one value, of its address in the request as well."""
+"""Maximum bytes of one value and of its address in the request."""
 
 
 def reading_s(values: int) -> float:

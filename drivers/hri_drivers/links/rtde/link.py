@@ -33,7 +33,7 @@ WRITE_NS = 8_000_000
 """The registers are written again after this time, one cycle at 125 Hz, if no Advice comes."""
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 120
-"""Most bytes of Ethernet, IPv6 and TCP around a packet."""
+"""Maximum bytes of Ethernet, IPv6 and TCP around a packet."""
 UNPROTECTED = (
     "RTDE has neither CRC nor counter of this node's: not protected end to end, and the speed "
     "slider is not a safety function; the robot's program must stop when the watchdog register "

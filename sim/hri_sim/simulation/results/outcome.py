@@ -189,7 +189,7 @@ def _count_stops(
 
 @dataclass(kw_only=True)
 class Prediction:
-    """Touch within a second, predicted and true (CHICO's question); counts of instants."""
+    """Number of instants by predicted and true touch within the next second (as in CHICO)."""
 
     index: int
     motion: str

@@ -104,7 +104,7 @@ def test_a_part_that_cannot_be_built_is_one_line(monkeypatch, error):
         ("link:serial", {}, "give 'port'"),
         ("kalman", {"change": ["rate_hz"]}, "write it as key=value"),
         ("kalman", {"change": ["rate=3"]}, "unknown key"),
-        ("predictor:kalman", {"config": data_path("demo.yaml")}, "has no predictor kalman"),
+        ("predictor:kalman", {"config": data_path("demo.yaml")}, ": no predictor kalman"),
     ],
 )
 def test_a_mistake_is_one_line(part, more, words):
