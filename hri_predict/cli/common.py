@@ -351,7 +351,7 @@ def tell(files: Sequence[Path]) -> None:
 
 
 def warn(line: str) -> None:
-    """Print a note for the user on standard error, and go on."""
+    """Print a note for the user on standard error, and continue."""
     print(f"warning: {line}", file=sys.stderr)
 
 

@@ -1,4 +1,4 @@
-"""Episodes: from where a robot was slowed or stopped until it might go on as before."""
+"""Episodes: from where a robot was slowed or stopped until it might continue as before."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field

@@ -68,7 +68,7 @@ def open_recording(
     ending = path.suffix.lower()
     try:
         if path.stat().st_size == 0:
-            raise RecordingError(f"recording {path}: is empty (0 bytes); copy it again")
+            raise RecordingError(f"recording {path}: empty (0 bytes); copy it again")
         if ending not in ENDINGS:
             raise RecordingError(f"recording {path}: {_unknown(path, ending)}")
         try:

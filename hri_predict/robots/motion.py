@@ -1,4 +1,4 @@
-"""Motion of a robot now, and as it would go on and stop: along its plan, or straight on."""
+"""Motion of a robot now, and as it would continue and stop: along its plan, or straight on."""
 
 from dataclasses import dataclass
 

@@ -65,7 +65,7 @@ class NodeSettings(Settings):
         None,
         ge=10,
         le=MAX_TICKS_HZ,
-        description="with ticks: capture, most cycles per second; default: 100",
+        description="with ticks: capture, maximum cycles per second; default: 100",
     )
     source: dict[str, Any] = Field(
         description="source of scenes: a tracker, a recording or simulated people"
@@ -107,7 +107,7 @@ class NodeSettings(Settings):
         None, description="the report of hri-predict commission, with which check compares"
     )
     log: LogSettings = Field(
-        LogSettings(), description="format, least severity and rate of the log's lines"
+        LogSettings(), description="format, minimum severity and rate of the log's lines"
     )
     metrics: MetricsSettings | None = Field(
         None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"

@@ -291,7 +291,7 @@ class SpeedRule:
         return found
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
-        """Return the maximum speeds at which lost people go on.
+        """Return the maximum speeds at which lost people move on.
 
         Args:
             speeds_m_s: (L,) of their bodies.

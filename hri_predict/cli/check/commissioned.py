@@ -56,7 +56,7 @@ def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
     if wrong:
         return [f"{head}; NOT THIS CELL ANY MORE: commission it again ({AGAIN})", *wrong]
     if facts["outcome"] == "failed":
-        head = f"{head}; NOT FIT TO BE SWITCHED ON: correct what failed, and go on ({AGAIN})"
+        head = f"{head}; NOT FIT TO BE SWITCHED ON: correct what failed, and continue ({AGAIN})"
         return [head, *(f"  {note}" for note in facts["notes"])]
     return [f"{head}; the cell is as it was", *(f"  {note}" for note in facts["notes"])]
 

@@ -46,7 +46,7 @@ def _assumed(link: LinkSettings) -> list[str]:
 
 
 def _too_short(link: LinkSettings, cycle_s: float) -> list[str]:
-    """Return a note if the controller hears too seldom for its time-out."""
+    """Return a note if the controller receives too seldom for its time-out."""
     interval_s = min(link.repeat_s, cycle_s)
     lost = lost_without_silence(link.silence_timeout_s, interval_s)
     if lost >= LOST_MESSAGES:

@@ -113,7 +113,7 @@ class Hook:
         error: Exception | None = None
         try:
             self._sender.send(entry.alert, entry.more_changes)
-        except Exception as failure:  # whatever a library raises, the thread goes on
+        except Exception as failure:  # whatever a library raises, the thread continues
             error = failure
         with self._changed:
             self._under_way = False

@@ -1,6 +1,6 @@
 """Recognises bodies that a tracker makes up: it froze, coasts, repeats, or knows no place.
 
-A tracker that lost a person may go on sending one: the last skeleton with fresh noise, the last
+A tracker that lost a person may continue sending one: the last skeleton with fresh noise, the last
 motion carried on, the last second again. What gives it away is what no body does:
 
 - *frozen*: all joints stop from one capture to the next, in the middle of a step. Bodies slow down.
@@ -31,7 +31,7 @@ from hri_predict.people.track import Body
 CAPTURES = 130
 """Captures kept for each person: two of the longest loops."""
 LONGEST_LOOP = 62
-"""Captures in the longest loop with noise; bit for bit, ``Track.fingerprints`` finds all."""
+"""Captures in the longest noisy loop; ``Track.fingerprints`` finds bit-identical ones."""
 FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
 """Times for which limbs must have moved since the newest sign; after a loop, since its jump."""

@@ -29,7 +29,7 @@ stands still while its source sleeps. All errors make the age larger, never smal
 
 - A delay that exists since the first scene, or since the scene of a jump, counts as offset. No
   one-way alignment can detect it. A delay of the scene before a jump is carried across it, for
-  good: whether it goes on looks the same on the new clock.
+  good: whether it continues looks the same on the new clock.
 - A delay that grows no faster than the clock may drift: from the first half hour on by
   ``MAX_WANDER``, and by ``wander_ns`` in all; before, by ``MAX_DRIFT`` at most.
 """

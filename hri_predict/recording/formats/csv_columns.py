@@ -82,7 +82,7 @@ class Columns:
 def rows_of(text: str) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """The delimiter of a table, and its rows with the numbers of their lines, the header first.
 
-    Lines of comments (#), empty ones, and the line ``sep=;`` of spreadsheets are passed over.
+    Lines of comments (#), empty ones, and the line ``sep=;`` of spreadsheets are skipped.
     """
     start, stated = 0, ""
     for line in io.StringIO(text):

@@ -263,7 +263,7 @@ def _receding(
     *,
     human_m_s: float,
 ) -> Finding:
-    """The same, where the robot recedes from all people while it goes on and stops."""
+    """The same, where the robot recedes from all people while it continues and stops."""
     is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
     if is_free or not motion.is_foreseen or not motion.is_one_path:
         return found

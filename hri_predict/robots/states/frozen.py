@@ -1,4 +1,4 @@
-"""Whether a controller repeats an old place of its robot under counters that go on.
+"""Whether a controller repeats an old place of its robot under counters that continue.
 
 A counter and a CRC prove that a message is new, not that its content is. Two kinds of content
 cannot be new:

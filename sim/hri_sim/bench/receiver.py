@@ -139,7 +139,7 @@ EARS: dict[str, Callable[[], Ear]] = {
 
 
 class Heard:
-    """When which message came."""
+    """When which message arrived."""
 
     def __init__(self, receiver: Any) -> None:
         self._receiver = receiver

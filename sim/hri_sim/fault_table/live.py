@@ -42,7 +42,7 @@ class LiveCase:
     """One fault of a sender; see ``fault_table.Case``.
 
     Attributes:
-        kind: ``unplugged`` (the sender goes on, nothing arrives), ``restarted`` (its program ends
+        kind: ``unplugged`` (the sender continues, nothing arrives), ``restarted`` (its program ends
             and starts again after the fault), ``delayed``, ``flooded`` (more scenes per second),
             ``corrupted`` (wrong bits), ``clock`` (wrong stamps).
         amount: seconds of delay, factor of the rate, error probability of a bit, or seconds of the

@@ -115,7 +115,7 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
     assert "cannot be written: File name too long" in mistake("two.csv", f"{'a' * 300}.csv")
     assert "cannot be written" in mistake("two.csv", "two.csv/three.csv")
     os.mkfifo("pipe.csv")
-    assert "cannot be written: is not a file" in mistake("two.csv", "pipe.csv", "--force")
+    assert "cannot be written: not a file" in mistake("two.csv", "pipe.csv", "--force")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
     assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")

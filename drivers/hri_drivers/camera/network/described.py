@@ -66,7 +66,7 @@ class DescribedNetwork:
         """See ``Finder``.
 
         Raises:
-            ConfigError: the outputs have another form than the description says.
+            ConfigError: the outputs are not shaped as described.
         """
         square = whole(pixels)
         places, scores, sure, worlds = self._outputs(square.crop(pixels, self._side))

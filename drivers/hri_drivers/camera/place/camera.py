@@ -146,8 +146,8 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
 class CameraFile(Settings):
     """``camera.yaml``, as ``hri-predict camera-calibration`` writes it."""
 
-    width: int = Field(ge=16, le=16384, description="of the pictures, pixels")
-    height: int = Field(ge=16, le=16384, description="of the pictures, pixels")
+    width: int = Field(ge=16, le=16384, description="size of the pictures, pixels")
+    height: int = Field(ge=16, le=16384, description="size of the pictures, pixels")
     focal: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
         description="focal length, horizontal and vertical, pixels"
     )

@@ -1,6 +1,6 @@
 """Common part of links that poll a robot's state; a protocol brings its transport and settings.
 
-Nothing goes out on such a link: the robot hears the advice on another one.
+Nothing goes out on such a link: the robot receives the advice on another one.
 """
 
 import struct

@@ -61,7 +61,7 @@ _BELOW_SHOULDERS = ",".join(
 )
 
 _FAR = _stands([4.0, -2.5], 2, enter_s=0.0, seconds=60.0)
-"""A person who is seen all the while, so that scenes go on."""
+"""A person who is seen all the while, so that scenes continue."""
 
 
 def _untracked(name: str, faults: tuple[str, ...], says: Reason, **settings: Any) -> Incident:
@@ -121,7 +121,7 @@ LOST_PEOPLE = (
         settings={"source": {"keeps_ids": False}},
         says=(),
     ),
-    _id_moves("a colleague gets the id while no scene comes", 6.5, "drop@5+1.5"),
+    _id_moves("a colleague gets the id while no scene arrives", 6.5, "drop@5+1.5"),
     _id_moves(
         "only head and shoulders seen, then a colleague has the id",
         5.0,

@@ -62,8 +62,8 @@ def test_a_source_that_heard_nobody_is_not_told_to_keep_its_contract(capsys):
     last = capsys.readouterr().out.splitlines()[-1]
     assert "keeps its contract" not in last
     assert last == (
-        "source udp: no check failed, but 4 of 12 checks were skipped: no scene came; send to it "
-        "meanwhile, and check again"
+        "source udp: no check failed, but 4 of 12 checks were skipped: no scene arrived; send to "
+        "it meanwhile, and check again"
     )
 
 
