@@ -20,7 +20,7 @@ from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Scene
 
 ARRIVAL_JITTER_S = 0.01
-"""Time by which a capture may come later than its period and the least latency."""
+"""Time by which a capture may come later than its period and the minimum latency."""
 
 
 class SourceSettings(Settings):

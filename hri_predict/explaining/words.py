@@ -108,9 +108,9 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
             "slowest speed (risk.min_speed_m_s), and to be released risk.band_m in addition."
         )
     yield "From any part of a body to any part of the robot:"
-    yield _row("least distance then", found["nearest_m"])
+    yield _row("minimum distance then", found["nearest_m"])
     if found["predicted_separation_m"] is not None:
-        meant = "least distance of where bodies may be, until it stops"
+        meant = "minimum distance of where bodies may be, until it stops"
         yield _row(meant, found["predicted_separation_m"])
     yield from _standard(found)
 

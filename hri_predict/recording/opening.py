@@ -50,7 +50,7 @@ def open_recording(
         rate_hz: frames per second of a file without times.
         any_joints: read it even if the joints' names give no canonical joint.
         joint_map: the user's own map, instead of the one that the names give.
-        topic: topic of the people in a ROS bag; default: the only one that there is.
+        topic: topic of the people in a ROS bag; default: the only one.
         frame: frame in which they are wanted; default: the topmost one above theirs.
 
     Raises:

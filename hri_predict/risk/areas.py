@@ -177,7 +177,7 @@ def approach_m(time_s: Floats) -> Floats:
 
 
 def check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:
-    """Refuse two zones of one name, and robots that there are not.
+    """Refuse two zones of one name, and robots that do not exist.
 
     Raises:
         ConfigError: one line with the remedy.

@@ -90,7 +90,7 @@ def travel_m(
     stopping_s: Floats | float,
     stopping_m: Floats | float,
 ) -> Floats:
-    """The longest way of the robot's fastest point by ``times_s``, metres.
+    """Maximum travel of the robot's fastest point by ``times_s``, metres.
 
     It keeps its speed for ``reaction_s``, then decelerates uniformly over T_s along S_s (or along
     v T_s / 2, if that is longer). Arguments broadcast.

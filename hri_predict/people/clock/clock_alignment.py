@@ -134,7 +134,7 @@ class ClockAlignment:
 
     Args:
         period_ns: the source's nominal time between captures.
-        min_latency_ns: least time from capture to receipt.
+        min_latency_ns: minimum time from capture to receipt.
         jump_limit_ns: greatest deviation of a stamp; default: the longer of 0.1 s and 3 periods.
         wander_ns: greatest rise of the offset beyond the clock's steady drift.
 

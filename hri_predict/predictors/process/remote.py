@@ -235,7 +235,7 @@ class Worker:
         except OSError as error:
             raise WorkerEndedError(
                 f"predictor '{self._job.settings.name}': its own process ended before it was ready "
-                f"({error.strerror}); see what it printed above, see that there is memory enough, "
+                f"({error.strerror}); see what it printed above, check that enough memory is free, "
                 f"or set predictor.process to false"
             ) from error
         finally:

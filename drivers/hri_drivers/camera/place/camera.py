@@ -93,7 +93,7 @@ class Camera:
         """Return the camera for pictures of this size, of the same shape.
 
         Raises:
-            ConfigError: pictures of another shape are cut by a way that is not known.
+            ConfigError: pictures of another shape are cropped in an unknown way.
         """
         scale = width / self.size[0]
         if abs(height - scale * self.size[1]) > 1.0:

@@ -1,4 +1,4 @@
-"""``source:`` of ``kind: ros2``; without ROS 2."""
+"""``source:`` of ``kind: ros2``; can be imported without ROS 2."""
 
 from typing import Annotated, ClassVar, Literal, Self
 

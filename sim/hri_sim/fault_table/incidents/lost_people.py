@@ -276,7 +276,7 @@ _LEGS = ",".join(name for name in JOINTS if name[2:] in ("knee", "ankle", "foot"
 
 
 def _and_back(start: list[float], to: list[float], speed_m_s: float = 1.2) -> dict[str, Any]:
-    """Walks somewhere, and at once back to the robot, to reach into its way."""
+    """Walks somewhere, and at once back to the robot, to reach into its path."""
     return person(
         start,
         walk(to, speed_m_s=speed_m_s),
