@@ -144,7 +144,7 @@ def test_the_source_conforms_while_somebody_sends(place):
     try:
         said = place.said("conformance source")
         assert "source camera: keeps its contract" in said
-        assert "no scene came" not in said
+        assert "no scene arrived" not in said
     finally:
         sender.kill()
         sender.communicate()

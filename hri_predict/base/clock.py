@@ -45,7 +45,7 @@ class MonotonicClock:
 
 
 class VirtualClock:
-    """A clock that stands still until the program moves it."""
+    """A clock that only the program advances."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns

@@ -47,7 +47,7 @@ class LinkError(HriPredictError):
 
 
 class MachineError(HriPredictError):
-    """The machine did something that no running node can go on after."""
+    """The machine did something that no running node can continue after."""
 
 
 class DiscoveryError(HriPredictError):

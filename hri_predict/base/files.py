@@ -92,10 +92,10 @@ def atomic_file(path: Path) -> Iterator[Path]:
             an existing file stays as it was.
     """
     if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "is not a file", str(path))
+        raise OSError(errno.EINVAL, "not a file", str(path))
     partial = path.with_name(path.name + ".partial")
     if partial.is_symlink() or (partial.exists() and not partial.is_file()):
-        raise OSError(errno.EINVAL, "is not a file", str(partial))
+        raise OSError(errno.EINVAL, "not a file", str(partial))
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         yield partial

@@ -52,6 +52,6 @@ LOOKS = {
     "FAULT": Look("#5a1e87", "#7a2fb0", _WHITE, _SQUARE, "×", "FAULT", "white on red"),
     "GONE": Look("#808080", "#777", _WHITE, _SQUARE, "–", "NO CONTACT", "magenta"),
 }
-"""By name of the level. GONE is not a level of advice: no messages come, so none is known."""
+"""By name of the level. GONE is not a level of advice: no messages arrive, so none is known."""
 
 LEVEL_COLOURS = {name: look.colour for name, look in LOOKS.items() if name != "GONE"}

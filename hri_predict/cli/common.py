@@ -215,7 +215,7 @@ def _below(entry: Path, pack: Path, use: str) -> list[Path]:
     found = [pack / f"{name}.npz" for name in split(use)]
     found = [path for path in found if entry.resolve() in path.parents]
     if not found:
-        raise ConfigError(f"--data {entry}: has no recording of the split {use}; name another")
+        raise ConfigError(f"--data {entry}: no recording of the split {use}; name another")
     return found
 
 
@@ -357,7 +357,7 @@ def tell(files: Sequence[Path]) -> None:
 
 
 def warn(line: str) -> None:
-    """Print a note for the user on standard error, and go on."""
+    """Print a note for the user on standard error, and continue."""
     print(f"warning: {line}", file=sys.stderr)
 
 

@@ -33,7 +33,7 @@ def evidence(
     Exit status 1: a line or a file was changed or is missing.
     """
     if not chain.exists(folder):
-        raise ConfigError(f"{folder}: has no {chain.LOG}; name the folder of evidence.folder")
+        raise ConfigError(f"{folder}: no {chain.LOG}; name the folder of evidence.folder")
     lines = list(chain.read(folder))
     wrong = [f"{line.log}, line {line.number}: {_text(line.wrong)}" for line in lines if line.wrong]
     hashes = [str(line.data.get("hash")) for line in lines if not line.wrong]

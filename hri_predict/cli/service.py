@@ -91,7 +91,7 @@ def unit_command(program: str) -> str:
 
 
 def instance(cell: str) -> str:
-    """The name of a cell after ``hri-predict@``: as ``systemd-escape`` writes it, but for ``-``."""
+    """Cell name after ``hri-predict@``: as ``systemd-escape`` writes it, except for ``-``."""
     return "".join(
         c if c in _PLAIN and c != "/" else "".join(f"\\x{byte:02x}" for byte in os.fsencode(c))
         for c in cell

@@ -19,7 +19,7 @@ from hri_predict.protocol.messages import Level
 SAME_M = 0.002
 """Differences of distances below this come from processors that round otherwise, metres."""
 SAME_M_S = 0.002
-"""The same of speeds, m/s."""
+"""Differences of speeds below this come from the same, m/s."""
 
 
 @dataclass(slots=True)

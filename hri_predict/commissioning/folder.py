@@ -1,4 +1,4 @@
-"""The folder of a validation: its state, so that it can go on another day, and the report."""
+"""The folder of a validation: its state, so that it can continue another day, and the report."""
 
 import json
 import os

@@ -1,7 +1,7 @@
 """The stopping test: robots are stopped at stated speeds, and measured by their own RobotState.
 
 The node runs as always, in an empty cell. At each stated speed the test takes the permission away
-(see ``governed_link``) and follows the robot's fastest point until it stands. The delay budget and
+(see ``governed_link``) and follows the robot's fastest point until it stops. The delay budget and
 the stopping table together say how long and how far that may take.
 """
 

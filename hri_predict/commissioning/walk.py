@@ -27,8 +27,8 @@ MOST_UNKNOWN = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkPlan:
-    """Plan of a walk: seconds, side of a cell (m), least coverage (share), where no person can
-    stand.
+    """Plan of a walk: duration in seconds, side of a grid cell in metres, minimum coverage as a
+    share, and polygons where no person can stand.
 
     ``shadow``: links say *unknown*, so that no robot moves. ``virtual``: with simulated people and
     controllers, as fast as possible.

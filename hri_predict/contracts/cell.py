@@ -193,7 +193,7 @@ class SourceFaults(Protocol):
     def kinds(self) -> Mapping[str, type[Settings]]: ...  # noqa: D102
 
     def __call__(self, inner: Source, faults: Sequence[dict[str, Any]], /, seed: int) -> Source:
-        """Return ``inner`` with ``faults`` as they stand in the configuration.
+        """Return ``inner`` with the ``faults`` of the configuration.
 
         Raises:
             ConfigError: a fault of unknown kind or with a wrong key.
@@ -215,7 +215,7 @@ class LinkFaults(Protocol):
     def __call__(
         self, *, inner: Transport[Any], faults: Sequence[dict[str, Any]], clock: Clock, seed: int
     ) -> Transport[Any]:
-        """Return ``inner`` with ``faults`` as they stand in the configuration.
+        """Return ``inner`` with the ``faults`` of the configuration.
 
         Raises:
             ConfigError: a fault of unknown kind or with a wrong key.

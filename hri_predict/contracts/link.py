@@ -43,13 +43,13 @@ class LinkSettings(Settings):
         0.005,
         ge=MIN_DELAY_S,
         le=1,
-        description="one-way delay of the link at worst, its wire being free",
+        description="worst-case one-way delay of the link while its wire is free",
     )
     silence_timeout_s: float = Field(
         0.06,
         ge=MIN_SILENCE_S,
         le=2,
-        description="after how much silence the controller stops by itself",
+        description="silence after which the controller stops by itself",
     )
     repeat_hz: float | None = Field(
         None,
@@ -62,10 +62,10 @@ class LinkSettings(Settings):
         0.02,
         ge=MIN_REACTION_S,
         le=2,
-        description="from a frame's receipt until the controller begins to brake",
+        description="time from a frame's receipt until the controller begins to brake",
     )
     reserved_load: float = Field(
-        0.3, ge=0, lt=1, description="fraction of the wire kept free for others"
+        0.3, ge=0, lt=1, description="fraction of the bandwidth kept free for other traffic"
     )
     zones: bool = Field(True, description="whether Zone and Pose are sent on it")
     simulate: dict[str, Any] | None = Field(

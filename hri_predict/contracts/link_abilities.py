@@ -20,7 +20,7 @@ class OfRobots(Protocol):
 
 @runtime_checkable
 class Unprotected(Protocol):
-    """A kind of link that speaks a protocol of others, which lacks this node's CRC and counters.
+    """A kind of link that speaks a third-party protocol, which lacks this node's CRC and counters.
 
     What it writes is not our messages, so no receiver of ours decodes it.
 

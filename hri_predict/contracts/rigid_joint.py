@@ -20,9 +20,9 @@ Offset = Annotated[float, Field(ge=-1.0, le=1.0)]
 class RigidJoint(Settings):
     """A place on a rigid body of source joints."""
 
-    at: str = Field(description="source joint from which the offset counts")
-    left: Pair = Field(description="two source joints; from the first to the second is left")
-    up: Pair = Field(description="two source joints; from the first to the second is about up")
+    at: str = Field(description="source joint from which the offset is measured")
+    left: Pair = Field(description="two source joints; the second is to the left of the first")
+    up: Pair = Field(description="two source joints; the second is roughly above the first")
     offset_m: Annotated[list[Offset], Field(min_length=3, max_length=3)] = Field(
         description="metres forward, left and up of the body's own axes"
     )
@@ -44,7 +44,7 @@ class RigidJoint(Settings):
         return RigidJoint(at=names[self.at], left=left, up=up, offset_m=self.offset_m)
 
     def place(self, positions: Floats, names: tuple[str, ...]) -> tuple[Floats, Bools]:
-        """The joint's places.
+        """Return the joint's positions.
 
         Args:
             positions: (..., J_source, 3) metres, right-handed, in any frame; those of its sources

@@ -20,7 +20,7 @@ from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Scene
 
 ARRIVAL_JITTER_S = 0.01
-"""Time by which a capture may come later than its period and the least latency."""
+"""Time by which a capture may come later than its period and the minimum latency."""
 
 
 class SourceSettings(Settings):
@@ -32,7 +32,7 @@ class SourceSettings(Settings):
         0.0,
         ge=0,
         le=2,
-        description="least delay from capture to arrival, which the node cannot measure",
+        description="minimum delay from capture to arrival, which the node cannot measure",
     )
     clock_wander_s: float = Field(
         0.1,
@@ -45,7 +45,7 @@ class SourceSettings(Settings):
     even_captures: bool = Field(
         True,
         description="captures come at an even rate: stamps that scatter about it count as late, by "
-        "up to 40 ms; false where captures come unevenly and their stamps are right",
+        "up to 40 ms; false where captures arrive unevenly and their stamps are right",
     )
     stale_s: float | None = Field(
         None,
@@ -109,7 +109,7 @@ class SourceSettings(Settings):
     def default_stale_s(self, rate_hz: float) -> float:
         """``stale_after_s`` unless it is set.
 
-        A capture that is lost leaves the one before it in use for two periods, and its latency.
+        After a lost capture the previous one stays in use for two periods plus its latency.
         """
         return min(self.min_latency_s + 2.0 / rate_hz + ARRIVAL_JITTER_S, 3.0 / rate_hz + 0.02)
 

@@ -31,7 +31,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class LinkNow:
-    """A link at a moment: ``connected`` is ``None`` if that is not recorded."""
+    """A link at one instant: ``connected`` is ``None`` if that is not recorded."""
 
     name: str
     connected: bool | None
@@ -76,7 +76,7 @@ def _is_start(window: TimeWindow) -> bool:
 
 
 def links_at(window: TimeWindow, utc_ns: int) -> list[LinkNow]:
-    """The links, as the first message of /node after a moment says; else the last before."""
+    """Return the links in the first message of /node from ``utc_ns`` on, or else the last one."""
     after = [told for told in window.node if told.utc_ns >= utc_ns]
     told = after[0] if after else window.node[-1] if window.node else None
     if told is None:

@@ -1,4 +1,4 @@
-"""Episodes: from where a robot was slowed or stopped until it might go on as before."""
+"""Episodes: from where a robot was slowed or stopped until it might continue as before."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -46,7 +46,7 @@ class Phase:
 class Episode:
     """Attributes: ``end_ns`` and ``after`` are ``None`` if it lasts to the end of what was read.
 
-    ``before`` and ``after`` are the levels around it; ``least_m`` is the least separation in it;
+    ``before`` and ``after`` are the levels around it; ``least_m`` is the minimum separation in it;
     ``permitted_m`` is how far the robot might have gone, by its speed limit, and
     ``limit_m_s`` the limit advised last.
     """

@@ -25,7 +25,7 @@ from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.protocol.messages import Level
 
 TERMS = {
-    "s_h": "S_h person's way until the robot stands",
+    "s_h": "S_h person's way until the robot stops",
     "s_r": "S_r robot's way before it brakes",
     "s_s": "S_s robot's way while it brakes",
     "c": "C   intrusion distance",

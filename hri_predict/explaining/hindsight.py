@@ -53,7 +53,7 @@ def error_at(
 def hindsight(
     window: TimeWindow, info: RecordingInfo, utc_ns: int, *, person: int | None, segment: str
 ) -> dict[str, Any] | None:
-    """The forecast of one person at a moment, and how wrong it came out; ``None``: none was made.
+    """Return one person's forecast at an instant and its errors; ``None``: none was made.
 
     Lengths are metres: of all observed joints (``mean_m``), and at worst of the deciding segment's
     two (``segment_m``).

@@ -119,7 +119,7 @@ def _released(about: Situation) -> str:
         limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
         waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
     else:
-        waited = "it waited for new captures to confirm that it may go on"
+        waited = "it waited for new captures to confirm that it may continue"
     given = about.window.advice[about.robot]
     causes = [t for t in given if t.utc_ns < about.advice.utc_ns and slows(t.data)]
     causes = [told for told in causes if not waits(told.data)]
@@ -260,7 +260,7 @@ def _pending(about: Situation) -> str:
     if about.advice.data.get("level") == "SLOW":
         waited = "it could move again, at first slowly: the speed limit rose step by step"
     else:
-        waited = "it waited for new captures to confirm that it may go on"
+        waited = "it waited for new captures to confirm that it may continue"
     return f"{waited}; before that: {_origin(about)}"
 
 

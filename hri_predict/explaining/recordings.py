@@ -70,8 +70,8 @@ class Recordings:
             return None
         if first is None:
             if path in named:
-                raise RecordingError(f"recording {path}: is empty or cut before its first message")
-            self._note(f"recording {path}: is empty or cut before its first message; left out")
+                raise RecordingError(f"recording {path}: empty or cut before its first message")
+            self._note(f"recording {path}: empty or cut before its first message; left out")
             return None
         return RecordedFile(path, info, first.utc_ns)
 

@@ -32,7 +32,7 @@ _PRESENT_NS = NS // 2
 def people_seen(
     window: TimeWindow, info: RecordingInfo, utc_ns: int, detail: str
 ) -> list[dict[str, Any]]:
-    """Each person at a moment.
+    """Return each person at one instant.
 
     Returns:
         ``id``; ``state``: tracked or lost; ``last_seen_s`` ago; ``age_s`` of the capture, where a

@@ -48,7 +48,7 @@ def asked(text: str, recordings: Recordings, flag: str = "--at") -> AskedTime:
     if _CLOCK.fullmatch(text):
         since, width_ns = _of_day(text, f"{flag} {text}")
         return AskedTime(_on_one_day(since, recordings, f"{flag} {text}"), width_ns)
-    raise ConfigError(f"{flag} {text}: is not a time; {_HINT}")
+    raise ConfigError(f"{flag} {text}: not a time; {_HINT}")
 
 
 def shown(utc_ns: int, recordings: Recordings, digits: int = 1) -> str:
@@ -78,7 +78,7 @@ def _of_day(text: str, where: str) -> tuple[int, int]:
     assert match is not None
     hours, minutes, seconds, decimals = match.groups()
     if int(hours) > 23 or int(minutes) > 59 or int(seconds or 0) > 59:
-        raise ConfigError(f"{where}: is not a time of day; {_HINT}")
+        raise ConfigError(f"{where}: not a time of day; {_HINT}")
     whole = (int(hours) * 60 + int(minutes)) * 60 + int(seconds or 0)
     part = round(float(f"0.{decimals}") * NS) if decimals else 0
     width_ns = 60 * NS if seconds is None else _width(decimals or "")
@@ -89,7 +89,7 @@ def _midnight(date: str, where: str) -> int:
     try:
         return round(datetime.fromisoformat(date).replace(tzinfo=UTC).timestamp()) * NS
     except (ValueError, OverflowError) as error:
-        raise ConfigError(f"{where}: is not a date; {_HINT}") from error
+        raise ConfigError(f"{where}: not a date; {_HINT}") from error
 
 
 def _zone(text: str | None) -> int:

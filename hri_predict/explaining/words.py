@@ -97,7 +97,7 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found["way"] == "zones" and found["needed_m"] is not None:
         kept = sum(found["terms_m"][term] or 0.0 for term in ("c", "z_d", "z_r"))
         yield _row(
-            "  of it, by which both may come nearer until it stands", found["needed_m"] - kept
+            "  of it, by which both may come nearer until it stops", found["needed_m"] - kept
         )
         yield _row("  of it, kept between them: C + Z_d + Z_r", kept)
     if short is not None:
@@ -108,9 +108,9 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
             "slowest speed (risk.min_speed_m_s), and to be released risk.band_m in addition."
         )
     yield "From any part of a body to any part of the robot:"
-    yield _row("least distance then", found["nearest_m"])
+    yield _row("minimum distance then", found["nearest_m"])
     if found["predicted_separation_m"] is not None:
-        meant = "least distance of where bodies may be, until it stands"
+        meant = "minimum distance of where bodies may be, until it stops"
         yield _row(meant, found["predicted_separation_m"])
     yield from _standard(found)
 

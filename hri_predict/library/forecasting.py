@@ -176,7 +176,7 @@ def forecasts(
             of 0.12 and 0.4 s ago were.
 
     Raises:
-        ConfigError: the calibration is for another number of steps a second.
+        ConfigError: the calibration is for a different number of steps a second.
         PredictorError: the predictor works on other joints than the node's, or breaks its contract.
     """
     people = _people(recording, predictor)

@@ -53,7 +53,7 @@ class _Line:
     """Acknowledges received on one link.
 
     Attributes:
-        heard_ns: when the newest Acknowledge came, repeats left out; at first, the node's start.
+        heard_ns: when the newest Acknowledge arrived, repeats left out; at first, the node's start.
         pressed_ns: when the newest press began: an Acknowledge after a pause.
         in_a_row: number of Acknowledges since then, not those that belong to the press.
         seen: (latch id, ack id) -> when it came first, of the newest.

@@ -54,7 +54,7 @@ class Publisher:
     def publish(
         self, tick: Tick, leaves_out: Callable[[type[Message]], bool] = lambda _: False
     ) -> list[Message]:
-        """Post to every link, but for kinds that are left out; return all messages, each once."""
+        """Post to every link, except kinds that are left out; return all messages, each once."""
         messages: list[Message] = [self._as_told(a) for a in tick.advices]
         messages.append(tick.status)
         if self._schema_due_ns is None or tick.now_ns >= self._schema_due_ns:

@@ -9,7 +9,7 @@ from hri_predict.robots.model import RobotModel
 from hri_predict.robots.tracker import RobotTracker
 
 SAY_NS = 10_000_000_000
-"""Least time between two lines about one robot."""
+"""Minimum time between two lines about one robot."""
 STUCK = 25
 """A counter that repeats this often in a row does not count."""
 _DEGREES = math.degrees(1.0)

@@ -6,7 +6,7 @@ from hri_predict.people.roster import Roster
 
 
 def join(roster: Roster, pairs: Iterable[tuple[int, int]], capture_ns: int) -> None:
-    """End the tracks of ids that are gone, whose person goes on under another id.
+    """End the tracks of ids that are gone, whose person continues under another id.
 
     That person is not lost: the body that is seen is theirs. It counts only where the other id is
     tracked in this very capture. A track of which it was not certain where its body is stays, and

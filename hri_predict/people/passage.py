@@ -25,9 +25,9 @@ class Side:
     named: bool
 
     def crossing(self, begin: Floats, end: Floats, error_m: float = 0.0) -> Floats | None:
-        """(2,) where the way from ``begin`` to ``end`` crosses this side outwards, if it does.
+        """(2,) where the path from ``begin`` to ``end`` crosses this side outwards, if it does.
 
-        A way that may be off by ``error_m`` must cross it at least that far from both ends.
+        A path that may be off by ``error_m`` must cross it at least that far from both ends.
         """
         before, after = float((begin - self.a) @ self.out), float((end - self.a) @ self.out)
         if not before <= 0.0 < after:
@@ -70,7 +70,7 @@ class Crossed:
 
 @dataclass(slots=True, eq=False)
 class Passage:
-    """State of a body's way through exits.
+    """Progress of a body's path through exits.
 
     Attributes:
         place: (2,) where it stood when its hips or feet were last seen.

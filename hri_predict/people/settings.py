@@ -62,7 +62,9 @@ def lies_on(line: Sequence[Sequence[float]], a: Sequence[float], b: Sequence[flo
 class PeopleSettings(Settings):
     """Settings for tracking people, losing them and finding them again."""
 
-    max_people: int = Field(16, ge=1, le=64, description="most people tracked at the same time")
+    max_people: int = Field(
+        16, ge=1, le=64, description="maximum number of people tracked at the same time"
+    )
     max_gap_s: float | None = Field(
         None,
         ge=0.005,
@@ -94,7 +96,7 @@ class PeopleSettings(Settings):
         1.6,
         ge=MIN_HUMAN_M_S,
         le=10,
-        description="least speed of a person who vanished; ISO 13855 walking speed",
+        description="minimum speed assumed for a person who vanished; ISO 13855 walking speed",
     )
     acknowledge_after_s: float = Field(
         3.0,
@@ -125,14 +127,20 @@ class PeopleSettings(Settings):
         3, ge=1, le=1000, description="number of consecutive repeats that mean a frozen source"
     )
     future_tolerance_s: float = Field(
-        0.02, ge=0, le=1, description="maximum time of a capture ahead of the node's clock"
+        0.02,
+        ge=0,
+        le=1,
+        description="maximum time by which a capture may be ahead of the node's clock",
     )
     floor_m: Metres = Field(0.0, description="height of the floor (room frame)")
     floor_tolerance_m: float = Field(
         0.3, ge=0.05, le=2, description="maximum apparent distance of a foot from the floor"
     )
     platform_m: float = Field(
-        1.0, ge=0, le=20, description="highest place above the floor where people stand"
+        1.0,
+        ge=0,
+        le=20,
+        description="height above the floor of the highest place where people stand",
     )
     floor_drift_m: float = Field(
         0.15,

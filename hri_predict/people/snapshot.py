@@ -21,7 +21,7 @@ class LostPerson:
         positions: (J, 3) canonical joints where last observed, room frame; NaN if never observed.
         joint_age_s: (J,) seconds from that observation to ``last_seen_ns``; inf if never.
         last_seen_ns: node's clock.
-        speed_m_s: maximum speed at which the body goes on: measured, and the standard's at least.
+        speed_m_s: maximum speed at which the body moves on: measured, and the standard's at least.
         limbs_m_s: (J,) how much faster than the body each joint was.
         places: (D, 3) x, y and radius of discs on the floor in which the person is, by what was
             seen free until ``places_ns``; ``None``: the source does not see free space.

@@ -37,7 +37,7 @@ FOUND_M = 0.12
 _UNMEASURED_M_S = 6.0
 """Greatest speed of a body that has been seen only once, from one capture to the next."""
 _UNMEASURED_FOUND_M_S = 1.6
-"""The same of a body that is found: ISO 13855 walking speed."""
+"""Greatest speed of a body that is found again: ISO 13855 walking speed."""
 _PICTURES = 4096
 """Number of pictures kept: a loop of minutes is recognised at its first repeat."""
 _FEW_PICTURES = 8

@@ -21,9 +21,9 @@ SAME_ID_M_S2 = 10.0
 FOUND_M_S2 = 2.0
 """Greatest acceleration of a person out of view: from standing to walking in a step."""
 SEEN_SLACK_M = 0.18
-"""Error of a way that was seen throughout: noise, a part of the body that moves by itself."""
+"""Error of a path that was seen throughout: noise, a part of the body that moves by itself."""
 FOUND_SLACK_M = 0.06
-"""Error of a way across a gap, whose ends are each averaged over ``SPAN_S``."""
+"""Error of a path across a gap, whose ends are each averaged over ``SPAN_S``."""
 SPEED_SLACK_M_S = 0.3
 """Error of a measured change of speed: a trunk sways while it walks."""
 NOISES = 8.0
@@ -33,7 +33,7 @@ MOST_NOISE_M = 0.4
 
 
 class Trail:
-    """The way of one body, from capture to capture, over the last second.
+    """The path of one body, from capture to capture, over the last second.
 
     Attributes:
         place: (2,) how far the body has gone over the floor since its first capture, m.

@@ -12,9 +12,11 @@ from hri_predict.predictors.neural.network import NetworkOptions
 class AuxFormerOptions(NetworkOptions):
     """Sizes and switches; the paper's are 96 features (CMU), 8 heads and 3 or 4 layers."""
 
-    features: int = Field(32, ge=4, le=1024, description="F, of a token")
-    heads: int = Field(2, ge=1, le=64, description="of each attention; divides features")
-    layers: int = Field(3, ge=1, le=32, description="L, of observed-only and full attention each")
+    features: int = Field(32, ge=4, le=1024, description="F, width of a token")
+    heads: int = Field(2, ge=1, le=64, description="heads of each attention; must divide features")
+    layers: int = Field(
+        3, ge=1, le=32, description="L, layers of observed-only and of full attention each"
+    )
     hidden: int = Field(32, ge=1, le=4096, description="units of the FFN after each attention")
     future_stride: int = Field(
         5, ge=1, le=1000, description="future steps per token; the paper's is 1"
@@ -31,7 +33,9 @@ class AuxFormerOptions(NetworkOptions):
     denoising: bool = Field(True, description="Tables 5 and 6: learn to clean noisy coordinates")
     mask_ratio: float = Field(0.5, ge=0, le=1, description="share of coordinates hidden")
     noise_ratio: float = Field(0.3, ge=0, le=1, description="share of coordinates with noise")
-    noise_m: float = Field(0.05, ge=0, description="its standard deviation per axis, metres")
+    noise_m: float = Field(
+        0.05, ge=0, description="standard deviation of that noise per axis, metres"
+    )
     mask_weight: float = Field(1.0, ge=0, description="alpha_1, of the masking loss")
     denoise_weight: float = Field(1.0, ge=0, description="alpha_2, of the denoising loss")
     auxiliary_share: float = Field(

@@ -1,6 +1,6 @@
 """AuxFormer's forecast with only the arithmetic that it needs: what engines compute.
 
-The same as ``AuxFormer.forward_filled`` but for rounding:
+The same as ``AuxFormer.forward_filled`` except for rounding:
 
 - Observed-only attention sees the joints that at least one person shows, not all. These come first
   in the order of the joints, which no attention depends on. (A source shows 18 of the body's 28.)

@@ -58,7 +58,7 @@ class ZeroVelocity:
     def _extrapolate(
         self, start: Floats, velocity: Floats, newest: Indices, seen: Bools
     ) -> Forecast:
-        """Forecast from positions (P, J, 3) at steps ``newest``, and metres per step."""
+        """Forecast from positions (P, J, 3) at steps ``newest``; velocity in metres per step."""
         behind = (self.history_steps - 1 - newest)[..., np.newaxis]
         now = start + velocity * behind
         source = nearest_seen(seen, self._neighbours)[..., np.newaxis]

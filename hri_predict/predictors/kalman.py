@@ -37,9 +37,11 @@ class KalmanSettings(PredictorSettings):
     jerk_density: float = Field(
         100.0, ge=1e-3, le=1e6, description="power spectral density of jerk, m²/s⁵, per axis"
     )
-    speed_std_m_s: float = Field(1.0, ge=0.01, le=100, description="prior of velocity, per axis")
+    speed_std_m_s: float = Field(
+        1.0, ge=0.01, le=100, description="prior standard deviation of velocity, per axis"
+    )
     acceleration_std_m_s2: float = Field(
-        3.0, ge=0.01, le=1000, description="prior of acceleration, per axis"
+        3.0, ge=0.01, le=1000, description="prior standard deviation of acceleration, per axis"
     )
 
 

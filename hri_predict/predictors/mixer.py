@@ -12,7 +12,7 @@ What is its own:
 - The forecast of a joint is its last place, plus its own velocities times factors that the network
   gives, plus a rest. The velocities are over 1, 3 and 10 steps. A factor of 0 is standing still and
   a factor of the time ahead is going on, whatever the speed: the network learns *how long* a motion
-  goes on, which carries over to motion that is faster than what it was fitted on.
+  continues, which carries over to motion that is faster than what it was fitted on.
 - Sides: the body and its mirror image are forecast at once and averaged, so that left and right are
   alike by construction (``mirrored``).
 

@@ -101,7 +101,7 @@ class Aggregated(Network):
         network_class = network_class_of(options.method)
         if network_class is None:
             raise ConfigError(
-                f"options.method '{options.method}': has no network; name a trained predictor"
+                f"options.method '{options.method}': no network; name a trained predictor"
             )
         own = validated(network_class.options_model, options.options, "options.options")
         self.inner = network_class(replace(shape, horizon_steps=options.steps), own)
@@ -174,7 +174,7 @@ class AggregatedPredictor(NeuralPredictor):
         assert isinstance(settings, AggregatedSettings)
         if network_class_of(settings.inner) is None:
             raise ConfigError(
-                f"predictor.inner '{settings.inner}': has no network; name a trained predictor"
+                f"predictor.inner '{settings.inner}': no network; name a trained predictor"
             )
         return settings.inner
 

@@ -341,7 +341,7 @@ def needed_parts(definition: Definition, head: bytes) -> frozenset[int]:
 
 
 def needed_bytes(definition: Definition, payload: bytes) -> int:
-    """Least number of bytes that the fixed part of this payload must have."""
+    """Minimum number of bytes that the fixed part of this payload must have."""
     if not definition.extra:
         return definition.fixed_bytes
     return PART_BYTES * (1 + max(needed_parts(definition, payload)))

@@ -8,7 +8,7 @@ from typing import Literal
 from hri_predict.protocol.messages import Message
 
 PART_BYTES = 6  # payload bytes in a classic frame: 8 less CRC and counter
-ROBOT_STRIDE = 8  # frame numbers per robot, but for extra parts
+ROBOT_STRIDE = 8  # frame numbers per robot, except for extra parts
 MAX_ROBOTS = 8  # on one link
 
 Rounding = Literal["nearest", "down", "up"]

@@ -45,4 +45,4 @@ def _check_replaceable(recording: Recording, output: Path, force: bool) -> None:
     if recording.path.exists() and output.samefile(recording.path):
         raise ConfigError(f"{output}: is the recording that is read; name another file")
     if not force:
-        raise ConfigError(f"{output}: exists already; --force replaces it")
+        raise ConfigError(f"{output}: already exists; --force replaces it")

@@ -73,7 +73,7 @@ def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
     ids = people_of(recording)
     if person not in ids:
         there = ", ".join(map(str, ids)) or "none"
-        raise RecordingError(f"recording {recording.path}: has no person {person}; has {there}")
+        raise RecordingError(f"recording {recording.path}: no person {person}; it has {there}")
     scenes = [_only(scene, person) for scene in recording.scenes]
     return replace(recording, scenes=scenes, outputs_ns=None), len(ids) - 1
 

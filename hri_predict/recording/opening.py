@@ -50,7 +50,7 @@ def open_recording(
         rate_hz: frames per second of a file without times.
         any_joints: read it even if the joints' names give no canonical joint.
         joint_map: the user's own map, instead of the one that the names give.
-        topic: topic of the people in a ROS bag; default: the only one that there is.
+        topic: topic of the people in a ROS bag; default: the only one.
         frame: frame in which they are wanted; default: the topmost one above theirs.
 
     Raises:
@@ -68,7 +68,7 @@ def open_recording(
     ending = path.suffix.lower()
     try:
         if path.stat().st_size == 0:
-            raise RecordingError(f"recording {path}: is empty (0 bytes); copy it again")
+            raise RecordingError(f"recording {path}: empty (0 bytes); copy it again")
         if ending not in ENDINGS:
             raise RecordingError(f"recording {path}: {_unknown(path, ending)}")
         try:
@@ -82,7 +82,7 @@ def open_recording(
             recording = _read(chosen, path, wanted)
             # only now: a damaged file is to be said first
             if topic is not None and chosen.read is not read_bag:
-                raise RecordingError(f"recording {path}: has no topics; leave --topic out")
+                raise RecordingError(f"recording {path}: no topics; leave --topic out")
             if rate_hz is not None and not chosen.may_lack_times:
                 raise RecordingError(f"recording {path}: has times of its own; leave --fps out")
         except RecordingError as error:

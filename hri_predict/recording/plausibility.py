@@ -26,7 +26,7 @@ PUBLISHED = ("cmu", "assembly")
 TILTED = 0.2
 """Cosine between the sum of all bodies' down and gravity below which the axes are wrong."""
 COHERENT = 0.3
-"""Least length of that sum per length of bones: below, people tumble and show no down."""
+"""Minimum length of that sum per length of bones: below, people tumble and show no down."""
 MIRRORED_M = 0.025
 
 Reopened = Callable[[float], Recording]

@@ -40,8 +40,8 @@ class Recording:
         scenes: in the order of arrival; joints in metres, z up, in the file's own frame, or
             in the room's (``in_room``). ``stamp_ns`` counts from 0 at the file's first frame
             ("mcap": the clock of the recorded source).
-        arrival_ns: (N,) when each scene arrives; the same as its capture, but for "mcap", where it
-            is the recorded receipt.
+        arrival_ns: (N,) when each scene arrives; the same as its capture, except in "mcap", where
+            it is the recorded receipt.
         declares_noise: see ``source.Source``.
         received: messages of controllers during the recording: (link, message); "mcap" only.
         note: something the user should know, such as where a cut file was cut; "" if nothing.

@@ -18,7 +18,7 @@ class Wanted:
         unit_m: metres per unit; ``None``: as the file or its format states.
         axes: axes that are forward, left and up; ``None``: as the file or its format states.
         rate_hz: frames per second of a file without times.
-        topic: topic of the people in a bag; ``None``: the only one that there is.
+        topic: topic of the people in a bag; ``None``: the only one.
         frame: frame in which the people of a bag are wanted; ``None``: the topmost above theirs.
         joint_map: the user's own map; only bags need it to be read.
     """

@@ -35,14 +35,16 @@ class NamedZoneSettings(Region):
 
     name: Name = Field(description="its own name, for messages and alerts")
     level: Literal["none", "warn", "slow", "stop"] = Field(
-        "warn", description="request while it is occupied"
+        "warn", description="request to robots while the zone is occupied"
     )
-    robots: list[str] | None = Field(None, description="robots that it concerns; default all")
+    robots: list[str] | None = Field(
+        None, description="robots that the zone applies to; default: all"
+    )
     speed_limit_m_s: float = Field(
         0.25,
         ge=MIN_SPEED_M_S,
         le=10,
-        description="for level slow; 0.25 m/s is reduced speed (ISO 10218-1)",
+        description="speed limit of level slow; 0.25 m/s is reduced speed (ISO 10218-1)",
     )
     entry: Literal["forecast", "zone"] = Field(
         "forecast",
@@ -175,7 +177,7 @@ def approach_m(time_s: Floats) -> Floats:
 
 
 def check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:
-    """Refuse two zones of one name, and robots that there are not.
+    """Refuse two zones of one name, and robots that do not exist.
 
     Raises:
         ConfigError: one line with the remedy.

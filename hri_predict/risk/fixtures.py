@@ -19,8 +19,8 @@ class PlaneFixture(Settings):
 
     kind: Literal["plane"] = Field(description="an unbounded plane")
     name: Name = Field(description="its own name")
-    point: Vector3 = Field(description="a point on it, room frame, m")
-    normal: Vector3 = Field(description="direction away from its material, room frame")
+    point: Vector3 = Field(description="a point on the plane, room frame, m")
+    normal: Vector3 = Field(description="unit normal that points out of the material, room frame")
 
     @model_validator(mode="after")
     def _unit(self) -> Self:

@@ -81,9 +81,11 @@ class RiskSettings(Settings):
     )
     intrusion_m: float = Field(0.0, ge=0, le=2, description="C: reach into the field, ISO 13855")
     person_uncertainty_m: float = Field(
-        0.05, ge=0, le=1, description="Z_d: of a person's sensed position"
+        0.05, ge=0, le=1, description="Z_d: uncertainty of a person's sensed position"
     )
-    robot_uncertainty_m: float = Field(0.01, ge=0, le=1, description="Z_r: of the robot's position")
+    robot_uncertainty_m: float = Field(
+        0.01, ge=0, le=1, description="Z_r: uncertainty of the robot's position"
+    )
     region_margins_m: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(
         {},
         description="distance kept from some body segments beyond C + Z_d + Z_r, by name (head,"

@@ -62,7 +62,7 @@ def protective_distance(
     Args:
         speed_m_s: v_r.
         reaction_s: T_r, from the capture until the robot begins to brake.
-        stopping_s: T_s, from then until it stands.
+        stopping_s: T_s, from then until it stops.
         stopping_m: S_s, its travel in T_s.
         intrusion_m: C.
         person_uncertainty_m: Z_d.
@@ -90,7 +90,7 @@ def travel_m(
     stopping_s: Floats | float,
     stopping_m: Floats | float,
 ) -> Floats:
-    """The longest way of the robot's fastest point by ``times_s``, metres.
+    """Maximum travel of the robot's fastest point by ``times_s``, metres.
 
     It keeps its speed for ``reaction_s``, then decelerates uniformly over T_s along S_s (or along
     v T_s / 2, if that is longer). Arguments broadcast.
@@ -162,7 +162,7 @@ def directed_limit(
 
     Args:
         levels_m_s: (L,) ascending.
-        distance_m: (L,) smallest distance at each speed until the robot stands.
+        distance_m: (L,) smallest distance at each speed until the robot stops.
         needed_m: the smallest distance that is clear.
         any_way_m_s: permitted in any direction; speeds up to it need no check.
     """

@@ -79,7 +79,7 @@ class DhRow(Settings):
 class Origin(Settings):
     """As in URDF: the joint's pose in its parent link; metres, fixed-axis roll pitch yaw."""
 
-    xyz: PartVector3 = Field(description="place in the parent link, m")
+    xyz: PartVector3 = Field(description="position in the parent link, m")
     rpy: Annotated[list[Radians], Field(min_length=3, max_length=3)] = Field(
         [0.0, 0.0, 0.0], description="fixed-axis roll, pitch, yaw, rad"
     )
@@ -173,13 +173,13 @@ class StoppingRow(Settings):
     """Stopping time and distance by speed, for loads up to ``payload_kg``."""
 
     payload_kg: float = Field(
-        ge=0, le=MAX_PAYLOAD_KG, description="heaviest load that it holds for"
+        ge=0, le=MAX_PAYLOAD_KG, description="maximum load for which the row holds"
     )
     time_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
-        description="until it stands, for each speed"
+        description="stopping time from each speed"
     )
     distance_m: Annotated[list[Stopping], Field(min_length=1)] = Field(
-        description="way of the fastest point meanwhile, for each speed"
+        description="stopping distance of the fastest point from each speed"
     )
 
 
@@ -189,7 +189,7 @@ class StoppingFile(Settings):
     ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
 
-    source: str = Field(min_length=1, description="origin of its numbers")
+    source: str = Field(min_length=1, description="source of its numbers")
     speed_m_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
         description="speeds of the fastest point, ascending"
     )
@@ -234,7 +234,7 @@ class ContactFile(Settings):
     ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
     """
 
-    source: str = Field(min_length=1, description="origin of its numbers")
+    source: str = Field(min_length=1, description="source of its numbers")
     moving_mass_kg: float = Field(
         ge=0.1, le=10_000, description="mass of all moving parts, without load"
     )
@@ -246,13 +246,13 @@ class RobotFile(Settings):
 
     name: Name = Field(description="the model's name")
     source: str = Field(min_length=1, description="origin of the kinematic parameters")
-    base: PartName = Field(description="link that stands")
+    base: PartName = Field(description="link that does not move")
     joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
-        description="from the base outwards"
+        description="joints from the base outwards"
     )
-    capsules: list[LinkCapsuleFile] = Field(description="that hold every link's body")
+    capsules: list[LinkCapsuleFile] = Field(description="capsules around every link's body")
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
-    payload: list[CapsuleFile] = Field([], description="likewise, of what the robot carries")
+    payload: list[CapsuleFile] = Field([], description="the same of what the robot carries")
     stopping: StoppingFile = Field(description="stopping table")
     contact: ContactFile | None = Field(
         None, description="properties of a contact with a person; required where contact is allowed"

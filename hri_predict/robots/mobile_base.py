@@ -164,7 +164,7 @@ class MobileBase:
             return result
 
         # Its velocity of amount v turns at most at its yaw rate w, so it is accelerated sideways by
-        # at most v w until it stands.
+        # at most v w until it stops.
         sideways = np.hypot(qd[0], qd[1]) * abs(qd[2]) * factor**2
         return BasedPath(
             q=q + both(base.travel_s, arm.travel_s),

@@ -1,4 +1,4 @@
-"""Motion of a robot now, and as it would go on and stop: along its plan, or straight on."""
+"""Motion of a robot now, and as it would continue and stop: along its plan, or straight on."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from hri_predict.robots.tracker import RobotNow
 DIRECTED_M_S = 0.1
 """Minimum speed at which measured velocities show a direction. Velocities that a controller takes
 from positions of 0.1 mrad over 8 ms have steps of 0.0125 rad/s. Six joints about a metre from the
-tip add up to 0.03 m/s (sqrt(6) x 0.0125) of a robot that stands, in any direction. At three times
+tip add up to 0.03 m/s (sqrt(6) x 0.0125) of a robot at rest, in any direction. At three times
 that, the direction is right to within 20 degrees. Along a plan the direction is known."""
 
 

@@ -126,7 +126,7 @@ class Plan:
         Returns:
             (L, K, C) capsules; entry k contains the robot during the whole of
             [times_s[k-1], times_s[k]], entry 0 at the instant times_s[0] (the proof is at
-            ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until it stands.
+            ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until it stops.
         """
         phases, stands_s = self.phases(start.phase_s, speeds_m_s, times_s, reaction_s)
         swept = self._model.swept_capsules(*stretches(self.trajectory.moves, phases))
@@ -135,7 +135,7 @@ class Plan:
     def phases(
         self, start_s: float, speeds_m_s: Floats, times_s: Floats, reaction_s: float
     ) -> tuple[Floats, Floats]:
-        """(L, K) phases of ``stopping_capsules`` at the times, and (L,) when the robot stands."""
+        """(L, K) phases of ``stopping_capsules`` at the times, and (L,) when the robot stops."""
         path = self._closed, self._speed, self._step_s
         start, asked = (start_s, reaction_s), (plain(speeds_m_s), plain(times_s))
         return ahead.phases(path, self._model.stopping_tables, start, asked)

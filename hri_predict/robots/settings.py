@@ -107,7 +107,9 @@ class ToolSettings(Settings):
         description="`tool` in RobotState that names it; without one it only counts in the worst",
     )
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
-    payload: list[CapsuleFile] = Field([], description="likewise, of what it may hold")
+    payload: list[CapsuleFile] = Field(
+        [], description="capsules of what the tool may hold, in the same frame"
+    )
     payload_kg: float | None = Field(
         None,
         ge=0,
@@ -133,12 +135,15 @@ class MobileBaseSettings(Settings):
     max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="a faster base is impossible")
     max_turn_rad_s: float = Field(ge=0.01, le=20, description="likewise")
     acceleration_m_s2: float = Field(
-        2.0, ge=0.1, le=100, description="that the base gives any point; since RobotState was sent"
+        2.0,
+        ge=0.1,
+        le=100,
+        description="maximum acceleration by the base of any point since RobotState was sent",
     )
     uncertainty_m: float = Field(ge=0, le=1, description="uncertainty of its reported position")
     uncertainty_rad: float = Field(ge=0, le=0.5, description="uncertainty of its reported heading")
     stopping: StoppingFile = Field(
-        description="over the speed that the base's motion gives the robot's fastest point"
+        description="stopping by the speed that the base's motion gives the robot's fastest point"
     )
 
     safety: ClassVar[Safety] = {
@@ -162,7 +167,9 @@ class RobotSettings(Settings):
     name: Name = Field(description="its own name, for messages and alerts")
     model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
     room_from_robot: Pose | None = Field(None, description="pose of its base")
-    base: MobileBaseSettings | None = Field(None, description="instead: the base moves")
+    base: MobileBaseSettings | None = Field(
+        None, description="a base that moves, instead of a fixed pose"
+    )
     payload_kg: float | None = Field(
         None,
         ge=0,
@@ -170,9 +177,11 @@ class RobotSettings(Settings):
         description="heaviest load; default: the heaviest of the stopping table",
     )
     tools: Annotated[list[ToolSettings], Field(min_length=1, max_length=32)] | None = Field(
-        None, description="that may be mounted, instead of the robot file's tool and payload"
+        None, description="tools that may be mounted, instead of the robot file's tool and payload"
     )
-    max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="fastest point in production")
+    max_speed_m_s: float = Field(
+        ge=MIN_SPEED_M_S, le=20, description="maximum speed of the fastest point in production"
+    )
     motion: Motion = Field(StateMotion(), description="source of its motion")
     contact: Literal["allowed"] | None = Field(
         None, description="in mode hybrid: the robot may touch people as fast as they bear it"

@@ -211,7 +211,7 @@ class RobotTracker:
         link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
         ``uncertainty_m`` bounds the effect of a change of speed since then.
 
-        A robot that stands or follows a trajectory is unknown where a RobotState says otherwise.
+        A robot configured as at rest or on a trajectory is unknown where a RobotState disagrees.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):
@@ -364,7 +364,7 @@ class RobotTracker:
         """The phase of the newest state by its joints alone, near the last one that is known.
 
         A path that goes there and back has each place twice. A robot that backs out on the way
-        there looks like one that goes on, on the way back: only its previous place decides.
+        there looks like one that continues, on the way back: only its previous place decides.
         """
         before_s = self._place_s
         self._place_s = None if self._on_plan is None else self._on_plan.phase_s

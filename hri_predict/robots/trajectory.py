@@ -140,7 +140,7 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
 
 
 def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
-    """(N,) joints of a robot that stands.
+    """(N,) joints of a robot at rest.
 
     Args:
         motion: its place.

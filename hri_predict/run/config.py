@@ -65,7 +65,7 @@ class NodeSettings(Settings):
         None,
         ge=10,
         le=MAX_TICKS_HZ,
-        description="with ticks: capture, most cycles per second; default: 100",
+        description="with ticks: capture, maximum cycles per second; default: 100",
     )
     source: dict[str, Any] = Field(
         description="source of scenes: a tracker, a recording or simulated people"
@@ -107,7 +107,7 @@ class NodeSettings(Settings):
         None, description="the report of hri-predict commission, with which check compares"
     )
     log: LogSettings = Field(
-        LogSettings(), description="format, least severity and rate of the log's lines"
+        LogSettings(), description="format, minimum severity and rate of the log's lines"
     )
     metrics: MetricsSettings | None = Field(
         None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"
@@ -134,7 +134,7 @@ class NodeSettings(Settings):
 
     @property
     def largest_rate_hz(self) -> float:
-        """Most cycles per second, for which links must have room."""
+        """Maximum cycles per second; links must have capacity for it."""
         return self.rate_hz if self.ticks == "fixed" else self.max_rate_hz or MAX_TICKS_HZ
 
 
@@ -297,7 +297,7 @@ def load(path: Path) -> Config:
 
 
 def checked(path: Path, text: str, data: dict[str, Any]) -> Config:
-    """Validate ``data``, the content of ``text``, which stands in the file ``path``.
+    """Validate ``data``, the content of ``text``, which is in the file ``path``.
 
     Raises:
         ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
@@ -343,7 +343,7 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
 
 @contextlib.contextmanager
 def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) -> Iterator[str]:
-    """Give the name under ``key``; an error states where it stands."""
+    """Return the name under ``key``; an error states where it is."""
     name = data.get(key)
     if not isinstance(name, str):
         there = ", ".join(registry.names(kind))

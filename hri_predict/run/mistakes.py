@@ -17,7 +17,7 @@ S = TypeVar("S", bound=Settings)
 
 
 def place(path: Path, text: str, keys: Keys) -> str:
-    """``cell.yaml:17: robots.0.name``: where ``keys`` stand in the file's text."""
+    """``cell.yaml:17: robots.0.name``: where ``keys`` are in the file's text."""
     at = f"{path}:{line_of(text, keys)}"
     return f"{at}: {'.'.join(map(str, keys))}" if keys else at
 

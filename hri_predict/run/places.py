@@ -1,7 +1,7 @@
 """Whether robots, source and doors of a configuration can belong to one cell.
 
 Each number alone may be possible, and the places still be in centimetres, inches, or of another
-room. A robot that stands where no person is ever seen would always be advised *clear*.
+room. A robot placed where no person is ever seen would always be advised *clear*.
 """
 
 import math
@@ -31,7 +31,7 @@ MAX_EXIT_M2 = 60.0
 
 
 def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
-    """Refuse places that cannot be meant.
+    """Refuse positions that cannot be intended.
 
     Raises:
         ConfigError: one line with key, distance and remedy.

@@ -59,7 +59,7 @@ def place_of(
     path = asked or config.base_dir / settings.file
     _refuse_input(config, path)
     if asked is None and not overwrite and (free := beside(path)) != path:
-        log.warning("recording %s: exists already, and is kept; recording %s", path, free)
+        log.warning("recording %s: already exists, and is kept; recording %s", path, free)
         path = free
     return OneFile(path, overwrite)
 

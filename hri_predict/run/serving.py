@@ -95,7 +95,7 @@ class Reload:
             first, *others = str(error).splitlines()
             more = f" (and {len(others)} more: hri-predict check)" if others else ""
             said = [f"nothing changed: {first}{more}"]
-        except Exception as error:  # the node goes on as it was
+        except Exception as error:  # the node continues as it was
             self.failures += 1
             said = [f"nothing changed: {type(error).__name__}: {error}"]
         for line in said:

@@ -85,11 +85,11 @@ class FixedTicks:
 class CaptureTicks:
     """A tick as soon as a capture is in; without captures, one each period. See ``Ticks``.
 
-    Captures that come during a tick, or within ``gap_ns`` after its begin, give one tick together.
+    Captures that come during a tick, or within ``gap_ns`` after its start, give one tick together.
 
     Args:
         start_ns: of the first tick.
-        period_ns: the longest time from the begin of a tick until the next is due.
+        period_ns: the longest time from the start of a tick until the next is due.
         gap_ns: the shortest.
         room_ns: a tick that takes longer is late.
     """

@@ -25,7 +25,7 @@ class ZoneBasis:
 
     @property
     def line(self) -> str:
-        """The same for a person, with the remedy."""
+        """The basis as a line to read, with the remedy."""
         if self.calibration is not None:
             where = ", shipped" if self.shipped else ""
             return f"Zones of {self.label}: calibrated by {self.calibration.name}{where}."
@@ -38,7 +38,7 @@ class ZoneBasis:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The same for programs; files by name, because folders are one machine's."""
+        """The basis as JSON; files by name, because folders differ between machines."""
         return {
             "label": self.label,
             "predictor": self.name,

@@ -70,7 +70,7 @@ class RecordedPictures:
             if not self.changes or self.changes[-1][1] != level:
                 self.changes.append((told.utc_ns, level))
         if not times:
-            raise RecordingError(f"recording {path}: has no advice to show; name another file")
+            raise RecordingError(f"recording {path}: no advice to show; name another file")
         self.start_ns, self.end_ns = min(times), max(times)
         self.first_ns = self.changes[:2][-1][0] if met_ns is None else met_ns
         self._room = room_of_text(self.info.config, self.info.cell or path.stem)

@@ -36,7 +36,7 @@ def room_of(config: Config) -> dict[str, Any]:
 
 
 def room_of_text(text: str, cell: str) -> dict[str, Any]:
-    """The same of a configuration's text, as a recording has it; what is wrong is left out."""
+    """Return the room in the configuration's text of a recording; invalid parts are left out."""
     try:
         data = load_yaml(text)
         source, view = data["source"], data["source"].get("field_of_view")

@@ -58,7 +58,7 @@ def check_port(settings: ScreenSettings) -> None:
     if not 0 <= settings.port <= 65535:
         raise ConfigError(f"--{settings.name} {settings.port}: give a port from 0 to 65535")
     if not settings.host.strip():  # the system takes it for all addresses
-        raise ConfigError(f"--viewer-host: is empty; give an address, such as {LOOPBACK}")
+        raise ConfigError(f"--viewer-host: empty; give an address, such as {LOOPBACK}")
     family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
     with socket.socket(family) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,6 +1,6 @@
-"""The floor that no sensor sees free at a moment, by the same rule that keeps people *lost* there.
+"""The floor that no sensor can see to be free, by the same rule that keeps people *lost* there.
 
-It is computed where it is drawn, from the room and the people of a picture: the node pays nothing.
+The viewer computes it from the room and the people of a picture, at no cost to the node.
 """
 
 from collections.abc import Sequence

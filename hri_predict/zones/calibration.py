@@ -217,7 +217,7 @@ def load_calibration(path: Path) -> Calibration:
         data = json.loads(read_text(path, "calibration"))
     except (ValueError, RecursionError) as error:
         raise ConfigError(
-            f"{what}: is not JSON ({error}); make a new one: hri-predict calibrate"
+            f"{what}: not JSON ({error}); make a new one: hri-predict calibrate"
         ) from error
     if isinstance(data, dict) and data.get("version") != VERSION:
         raise ConfigError(f"{what}: is of another version; make a new one: hri-predict calibrate")

@@ -19,8 +19,8 @@ trunk does (docs/decisions/fast-people.md has the figures from recordings). A ki
 that, and so is any foot of a person whose trunk is not measured.
 
 A person's speed is *unknown* if no joint of trunk or head was measured: a person who has just
-appeared, or is hidden but for the limbs. Unknown is not slow: everything of that person counts at
-the trunk's physical limit (``HumanLimits.reach``).
+appeared, or is hidden except for the limbs. Unknown is not slow: everything of that person counts
+at the trunk's physical limit (``HumanLimits.reach``).
 
 ``joint_velocities`` measures on the resampled history instead, as calibrations do: speed classes
 and ranges must be measured as they were calibrated.
@@ -210,7 +210,7 @@ class Moving(NamedTuple):
 
 
 class _Rule(NamedTuple):
-    """Values that loops and arrays read of a ``SpeedRule``; (J,) each, but for the last two."""
+    """Values that loops and arrays read of a ``SpeedRule``; (J,) each, except for the last two."""
 
     trunk: Bools
     leg: Bools
@@ -291,7 +291,7 @@ class SpeedRule:
         return found
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
-        """Return the maximum speeds at which lost people go on.
+        """Return the maximum speeds at which lost people move on.
 
         Args:
             speeds_m_s: (L,) of their bodies.

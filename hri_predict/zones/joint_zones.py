@@ -20,7 +20,7 @@ was not seen in the capture or only recently appeared, and to a person whose mot
 distribution. Without a calibration, the standard's assumption replaces them: the joint is at most
 ``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
 present speed, whichever is higher, and the physical limit if the person's speed could not be
-measured. A lost person goes on from where each joint was last seen, at the speed last measured or
+measured. A lost person continues from where each joint was last seen, at the speed last measured or
 the physical speed, whichever is higher; a limb that was faster than its body gets an arm's length
 farther. Past the last calibrated step the zone grows at the physical speed.
 

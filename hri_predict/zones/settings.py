@@ -81,7 +81,7 @@ class HumanLimits(Settings):
         2.0,
         ge=MIN_HUMAN_M_S,
         le=20,
-        description="every joint without a forecast; its present speed if higher",
+        description="speed of a joint without a forecast, or its present speed if higher",
     )
     arm_acceleration_m_s2: float = Field(
         50.0, ge=MIN_HUMAN_M_S2, le=1000, description="maximum acceleration of arms and hands"

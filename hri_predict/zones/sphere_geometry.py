@@ -62,7 +62,7 @@ def enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
     Returns:
         mid (P, K+1, J, 3) and radius (P, K+1, J): entry k >= 1 holds the path between
         ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 begins at
-        ``steps[1] - 1``, the step of now.
+        ``steps[1] - 1``, the current step.
     """
     last = knots.shape[1] - 1
     ends = steps[:, 1:]

@@ -25,7 +25,7 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="with files, cells and scenarios")
     folder = parser.parse_args().folder.resolve()
     if not (folder / "files").is_dir() or not (folder / "cells").is_dir():
-        print(f"error: {folder}: has no folders 'files' and 'cells'", file=sys.stderr)
+        print(f"error: {folder}: no folders 'files' and 'cells'", file=sys.stderr)
         return 2
     environment = os.environ | {"CASES": str(folder)}
     command = [sys.executable, "-m", "pytest", "-q", "-m", "long or not long", *_READERS]

@@ -1,4 +1,4 @@
-"""Pictures of a webcam, a video file, or pictures in files, each with the time of its exposure.
+"""Pictures from a webcam, a video file or image files, each with its time of exposure.
 
 No input opens a connection: addresses are refused, and FFmpeg may read files only.
 """

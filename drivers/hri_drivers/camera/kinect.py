@@ -80,8 +80,8 @@ class Kinect(DepthCamera):
     def _exposed(self, capture: Any) -> int:
         """Return the time of the middle of the exposure, by ``time.monotonic_ns``.
 
-        The device's clock has a zero of its own: the pictures that arrive fastest show where, and a
-        clock drifts slowly. What the SDK calls the system's time differs with the maker.
+        The device's clock has its own epoch, which the pictures that arrive fastest show, and it
+        drifts slowly. The meaning of the SDK's system time depends on the vendor.
         """
         now_ns, stamp_ns = time.monotonic_ns(), 1000 * capture.color_timestamp_usec
         offset_ns = now_ns - stamp_ns

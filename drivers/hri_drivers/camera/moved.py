@@ -16,7 +16,7 @@ from hri_drivers.camera.seen import Image, UInt8
 from hri_predict.base.arrays import Floats
 
 MOVED = 0.015
-"""Mean way of the picture's corners, as a share of its width: 1 degree of 64."""
+"""Mean displacement of the picture's corners, as a share of its width: 1 degree of 64."""
 CHECK_NS = 500_000_000
 IN_A_ROW = 3
 """Checks that must agree before the verdict changes."""

@@ -60,7 +60,7 @@ MAX_SECONDS, MAX_HZ = 1e9, 1000.0
 
 
 def need_cv2() -> None:
-    """Refuse to go on without OpenCV.
+    """Refuse to continue without OpenCV.
 
     Raises:
         ConfigError: it is not installed, or cannot be loaded.

@@ -86,7 +86,7 @@ def cameras(
     for path, camera in zip(calibration, known, strict=True):
         if camera.pose is None:
             raise ConfigError(
-                f"--calibration {path}: has no pose in the room; find it with 'hri-predict "
+                f"--calibration {path}: no pose in the room; find it with 'hri-predict "
                 f"camera-calibration pose'"
             )
     key = None if key_file is None else read_key(str(key_file))

@@ -22,7 +22,7 @@ log = logging.getLogger(__name__)
 
 U = TypeVar("U")
 SAY_NS = 10_000_000_000
-"""Least time between two lines about refused messages of one link."""
+"""Minimum time between two lines about refused messages of one link."""
 
 
 class ConfiguredLinkSettings(LinkSettings):

@@ -5,7 +5,7 @@ WINDOW_NS = 5_000_000_000
 PAUSE_NS = 3_000_000_000
 """a gap that is not part of it: the sender was not started yet, or was stopped,"""
 AGAIN_NS = 600_000_000_000
-"""and least time between two notes."""
+"""and minimum time between two notes."""
 SLOW = 0.7
 """Share of ``rate_hz`` below which a sender is slow: less is lost or jitters now and then."""
 

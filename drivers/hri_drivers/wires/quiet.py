@@ -4,7 +4,7 @@ import logging
 
 
 def quiet(library: str) -> None:
-    """Let a library log nothing: the link says what there is to say, once."""
+    """Silence a library's log: the link itself reports each problem, once."""
     log = logging.getLogger(library)
     log.addHandler(logging.NullHandler())
     log.setLevel(logging.CRITICAL)

@@ -41,7 +41,7 @@ _discovery: Discovery | None = None  # of this process, since its first node
 class SpinningNode:
     """A node whose callbacks run in one thread, from ``open`` to ``close``.
 
-    A callback that raises is logged, and the thread goes on.
+    A callback that raises is logged, and the thread continues.
 
     Args:
         settings: the node's.
@@ -140,7 +140,7 @@ class SpinningNode:
                 executor.spin_once(timeout_sec=TURN_S)
             except Exception:
                 if not self._stopping.wait(PAUSE_S):
-                    log.exception("ros2: a callback failed; the node goes on")
+                    log.exception("ros2: a callback failed; the node continues")
 
 
 def _domain(settings: Ros2Settings) -> int:

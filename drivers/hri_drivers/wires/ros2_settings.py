@@ -1,4 +1,4 @@
-"""Settings of our ROS 2 nodes; without ROS 2."""
+"""Settings of our ROS 2 nodes; can be imported without ROS 2."""
 
 from typing import Annotated, ClassVar, Literal
 

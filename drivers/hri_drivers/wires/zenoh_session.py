@@ -39,7 +39,7 @@ class ZenohSettings(Settings):
     mode: Mode | None = Field(
         None,
         description="client: of one router or peer (default); peer: of all named endpoints; "
-        "router: forwards messages of others",
+        "router: forwards other nodes' messages",
     )
     connect: list[Endpoint] | None = Field(
         None, max_length=64, description=f"endpoints to connect to; default {ROUTER}"

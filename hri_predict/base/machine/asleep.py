@@ -1,6 +1,6 @@
 """Notices that the machine was suspended: the monotonic clock, the node's, stands still then.
 
-What was known before seems to be of now afterwards, however long the machine slept.
+What was known before then still seems current, however long the machine slept.
 """
 
 import time

@@ -20,8 +20,8 @@ class LessSafe:
     The texts may use ``{value}``, ``{default}`` and ``{more}``, their difference; with ``:g``.
 
     Attributes:
-        above, below: of a number; ``""``: not less safe on that side.
-        other: of everything else.
+        above, below: what a larger or smaller number permits; ``""``: that side is as safe.
+        other: what any other value permits, of a setting that is not a number.
     """
 
     above: str = ""

@@ -79,7 +79,7 @@ def check_out(out: Path) -> None:
     """Refuse, before the work, a file that cannot or should not be written."""
     check_writable(out.parent)
     if out.is_dir() or (out.exists() and out.suffix != ".json"):
-        raise ConfigError(f"--out {out}: is not a calibration, so it stays; name a .json file")
+        raise ConfigError(f"--out {out}: not a calibration, so it stays; name a .json file")
 
 
 def write_calibration(out: Path, made: "Calibration") -> None:

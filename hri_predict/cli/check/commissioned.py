@@ -45,7 +45,7 @@ def commissioning_facts(config: Config) -> dict[str, Any] | None:
 
 
 def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
-    """The same for a person."""
+    """Return the facts of ``commissioning_facts`` as lines to read."""
     if facts is None:
         return ["commissioning: no report named; see docs/guides/commissioning.md"]
     wrong = [f"  no longer matches: {line}" for line in facts["wrong"]]
@@ -56,7 +56,7 @@ def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
     if wrong:
         return [f"{head}; NOT THIS CELL ANY MORE: commission it again ({AGAIN})", *wrong]
     if facts["outcome"] == "failed":
-        head = f"{head}; NOT FIT TO BE SWITCHED ON: correct what failed, and go on ({AGAIN})"
+        head = f"{head}; NOT FIT TO BE SWITCHED ON: correct what failed, and continue ({AGAIN})"
         return [head, *(f"  {note}" for note in facts["notes"])]
     return [f"{head}; the cell is as it was", *(f"  {note}" for note in facts["notes"])]
 
@@ -116,7 +116,7 @@ def evidence_facts(config: Config) -> dict[str, Any] | None:
 
 
 def evidence_line(facts: dict[str, Any] | None) -> str:
-    """The same for a person."""
+    """Return the facts of ``evidence_facts`` as a line to read."""
     if facts is None:
         return "evidence: none is kept"
     kinds = ", ".join(kind.replace("_", " ") for kind in facts["of"])

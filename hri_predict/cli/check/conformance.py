@@ -148,7 +148,7 @@ def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any]
     for block in blocks.get(kind, loaded.node.links):
         if block.get(key) == name:
             return dict(block), loaded.base_dir
-    raise ConfigError(f"--config {config}: has no {kind} {name}; name one that it has")
+    raise ConfigError(f"--config {config}: no {kind} {name}; name one that it has")
 
 
 def _checked(

@@ -46,7 +46,7 @@ def _assumed(link: LinkSettings) -> list[str]:
 
 
 def _too_short(link: LinkSettings, cycle_s: float) -> list[str]:
-    """Return a note if the controller hears too seldom for its time-out."""
+    """Return a note if the controller receives too seldom for its time-out."""
     interval_s = min(link.repeat_s, cycle_s)
     lost = lost_without_silence(link.silence_timeout_s, interval_s)
     if lost >= LOST_MESSAGES:
@@ -115,9 +115,9 @@ def still_note(robots: Sequence[RobotSettings], mode: str) -> list[str]:
     if not believed:
         return []
     return [
-        f"{', '.join(believed)}: a RobotState that freezes while the robot stands is not noticed "
-        "when the robot moves on; motion.still_s notices it, and also stops a robot that waits "
-        "for longer while people are within its reach"
+        f"{', '.join(believed)}: a RobotState that freezes while the robot is at rest is not "
+        "noticed when the robot moves on; motion.still_s notices it, and also stops a robot that "
+        "waits for longer while people are within its reach"
     ]
 
 

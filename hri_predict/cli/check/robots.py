@@ -100,7 +100,7 @@ def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
         return []
     return [
         f"contact: {', '.join(unseen)} not delivered by the tracker, so their speed is unknown: "
-        f"a robot stops that can reach them (risk.contact.own_speed left_out: it may go on)"
+        f"a robot stops that can reach them (risk.contact.own_speed left_out: it may continue)"
     ]
 
 

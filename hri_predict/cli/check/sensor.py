@@ -180,7 +180,7 @@ def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
 
     Args:
         config: for the kind of source, which says where units are stated.
-        people: as heard.
+        people: as received.
         scale_to_m: metres per unit as stated now, by the scenes or else by the joint map.
     """
     bodies = [(b, o) for each in people.values() for b, o in zip(*each, strict=True) if o.any()]
@@ -226,7 +226,7 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
 
     Args:
         config: as it is.
-        people: as heard with it.
+        people: as received with it.
         rotation: (3, 3) of the joint map now.
     """
     now = refusals(config, people, np.eye(4))

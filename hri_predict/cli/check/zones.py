@@ -53,7 +53,7 @@ def facts_of(calibration: Calibration, today: date) -> dict[str, Any]:
 
 
 def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
-    """The same for a person."""
+    """Return the facts of ``calibration_facts`` as lines to read."""
     if facts is None:
         return []
     days = facts["age_days"]

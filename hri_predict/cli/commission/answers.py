@@ -122,7 +122,7 @@ def read_answers(path: Path | None) -> Answers:
 
 
 def asked(answers: Answers, step: str) -> Answers | None:
-    """Ask what one step needs; ``None``: the user ends here.
+    """Ask for what one step needs; return ``None`` if the user quits.
 
     Raises:
         ConfigError: the input ended.

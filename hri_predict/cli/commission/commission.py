@@ -201,7 +201,7 @@ def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
     report, _ = read_report(where)
     walk = report.steps.walk.result if report.steps.walk is not None else None
     if walk is None:
-        raise ConfigError(f"report {where}: has no walk test; do it first (--step walk)")
+        raise ConfigError(f"report {where}: no walk test; do it first (--step walk)")
     loaded = configuration.load(config or _own(where, report))
     recording = _whole(where.parent, walk.recording, walk.recording_sha256)
     old = read_rows(_whole(where.parent, walk.advices, walk.advices_sha256))

@@ -180,7 +180,7 @@ def report(
         start_ns = None if begin is None else asked(begin, recordings, "--from").start_ns
         end_ns = None if end is None else asked(end, recordings, "--to").start_ns
         if start_ns is not None and end_ns is not None and end_ns <= start_ns:
-            raise ConfigError(f"--to {end}: is not after --from {begin}; swap them")
+            raise ConfigError(f"--to {end}: not after --from {begin}; swap them")
         shift = tally(recordings, start_ns, end_ns)
     except OSError as error:
         raise RecordingError(

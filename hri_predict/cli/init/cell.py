@@ -14,7 +14,7 @@ from hri_predict.robots.trajectory import load_trajectory
 
 ORIGIN = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 HORIZONS_S = (1.2, 1.6, 2.0, 3.0)
-"""The first that reaches until the robot stands is taken."""
+"""The first that reaches until the robot stops is taken."""
 _SHOWN = ("joint_map", "rate_hz", "host", "port", "baudrate", "min_latency_s", "interface",
           "channel", "bitrate")  # fmt: skip
 """Keys of sources and links that are written even at their defaults: users look for them."""

@@ -96,7 +96,7 @@ def addresses(shown: Feed | None) -> str:
 
 
 def how_to_see() -> str:
-    """Return one line that says how to go on after the demo."""
+    """Return one line that says how to continue after the demo."""
     text = "in 3D for as long as you like, or with yourself before a camera: hri-predict try"
     if feed.has_viser():
         return text

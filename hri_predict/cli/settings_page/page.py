@@ -41,7 +41,7 @@ class _Section:
     """One block of keys.
 
     Attributes:
-        places: keys at which it may stand, such as ``robots[].motion``.
+        places: keys that it may be the value of, such as ``robots[].motion``.
         kind: the name that chooses it among others at its place.
         block: its schema.
         common: keys that others of its kind have alike, and where they are described.
@@ -62,7 +62,7 @@ class _Section:
         return f"`{self.places[0]}`" if len(set(self.places)) == 1 else self._words()
 
     def _words(self) -> str:
-        """The name of a model that stands at several places, in words."""
+        """Readable name of a model that several keys use."""
         name = self.block["title"]
         for end in ("Settings", "File", "Mode"):
             name = name.removesuffix(end)
@@ -146,7 +146,7 @@ def _share(found: dict[str, _Section], group: str) -> None:
 
 
 def _block(definition: Schema) -> Schema:
-    """The block itself where a text may stand instead of it."""
+    """Return the block itself if a string is allowed instead of it."""
     return next((m for m in definition.get("anyOf", []) if "properties" in m), definition)
 
 
@@ -247,7 +247,7 @@ def _default(value: Schema) -> str:
 
 
 def _yaml(value: Any) -> str:
-    """A value as it would stand in YAML."""
+    """A value as written in YAML."""
     if isinstance(value, float):
         return f"{value:g}"
     return value if isinstance(value, str) else json.dumps(value)

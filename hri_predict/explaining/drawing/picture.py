@@ -97,7 +97,7 @@ def _robots(view: Told | None) -> dict[str, Floats]:
 def _line(
     about: Situation, zones: Told | None, bodies: dict[int, Floats], robot: Floats | None
 ) -> tuple[Floats, Floats] | None:
-    """The shortest way from the deciding body part to the robot."""
+    """The shortest line from the deciding body part to the robot."""
     person, part = person_of(about.advice), part_of(about.advice)
     grounds = mapped(about.advice.data.get("grounds"))
     part = part or text(grounds.get("segment"))

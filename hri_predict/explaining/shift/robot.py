@@ -21,7 +21,7 @@ from hri_predict.recording import RecordingInfo, Told
 LONGEST = 10
 HOUR_NS = 3600 * NS
 _NOT_RECORDED_S = 1.0
-"""Advice comes each tick: after a longer pause nothing is known until the next one."""
+"""Advice arrives each tick: after a longer pause nothing is known until the next one."""
 _NEAR_SHARE, _MOVING_M_S = 0.2, 0.01
 """As the node counts near misses (``risk/levels/near_miss.py``)."""
 

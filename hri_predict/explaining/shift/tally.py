@@ -77,7 +77,7 @@ class Tally:
             self.counters[each.where, each.name, each.is_link] += each.by
 
     def finish(self, info: RecordingInfo) -> None:
-        """No more messages come."""
+        """No more messages arrive."""
         for robot in self.robots.values():
             robot.finish(info)
 

@@ -58,7 +58,7 @@ def scores_seen(
     joint_map: JointMap | None = None,
     on_recording: Callable[[str], None] = lambda _: None,
 ) -> list[Scores]:
-    """Score a predictor on the begin of recordings as a tracker sees them.
+    """Score a predictor on the start of recordings as a tracker sees them.
 
     The truth is what the tracker delivers later, as in the node: it compares zones with captures.
 
@@ -103,7 +103,7 @@ def with_noise(
     noisy: Sequence[Scores],
     skeleton: Skeleton,
 ) -> Calibration:
-    """The calibration with the growth of its radii with noise.
+    """Return the calibration, complete with how its radii grow with noise.
 
     Args:
         calibration: of the predictor that was scored.

@@ -123,7 +123,7 @@ def check_values(path: Path, stored: NDArray[Any]) -> None:
         RecordingError: there are none, or some is NaN, infinite or beyond ``MAX_MAGNITUDE``.
     """
     if len(stored) == 0:
-        raise RecordingError(f"recording {path}: is empty (no frames); leave it out")
+        raise RecordingError(f"recording {path}: empty (no frames); leave it out")
     finite = np.isfinite(stored)
     if not finite.all():
         frame = int(np.flatnonzero(~finite.all(axis=1))[0])

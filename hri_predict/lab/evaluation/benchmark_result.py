@@ -1,4 +1,4 @@
-"""Measurements under one benchmark protocol, and the values printed in papers for it."""
+"""Measurements under one benchmark protocol, and the values published in papers for it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class BenchmarkResult:
 
     @property
     def printed(self) -> list[Published]:
-        """Values printed in papers for this very protocol."""
+        """Values published in papers for exactly this protocol."""
         protocol, file = self.protocol, self.protocol.of.published
         if file is None:
             return []
@@ -49,7 +49,7 @@ class BenchmarkResult:
 
 
 def printed_at(entry: Published, action: str, frame: int, averaged: Sequence[str]) -> float | None:
-    """The printed error of an action, or of the mean if all its actions are printed."""
+    """Return the published error of an action, or of the mean if all its actions are published."""
     if action != MEAN:
         return entry.at(action, frame)
     values = [entry.at(name, frame) for name in averaged]

@@ -1,4 +1,4 @@
-"""Numbers printed in papers, as data: method, paper, table, protocol (``published.yaml``)."""
+"""Numbers published in papers, as data: method, paper, table, protocol (``published.yaml``)."""
 
 from functools import cache
 from pathlib import Path
@@ -13,11 +13,11 @@ ErrorKind = Literal["mpjpe", "euler"]
 
 
 class Published(Settings):
-    """A method's printed errors under one protocol of a benchmark.
+    """A method's published errors under one protocol of a benchmark.
 
     Attributes:
         columns: future frames of the errors, from 0.
-        errors: by action, the error at each column; ``None`` where it is not printed.
+        errors: by action, the error at each column; ``None`` where it is not published.
     """
 
     method: str
@@ -39,7 +39,7 @@ class Published(Settings):
         return self
 
     def at(self, action: str, frame: int) -> float | None:
-        """The printed error at a future frame, or ``None``."""
+        """The published error at a future frame, or ``None``."""
         if action not in self.errors or frame not in self.columns:
             return None
         return self.errors[action][self.columns.index(frame)]
@@ -51,7 +51,7 @@ class _File(Settings):
 
 @cache
 def published(file: Path) -> tuple[Published, ...]:
-    """All printed numbers of a file.
+    """All published numbers of a file.
 
     Raises:
         ConfigError: an entry is wrong.
@@ -61,7 +61,7 @@ def published(file: Path) -> tuple[Published, ...]:
 
 
 def comparable(file: Path, windows: str, *, n_in: int, n_out: int, error: str) -> list[Published]:
-    """The printed numbers of one protocol alone.
+    """The published numbers of one protocol alone.
 
     Seeded windows are the same for 10 and 25 frames, so their length does not matter. The set of
     all windows of a recording differs between 10 and 25 frames.

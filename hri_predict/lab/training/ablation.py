@@ -144,7 +144,7 @@ def ablate(config: TrainingConfig) -> str:
     """Train and judge all runs, write ``ablation.md`` into ``config.out``; returns its text.
 
     Raises:
-        KeyboardInterrupt: the run is saved; the same call goes on.
+        KeyboardInterrupt: the run is saved; the same call continues.
         HriPredictError: a recording cannot be read, or a file cannot be written.
     """
     rows = {}

@@ -59,5 +59,5 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
             f"checkpoint {path}: cannot be read; remove it and start the run again"
         ) from error
     if not isinstance(state, dict):
-        raise ConfigError(f"checkpoint {path}: is not from a training run; start the run again")
+        raise ConfigError(f"checkpoint {path}: not from a training run; start the run again")
     return state

@@ -43,7 +43,7 @@ class TrainSettings(Settings):
         lt=1,
         description="decay of the averaged weights, which are shipped; 0: no average",
     )
-    clip_norm: float = Field(1.0, gt=0, description="largest norm of a step's gradient")
+    clip_norm: float = Field(1.0, gt=0, description="maximum gradient norm of a step")
     seed: int = Field(0, ge=0, le=2**63 - 1)
     patience: int = Field(
         0, ge=0, description="stop after this many epochs without better validation; 0: never"
@@ -52,7 +52,7 @@ class TrainSettings(Settings):
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="of products; bfloat16 (3 digits) is faster on processors that have it",
+        description="precision of products; bfloat16 (3 digits) is faster where processors have it",
     )
     max_minutes: float | None = Field(
         None,

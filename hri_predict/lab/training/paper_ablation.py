@@ -124,7 +124,7 @@ def ablate(paper: str, data: str, out: Path, changes: list[str]) -> str:
     """Train all rows, write ``ablation.md`` into ``out``; returns its text.
 
     Raises:
-        KeyboardInterrupt: the run is saved; the same call goes on.
+        KeyboardInterrupt: the run is saved; the same call continues.
         HriPredictError: a recording cannot be read, or a file cannot be written.
     """
     asked = configurations(paper, data, out, changes)

@@ -12,10 +12,10 @@ Verdict = Literal["pass", "fail", "skipped"]
 T = TypeVar("T")
 
 SOON_S = 0.05
-"""Maximum time of a non-blocking call, but for one call in a hundred: machines pause."""
+"""Maximum time of a non-blocking call, except for one call in a hundred: machines pause."""
 
 
-NOTHING_CAME = "no scene came"
+NOTHING_CAME = "no scene arrived"
 """Prefix of a check's reason when a source gave nothing to check."""
 
 

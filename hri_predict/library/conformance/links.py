@@ -165,7 +165,7 @@ def says_how_old_it_is(part: LinkPart) -> str:
     captured = replace(advice(0, 0.5), capture_ns=capture_ns)
     got = part.decoded(units_from(link, wire, part.clock, captured))
     ages = [m.age_s for m in got if isinstance(m, Advice)]
-    demand(len(ages) == 1 and ages[0] is not None, f"of an Advice came {got}")
+    demand(len(ages) == 1 and ages[0] is not None, f"of an Advice arrived {got}")
     off_s = abs((ages[0] or 0.0) - AGE_S)
     demand(off_s <= AGE_STEP_S, f"age {ages[0]!r} s of what was captured {AGE_S:g} s ago")
     return f"age of an Advice right to {1e3 * off_s:.1f} ms"
@@ -378,10 +378,10 @@ def _needs_our_frames(part: LinkPart) -> None:
     """Skip a check of what only this node's own frames can do.
 
     Raises:
-        Skipped: the link speaks a protocol of others.
+        Skipped: the link speaks a third-party protocol.
     """
     if isinstance(part.cls, Unprotected):
-        raise Skipped("it speaks a protocol of others, without CRC and counters of this node")
+        raise Skipped("it speaks a third-party protocol, without CRC and counters of this node")
 
 
 def _refused(counters: LinkCounters | ReceiveCounters) -> int:

@@ -191,7 +191,7 @@ def never_blocks(part: SourcePart) -> str:
 
 
 def comes_when_it_said(part: SourcePart) -> str:
-    """A scene comes at the time that ``next_ns`` named, not before."""
+    """A scene arrives at the time that ``next_ns`` named, not before."""
     if part.live:
         raise Skipped("who hears a sender cannot foresee")
     demand(part.heard.early == 0, f"{part.heard.early} scenes came before next_ns")

@@ -84,7 +84,7 @@ def units_of(
 
 
 def units_from(link: Link, wire: Wire, clock: Clock, message: Message) -> list[object]:
-    """The units that a link writes of one more message; its counters go on.
+    """The units that a link writes of one more message; its counters continue.
 
     Raises:
         Skipped: it does not carry such a message.

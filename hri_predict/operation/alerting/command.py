@@ -72,8 +72,8 @@ class CommandSender(Sender):
                 f"took longer than {self._settings.timeout_s:g} s and was ended"
             ) from None
         if self._process.returncode != 0:
-            raise SendError(f"ended with status {self._process.returncode}")
-        return "ended with status 0"
+            raise SendError(f"exited with status {self._process.returncode}")
+        return "exited with status 0"
 
     def abort(self) -> None:
         """End the program and what it started."""

@@ -15,7 +15,7 @@ from hri_predict.operation.alerting.text import one_line
 log = logging.getLogger(__name__)
 
 TELL_EVERY_S = 60.0
-"""Least time between two lines of one hook in the log."""
+"""Minimum time between two lines of one hook in the log."""
 
 
 class Hook:
@@ -113,7 +113,7 @@ class Hook:
         error: Exception | None = None
         try:
             self._sender.send(entry.alert, entry.more_changes)
-        except Exception as failure:  # whatever a library raises, the thread goes on
+        except Exception as failure:  # whatever a library raises, the thread continues
             error = failure
         with self._changed:
             self._under_way = False

@@ -43,7 +43,7 @@ class Hooks:
     def exchange(self, settings: Sequence[HookSettings]) -> Callable[[], None]:
         """Make the hooks of new settings, and return what puts them in force.
 
-        A hook with the same settings as before goes on, with all that waits in it. New ones start
+        A hook with the same settings as before continues, with all that waits in it. New ones start
         before those that are left out end; these try once more what waits in them, and nothing
         waits for that.
 

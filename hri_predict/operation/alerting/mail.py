@@ -60,7 +60,7 @@ class MailHook(HookSettings):
         min_length=1, max_length=20, description="addresses that the mail goes to"
     )
     username: Text | None = Field(
-        None, description="to log in as; the password comes from a file or a variable"
+        None, description="user name to log in with; the password comes from a file or a variable"
     )
     password_file: SecretFile = None
     password_env: SecretVariable = None
@@ -68,7 +68,7 @@ class MailHook(HookSettings):
         10.0,
         ge=0,
         le=3600,
-        description="least time between two mails about one robot or zone, seconds",
+        description="minimum time between two mails about one robot or zone, seconds",
     )
     rate_per_minute: int = Field(
         6,

@@ -81,7 +81,7 @@ class MqttHook(HookSettings):
         min_length=1,
         max_length=200,
         pattern=r"^[^\x00-\x1f\x7f]+$",
-        description="name at the broker, unique there; default: made of the cell's name and chance",
+        description="client id, unique at the broker; default: the cell's name and a random suffix",
     )
 
     @model_validator(mode="after")

@@ -41,10 +41,10 @@ def read_secret(key: str, *, file: str | None, env: str | None, base_dir: Path) 
     else:
         return None
     if not secret:
-        raise ConfigError(f"{where}: is empty; put the secret there")
+        raise ConfigError(f"{where}: empty; put the secret there")
     if len(secret) > MAX_BYTES or not (secret.isascii() and secret.isprintable()):
         raise ConfigError(
-            f"{where}: is not a line of at most {MAX_BYTES} printable ASCII characters; "
+            f"{where}: not a line of at most {MAX_BYTES} printable ASCII characters; "
             "put only the secret there"
         )
     return secret

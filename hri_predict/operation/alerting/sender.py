@@ -46,7 +46,7 @@ class HookContext:
 
 
 class Sender:
-    """Sends alerts of one hook; the hook's thread alone calls it, but for ``abort``.
+    """Sends alerts of one hook; the hook's thread alone calls it, except for ``abort``.
 
     Attributes:
         tend_s: interval at which to call ``tend`` while there is nothing to send; ``None``: never.

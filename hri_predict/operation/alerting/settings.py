@@ -24,7 +24,9 @@ class HookSettings(Settings):
     """Keys ``KEY_file`` and ``KEY_env`` of this kind, without their ending."""
 
     kind: str
-    name: Text | None = Field(None, description="in log and summary; default: kind and address")
+    name: Text | None = Field(
+        None, description="name in log and summary; default: kind and address"
+    )
     levels: list[LevelName] | None = Field(
         None, min_length=1, description="only changes of a robot to one of these; default: all"
     )
@@ -34,10 +36,10 @@ class HookSettings(Settings):
         1.0,
         ge=0,
         le=3600,
-        description="least time between two alerts of one robot or zone; the newest waits",
+        description="minimum time between two alerts of one robot or zone; the newest waits",
     )
     rate_per_minute: int = Field(
-        30, ge=1, le=6000, description="most alerts within any minute; the newest wait"
+        30, ge=1, le=6000, description="maximum number of alerts in any minute; the newest wait"
     )
     retry_s: float = Field(
         60.0,
@@ -116,16 +118,20 @@ class HookSettings(Settings):
 SecretFile = Annotated[
     str | None,
     Field(
-        min_length=1, description="file that contains it; relative to the configuration's folder"
+        min_length=1,
+        description="file that holds the secret; relative to the configuration's folder",
     ),
 ]
 CaFile = Annotated[
     str | None,
-    Field(min_length=1, description="certificates (PEM) to trust, in place of the system's"),
+    Field(min_length=1, description="certificates (PEM) to trust instead of the system's"),
 ]
 SecretVariable = Annotated[
     str | None,
-    Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", description="environment variable with it"),
+    Field(
+        pattern=r"^[A-Za-z_][A-Za-z0-9_]*$",
+        description="environment variable that holds the secret",
+    ),
 ]
 
 

@@ -57,7 +57,7 @@ class WebhookHook(HookSettings):
     @model_validator(mode="before")
     @classmethod
     def _url_is_right(cls, data: object) -> object:
-        """Before the fields: a message must not repeat what stands in the address."""
+        """Checked before the fields: a message must not repeat what the address contains."""
         url = data.get("url") if isinstance(data, dict) else None
         if isinstance(url, str):
             address_of(url)

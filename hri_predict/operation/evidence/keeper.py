@@ -35,7 +35,7 @@ from hri_predict.recording.mcap.items import Item, Items, Rates
 log = logging.getLogger(__name__)
 
 LONGEST_NS = 60_000_000_000
-"""An event that goes on and on ends here; the next one begins a new file."""
+"""An event that keeps going ends here; the next one begins a new file."""
 MOST_ALSO = 50
 """Events of one file that are described; more are counted."""
 EVERY_TICK_HZ = 1000.0
@@ -326,7 +326,7 @@ class Evidence(Items):
 
 
 def _plain(robot: str) -> str:
-    """A robot's name as it stands in names of files."""
+    """A robot's name as used in file names."""
     return re.sub(r"[^A-Za-z0-9_-]", "_", robot)
 
 

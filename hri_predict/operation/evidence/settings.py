@@ -14,8 +14,8 @@ class EvidenceSettings(Abbreviated):
     """The folder, or its path and more."""
 
     folder: str = Field(min_length=1, description="folder for the files and evidence.jsonl")
-    before_s: float = Field(5.0, ge=0.5, le=30, description="kept from before the event")
-    after_s: float = Field(5.0, ge=0, le=30, description="and after it")
+    before_s: float = Field(5.0, ge=0.5, le=30, description="seconds kept from before the event")
+    after_s: float = Field(5.0, ge=0, le=30, description="seconds kept from after the event")
     of: Annotated[list[Kind], Field(min_length=1)] = Field(
         list(KINDS), description="kinds of events whose seconds are kept; all are counted"
     )
@@ -23,5 +23,5 @@ class EvidenceSettings(Abbreviated):
         1000.0,
         ge=1,
         le=1e7,
-        description="all files together; the oldest give way, and the log says so",
+        description="maximum size of all files; the oldest are deleted, and the log says so",
     )

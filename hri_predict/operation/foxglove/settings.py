@@ -17,7 +17,10 @@ class FoxgloveSettings(Settings):
         description="address to listen on; default: only this machine",
     )
     max_clients: int = Field(
-        16, ge=1, le=256, description="connections at once; more are ended, and counted"
+        16,
+        ge=1,
+        le=256,
+        description="maximum number of connections; further ones are closed and counted",
     )
     zones_hz: float = Field(5.0, ge=0, le=100, description="zones per second; 0: none")
     poses_hz: float = Field(5.0, ge=0, le=100, description="forecasts per second; 0: none")

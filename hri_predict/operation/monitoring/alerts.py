@@ -48,7 +48,7 @@ class AlertSettings(Settings):
         description="program and arguments to run; it reads the alert as JSON from standard input",
     )
     debounce_s: float = Field(
-        1.0, ge=0, le=60, description="least time between two runs of the command for one robot"
+        1.0, ge=0, le=60, description="minimum time between two runs of the command for one robot"
     )
     timeout_s: float = Field(5.0, ge=0.1, le=600, description="end a command that runs longer")
     to: list[AnyHook] = Field(

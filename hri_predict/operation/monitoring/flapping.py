@@ -18,7 +18,7 @@ REPEATS = 3
 HOLDS_S = 5.0
 """A repetition is reported when its state has held for this long,"""
 FIRST_S, AGAIN_S = 10.0, 60.0
-"""or at the latest after the first of these, and of the second while the state goes on to change.
+"""or at the latest after the first of these, and of the second while the state continues to change.
 """
 _ZONES = {"empty": 0, "entry predicted": 1, "occupied": 2}
 

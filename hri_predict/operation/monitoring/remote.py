@@ -24,7 +24,7 @@ class Remote:
         self._done: set[int] = set()
 
     def observe(self, advice: Advice, now_s: float) -> float | None:
-        """Take an advice; return the least distance, metres, if its robot is to be reported.
+        """Take an advice; return the minimum distance, metres, if its robot is to be reported.
 
         Args:
             advice: of one tick; without a person its separation is ``None``.

@@ -29,10 +29,10 @@ def source_report(
         now_ns: the node's clock now.
 
     Returns:
-        ``kind``; ``clock`` (``None`` if no scene came): ``offset_s``, ``drift_ppm``, ``jumps``,
+        ``kind``; ``clock`` (``None`` if no scene arrived): ``offset_s``, ``drift_ppm``, ``jumps``,
         ``spikes``, ``rise_s``, ``wandered_s``, ``late_s`` as in ``ClockEstimate``, and
         ``ahead_of_utc_s``, the time by which the sender's clock is ahead of this machine's, less
-        the least latency (``None`` if it is not UTC);
+        the minimum latency (``None`` if it is not UTC);
         ``live`` (``None`` if the source is not live): all of ``SourceCounters``.
     """
     live = live_part(source)

@@ -307,7 +307,7 @@ def use(settings: Any) -> None:
 def unhurried() -> Iterator[None]:
     """Writing to the log and to ``sys.stderr`` never waits for the reader in this context.
 
-    If the reader is still stuck at the end, writing goes on so: the program must be able to end.
+    If the reader is still stuck at the end, this still holds: the program must be able to end.
     """
     before = sys.stderr
     try:

@@ -1,6 +1,6 @@
 """Reports of a service to systemd: datagrams to a socket that systemd names, as in sd_notify(3).
 
-No message waits for its reader: the loop itself sends some.
+Sending never blocks, because the loop itself sends some messages.
 """
 
 import contextlib
@@ -55,7 +55,7 @@ class Notifier:
         self._send(_status(status))
 
     def alive(self) -> None:
-        """The loop goes on."""
+        """The loop continues."""
         self._send("WATCHDOG=1")
 
     def reloading(self) -> None:

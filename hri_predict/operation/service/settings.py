@@ -15,7 +15,7 @@ class LogSettings(Settings):
         "text", description="text: lines for people; json: one object a line, with UTC"
     )
     level: Literal["debug", "info", "warning", "error"] = Field(
-        "warning", description="the mildest lines that are written"
+        "warning", description="minimum severity of the lines that are written"
     )
     rate: int = Field(
         LINES_A_MINUTE,

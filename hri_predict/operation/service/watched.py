@@ -13,7 +13,7 @@ from hri_predict.operation.service.notify import Notifier
 from hri_predict.protocol.messages import NodeState
 
 STATUS_S = 1.0
-"""Least time between two lines of status."""
+"""Minimum time between two lines of status."""
 
 
 class Watched(Listener):

@@ -51,7 +51,7 @@ def standing_axes(
     """Return the axes with which bodies would stand; ``None`` if there are none.
 
     Args:
-        bodies: (J, 3), (J,) canonical joints, as the axes of now give them.
+        bodies: (J, 3), (J,) canonical joints, as the current axes give them.
         rotation: (3, 3) from the source's axes to forward, left and up, as it is now.
         hands: -1 if the bodies have left and right swapped now, or else 1.
     """

@@ -33,9 +33,9 @@ STILL_M = 0.03
 LEVEL_M = 0.08
 """Maximum difference of height between the ankles: one foot on a step is more."""
 LEG_M = 0.65
-"""Least height of the hips above the ankles: a person who sits has less."""
+"""Minimum height of the hips above the ankles: a person who sits has less."""
 REACH_M, APART_M = 0.5, 1.0
-"""Radius of a place; least distance between three that say that the sensor was moved: more than a
+"""Radius of a place; minimum distance between three that say that the sensor was moved: more than a
 pallet has room for."""
 FIRST, NEWEST, PLACES = 10, 5, 3
 """Seconds of standing from which the height of a place is known, at first and since; places."""

@@ -1,6 +1,6 @@
 """Recognises bodies that a tracker makes up: it froze, coasts, repeats, or knows no place.
 
-A tracker that lost a person may go on sending one: the last skeleton with fresh noise, the last
+A tracker that lost a person may continue sending one: the last skeleton with fresh noise, the last
 motion carried on, the last second again. What gives it away is what no body does:
 
 - *frozen*: all joints stop from one capture to the next, in the middle of a step. Bodies slow down.
@@ -31,7 +31,7 @@ from hri_predict.people.track import Body
 CAPTURES = 130
 """Captures kept for each person: two of the longest loops."""
 LONGEST_LOOP = 62
-"""Captures in the longest loop with noise; bit for bit, ``Track.fingerprints`` finds all."""
+"""Captures in the longest noisy loop; ``Track.fingerprints`` finds bit-identical ones."""
 FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
 """Times for which limbs must have moved since the newest sign; after a loop, since its jump."""
@@ -43,7 +43,7 @@ STILL_JOINTS, COAST_JOINTS = 8, 8
 MOST_NOISE_M = 0.02
 """Standard deviation per axis above which nothing is said."""
 LOOP_NOISE_M = 0.012
-"""The same for loops, and the least standard deviation of the motion in one."""
+"""The same for loops, and the minimum standard deviation of the motion in one."""
 STILL_M, RIGID_M, ALIVE_M = 0.0015, 0.002, 0.005
 WHITE = 1.5
 """Variance of mere noise, per variance of its differences: 1, and its own scatter."""
@@ -56,7 +56,7 @@ TURNING_M = 0.02
 """By this a joint's step may differ from the one before it: a foot at 18 m/s2 at 30 Hz. A quarter
 of the joints may do more."""
 COASTED_M = 0.1
-"""Least way in ``COAST_S`` of a body that glides."""
+"""Minimum distance in ``COAST_S`` of a body that glides."""
 EVEN = 3.5
 """Ratio of peak to average speed: a body that glides stays below it, one that jumps does not."""
 LINEAR_S, LINEAR_M = 1.0, 0.6

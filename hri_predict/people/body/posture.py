@@ -45,8 +45,8 @@ the joints that they lift: hands, elbows, knees and feet.
 _LIFTED = ("elbow", "wrist", "hand", "knee", "ankle", "foot")
 _HIGHEST = np.array([RAISED_M if name.endswith(_LIFTED) else HEAD_M for name in JOINTS])
 HANGING = 0.5
-"""Least cosine between an arm and the down of trunk or head at which the arm hangs: then its elbow
-says where the front is."""
+"""Minimum cosine between a hanging arm and the down direction of trunk or head: the elbow of a
+hanging arm shows where the front is."""
 
 # Limbs whose tip lies ahead of the line from bottom to top (the elbow of a hanging arm: behind, and
 # it moves more freely than a knee, so it counts half): weight, girdle, top, bottom, tip.

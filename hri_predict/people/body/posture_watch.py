@@ -32,7 +32,7 @@ UPRIGHT = 0.7
 TILTED, TILTED_UPPER = 0.35, 0.2
 """The same below which it does not stand, sit or kneel; for a body without a leg in view."""
 COHERENT, COHERENT_UPPER = 0.4, 0.6
-"""Least length of ``Posture.down`` per length of bones: below, the bones do not agree on a down."""
+"""Minimum length of ``Posture.down`` per length of bones: below it, the bones disagree."""
 MIRRORED_M = 0.025
 """A body whose knees, toes and elbows are this far on the wrong side has left and right swapped;
 the least of any recording was 0.05 m on the right side, with a leg in view."""
@@ -63,7 +63,7 @@ class Verdict(Enum):
 
     @property
     def text(self) -> str:
-        """The same for a person, after "bodies are"."""
+        """Words for people that continue "bodies are"."""
         return _TEXT[self]
 
 

@@ -15,9 +15,9 @@ HERE_M = 0.03
 STILL_M = 0.015
 """Standard deviation over the floor of hips that do not move, with a tracker's noise."""
 EXACT_M = 2e-4
-"""The same of hips that are the origin. They may have been lifted or moved, but never swayed."""
+"""Standard deviation over the floor of hips that are the origin: moved, but never swaying."""
 SWING_M = 0.08
-"""Least standard deviation over the floor of a foot that walks: a step has 0.2 m."""
+"""Minimum standard deviation over the floor of a foot that walks: a step has 0.2 m."""
 OPPOSED = -0.5
 """Maximum correlation between the two feet of a person who walks."""
 _HIPS = [JOINTS.index(name) for name in ("l_hip", "r_hip")]

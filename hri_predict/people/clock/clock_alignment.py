@@ -25,11 +25,11 @@ must be distinguished:
   ``SPIKE_CONFIRMATIONS`` scenes within ``SPIKE_WITHIN_NS``.
 
 Backward steps of a clock that are smaller than the limit count as delay, and so does a clock that
-stands still while its source sleeps. All errors make the age larger, never smaller, but for these:
+stands still while its source sleeps. All errors make the age larger, never smaller, except these:
 
 - A delay that exists since the first scene, or since the scene of a jump, counts as offset. No
   one-way alignment can detect it. A delay of the scene before a jump is carried across it, for
-  good: whether it goes on looks the same on the new clock.
+  good: whether it continues looks the same on the new clock.
 - A delay that grows no faster than the clock may drift: from the first half hour on by
   ``MAX_WANDER``, and by ``wander_ns`` in all; before, by ``MAX_DRIFT`` at most.
 """
@@ -134,7 +134,7 @@ class ClockAlignment:
 
     Args:
         period_ns: the source's nominal time between captures.
-        min_latency_ns: least time from capture to receipt.
+        min_latency_ns: minimum time from capture to receipt.
         jump_limit_ns: greatest deviation of a stamp; default: the longer of 0.1 s and 3 periods.
         wander_ns: greatest rise of the offset beyond the clock's steady drift.
 

@@ -113,9 +113,9 @@ class SceneGate:
 
     Args:
         period_ns: the source's nominal time between captures.
-        min_latency_ns: least time from capture to receipt.
+        min_latency_ns: minimum time from capture to receipt.
         clock_wander_ns: see ``ClockAlignment``.
-        even_captures: whether captures come at an even rate; see ``EvenCaptures``.
+        even_captures: whether captures arrive at an even rate; see ``EvenCaptures``.
         stamps_are_ours: stamps are captures of the node's clock already: nothing is aligned.
 
     Attributes:

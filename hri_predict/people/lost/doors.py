@@ -130,7 +130,7 @@ class Doors:
         return found
 
     def _out(self, visit: Visit, begin: Floats, end: Floats, error_m: float) -> Crossed | None:
-        """Return where the way from ``begin`` to ``end`` leads out of an exit, right through it."""
+        """Return where the path from ``begin`` to ``end`` leads right through an exit."""
         if not visit.from_room:
             return None
         for side in self._sides[visit.door]:

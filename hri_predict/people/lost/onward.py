@@ -5,7 +5,7 @@ import numpy as np
 from hri_predict.people.track import Track
 
 APART_S, START_APART_S = 0.1, 0.06
-"""Least time between two captures whose difference is a speed: 2 mm of noise of the joints' mean
+"""Minimum time between two captures whose difference is a speed: 2 mm of noise of the joints' mean
 are 0.03 m/s in 0.1 s. Of a body that was at rest a shorter time is enough."""
 WITHIN_S = 0.6
 """Captures before this say nothing about the newest speed. At 5 Hz three captures take 0.4 s."""

@@ -16,7 +16,7 @@ LEAD_MORE = 4
 def leading(lead: int | None, seen: Mapping[int, Body]) -> int:
     """Return the sensor whose joints count first: the one that sees most of them.
 
-    The one that leads goes on until another one sees ``LEAD_MORE`` more, so that a body does not
+    The one that leads continues until another one sees ``LEAD_MORE`` more, so that a body does not
     jump between two sensors that differ a little.
 
     Args:

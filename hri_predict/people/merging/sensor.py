@@ -130,7 +130,7 @@ class Sensor:
 
         A joint lies on the straight line between two captures that both show it. What only other
         captures since ``since_ns`` show is where the newest of them has it, so that nothing that
-        the sensor saw is left out: off by the way of one period at most.
+        the sensor saw is left out: off by the distance moved in one period at most.
 
         Args:
             time_ns: the node's clock.

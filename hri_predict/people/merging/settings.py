@@ -172,8 +172,8 @@ def _part(name: str, data: dict[str, Any]) -> SourceSettings:
     for key in OF_THE_ROOM:
         if key in data:
             raise ConfigError(
-                f"{where}.{key}: has no effect at one of several sensors; "
-                f"{'write it at source' if key == 'field_of_view' else 'remove it'}"
+                f"{where}.{key}: has no effect on one of several sensors; "
+                f"{'set it in source' if key == 'field_of_view' else 'remove it'}"
             )
     try:
         model = registry.load("sources", kind).settings_model

@@ -241,7 +241,7 @@ def _probe(network: Network) -> BodyFrames:
 
 
 def _digest(network: Network) -> str:
-    """Hash of all that an exported copy depends on, but for the code; the probes check that."""
+    """Hash of all that an exported copy depends on, except for the code; the probes check that."""
     digest = hashlib.sha256()
     shape, options = network.shape, network.options.model_dump(mode="json")
     about = [

@@ -246,10 +246,10 @@ def _by_another_process(settings: NeuralSettings) -> bytes:
     if done.returncode != 0 or not done.stdout:
         if done.returncode != NOT_EXPORTED:
             log.warning(
-                "predictor %s: its export ended with status %d; torch is loaded instead, which "
+                "predictor %s: its export exited with status %d; torch is loaded instead, which "
                 "takes time and memory",
                 settings.name,
                 done.returncode,
             )
-        raise NoCopyError(f"the process that exports it ended with status {done.returncode}")
+        raise NoCopyError(f"the process that exports it exited with status {done.returncode}")
     return done.stdout

@@ -1,4 +1,4 @@
-"""The least time that a network's arithmetic can take on a core: products over the core's rate.
+"""The minimum time that a network's arithmetic can take on a core: products over the core's rate.
 
 Only products count: those of matrices and convolutions. Exponentials, sums, normalisation and
 moving data come on top, so no program reaches the floor.

@@ -16,7 +16,7 @@ from hri_predict.contracts.predictor import Forecast, checked
 from hri_predict.predictors.neural.entering import enter, leave
 from hri_predict.predictors.neural.windows import Entered, Histories, Singles, Tables
 
-# The first calls of a network allocate and choose kernels. Then another number of people costs
+# The first calls of a network allocate and choose kernels. Then a different number of people costs
 # nothing once; the most take their memory here, not in the loop.
 _WARM_UP_PEOPLE = (1, 2, 16)
 

@@ -132,8 +132,8 @@ class Network(nn.Module):
         """Return the engines' result: ``forward`` of a window that ``enter`` has filled, but
         leaner.
 
-        Equal to it but for rounding. It may keep what it has computed of the weights, so they must
-        not change any more.
+        Equal to it except for rounding. It may cache what it computes from the weights, so they
+        must not change any more.
         """
         return self
 

@@ -181,7 +181,7 @@ class Patience:
 
 
 class WorkerEndedError(PredictorError):
-    """The worker's process has ended."""
+    """The worker's process has exited."""
 
 
 class Worker:
@@ -235,7 +235,7 @@ class Worker:
         except OSError as error:
             raise WorkerEndedError(
                 f"predictor '{self._job.settings.name}': its own process ended before it was ready "
-                f"({error.strerror}); see what it printed above, see that there is memory enough, "
+                f"({error.strerror}); see what it printed above, check that enough memory is free, "
                 f"or set predictor.process to false"
             ) from error
         finally:
@@ -248,7 +248,7 @@ class Worker:
 
         Raises:
             PredictorError: ``patience`` ended.
-            OSError: the process has ended.
+            OSError: the process has exited.
         """
         began = time.perf_counter()
         told_s = 0.0
@@ -279,7 +279,7 @@ class Worker:
 
         Raises:
             PredictorError: the predictor failed.
-            WorkerEndedError: the process has ended.
+            WorkerEndedError: the process has exited.
         """
         assert self._windows is not None
         owed = self._asked - self._windows.given
@@ -298,7 +298,7 @@ class Worker:
                     return None
                 self._owed_since = time.perf_counter()  # it is slow, and does not hang
         except OSError as error:
-            raise WorkerEndedError("its process has ended") from error
+            raise WorkerEndedError("its process has exited") from error
         self._owed_since = None
         if isinstance(answer, PredictorError):
             raise answer
@@ -315,7 +315,7 @@ class Worker:
             self._link.shutdown(socket.SHUT_RDWR)
 
     def wait(self) -> int:
-        """Wait until the process has ended; return its exit status."""
+        """Wait until the process has exited; return its exit status."""
         return self.process.wait()
 
     def kill(self) -> None:
@@ -326,7 +326,7 @@ class Worker:
         """Return the next message that is not a line of the log; ``None``: none came in time.
 
         Raises:
-            OSError: the process has ended.
+            OSError: the process has exited.
         """
         until = time.perf_counter() + wait_s
         while self._readable.poll(max(0.0, 1e3 * (until - time.perf_counter()))):

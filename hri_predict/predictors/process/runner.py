@@ -56,7 +56,7 @@ class RemotePredictor:
 class ProcessRunner:
     """Does what ``PredictionRunner`` does, with a predictor that another process runs.
 
-    A worker that dies, or hangs, is restarted, after a pause that grows while that goes on.
+    A worker that dies, or hangs, is restarted, after a pause that grows while that continues.
     Meanwhile each tick gets the reason at once. ``failures`` and ``late`` count since the start,
     ``restarts`` workers after the first.
 

@@ -195,12 +195,12 @@ class Critic(nn.Module):
         return value[:, 0]
 
     def loss(self, real: Tensor, generated: Tensor, penalty: float, mix: float) -> Tensor:
-        """L_c (Eq. 12), and how far the critic's slope is from 1 between the two kinds of motion.
+        """Return L_c (Eq. 12) plus the gradient penalty between the two kinds of motion.
 
         Args:
             real: (B, inputs) from recordings.
             generated: (B, inputs) from the operator.
-            penalty: weight of the slope's penalty.
+            penalty: weight of the gradient penalty.
             mix: position between the two, 0 to 1.
         """
         between = (mix * real + (1 - mix) * generated).detach().requires_grad_()

@@ -53,7 +53,7 @@ class DiscoverySettings(Settings):
 class ServiceSettings(Abbreviated):
     """``service:`` of a source: the announced name of the service to connect to."""
 
-    name: ServiceName = Field(description="as it announces itself")
+    name: ServiceName = Field(description="name that the service announces")
     interfaces: Interfaces = Field(LOOPBACK, description="address of the interface to search on")
     timeout_s: float = Field(2.0, ge=0.1, le=30, description="duration of each search")
 

@@ -71,7 +71,7 @@ def of_pose_array(message: Any, names: Sequence[str]) -> Bodies:
     """Bodies of a ``PoseArray`` of people with these joints.
 
     Raises:
-        MessageError: another number of joints, or too many people.
+        MessageError: a different number of joints, or too many people.
     """
     joints = len(names)
     count, rest = divmod(len(message.poses), joints)

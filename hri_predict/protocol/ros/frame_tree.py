@@ -287,7 +287,7 @@ def _alike(pose: Floats, other: Floats) -> bool:
 
 
 def _between(before: Floats, after: Floats, share: float) -> Floats:
-    """A pose between two; the quaternion by the shorter way, normalised (near for small turns)."""
+    """Interpolate two poses; the quaternion along the shorter arc, linearly, then normalised."""
     sign = 1.0 if before[3:] @ after[3:] >= 0 else -1.0
     pose: Floats = before + share * (np.concatenate([after[:3], sign * after[3:]]) - before)
     norm = np.linalg.norm(pose[3:])

@@ -79,7 +79,7 @@ def zone_markers(zone: Zone, *, stamp_ns: int, frame_id: str, level: Level) -> b
 def pose_markers(pose: Pose, *, stamp_ns: int, frame_id: str, level: Level) -> bytes:
     """Return the bones of a forecast pose as lines; arguments as for ``zone_markers``.
 
-    A pose of another skeleton than the canonical one is drawn as points.
+    A pose of a skeleton that is not the canonical one is drawn as points.
     """
     places = {j: (x, y, z) for j, x, y, z in pose.joints if _all_finite((x, y, z))}
     lines: list[float] = []

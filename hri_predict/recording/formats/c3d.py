@@ -123,7 +123,7 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> tuple[_Layout, s
     counts = _counts(data, parameters)
     most = max(counts.values(), default=0)
     if layout.points == 0 or most < 1:
-        raise RecordingError(f"recording {path}: is empty ({layout.points} points, {most} frames)")
+        raise RecordingError(f"recording {path}: empty ({layout.points} points, {most} frames)")
     if layout.start < 2 * BLOCK or not abs(layout.scale) <= 1e6 or layout.scale == 0:
         raise Damaged("where the points start, or their scale")
     held, whole = _held(data, layout)

@@ -82,7 +82,7 @@ class Columns:
 def rows_of(text: str) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """The delimiter of a table, and its rows with the numbers of their lines, the header first.
 
-    Lines of comments (#), empty ones, and the line ``sep=;`` of spreadsheets are passed over.
+    Lines of comments (#), empty ones, and the line ``sep=;`` of spreadsheets are skipped.
     """
     start, stated = 0, ""
     for line in io.StringIO(text):
@@ -172,7 +172,7 @@ def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
     found = _times(names)
     if not found:
         raise RecordingError(
-            f"recording {path}: has no column 'time_s' (its first row begins with "
+            f"recording {path}: no column 'time_s' (its first row begins with "
             f"{', '.join(names[:4])[:60]!r}); call the seconds that, or give the frames per "
             f"second: {converted_by(path, '--fps 30')} (if it has 30)"
         )

@@ -145,7 +145,7 @@ class _Table:
         if self._rows % 1000 == 0:
             check_joints(self._path, self._rows, 1, len(self._columns.joints))
         if [cell.strip() for cell in row[: self._columns.count]] == self._columns.names:
-            self._counted["repeated header rows are passed over"] += 1
+            self._counted["repeated header rows are skipped"] += 1
             return
         if wrong := self._lengths.wrong(row):
             raise self._wrong(number, f"{wrong}; correct it, or export the table again")

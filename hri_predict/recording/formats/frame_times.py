@@ -86,7 +86,7 @@ def frame_times(path: Path, numbers: Floats, times_s: Floats, nominal_hz: float)
 
 
 def _explains(nominal_hz: float, counts: Floats, since_s: Floats) -> bool:
-    """Whether all times are those of evenly counted frames, but for rounding."""
+    """Whether all times are those of evenly counted frames, except for rounding."""
     if not nominal_hz > 0:
         return False
     off_s = np.abs(since_s - counts / nominal_hz)

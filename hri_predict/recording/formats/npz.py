@@ -185,7 +185,7 @@ def _recording(
     of: tuple[Mapping[str, Any], int],
 ) -> Recording:
     if len(positions) == 0:
-        raise RecordingError(f"recording {path}: is empty (no frames); choose another")
+        raise RecordingError(f"recording {path}: empty (no frames); choose another")
     arrays, person = of
     rate_hz = rate_of(path, arrays, "fps")
     return recording_of_one(path, kind, joint_map, positions, rate_hz=rate_hz, person=person)

@@ -128,7 +128,7 @@ def _person(path: Path) -> Floats | None:
         raise RecordingError(f"recording {path}: not JSON, or truncated; copy it again") from error
     people = content.get("people") if isinstance(content, dict) else None
     if not isinstance(people, list) or not all(isinstance(each, dict) for each in people):
-        raise RecordingError(f"recording {path}: has no 'people'; only OpenPose's JSON is read")
+        raise RecordingError(f"recording {path}: no 'people'; only OpenPose's JSON is read")
     if not people:
         return None
     if len(people) > 1:

@@ -121,7 +121,7 @@ def _value(path: Path, header: Mapping[str, str], key: str, numbers: Numbers) ->
     try:
         value = numbers.read(header[key])
     except KeyError:
-        raise RecordingError(f"recording {path}: has no '{key}' in its third line") from None
+        raise RecordingError(f"recording {path}: no '{key}' in its third line") from None
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

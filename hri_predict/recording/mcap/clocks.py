@@ -1,6 +1,6 @@
 """Which UTC a moment of the node's clock has; the node itself never asks for the wall clock.
 
-The node's clock stands still while the machine is suspended, and does not see it when the wall
+The node's clock stops while the machine is suspended, and does not see it when the wall
 clock is set. A recording holds both, and says once a second how they lie to each other.
 """
 

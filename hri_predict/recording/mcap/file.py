@@ -2,7 +2,7 @@
 
 The library writes into memory. What it finished goes to the disk at once, at least each second, so
 that a killed writer loses no more. What the disk does not take stays in memory, so that the file
-goes on without a gap in its bytes when there is room again.
+continues without a gap in its bytes when there is room again.
 """
 
 import json
@@ -59,7 +59,7 @@ class McapFile:
 
     Attributes:
         path: its path.
-        began: the clocks at its begin.
+        began: the clocks at its start.
         unsafe: messages that are not on the disk yet.
 
     Args:

@@ -51,7 +51,7 @@ class Told:
 
 @dataclass(slots=True)
 class Moment:
-    """Knowledge of the node at a moment: the newest message before it of each topic and source.
+    """Knowledge of the node at one instant: the newest earlier message of each topic and source.
 
     Attributes:
         status, scene, forecast, zones, node: as the topics say; ``None``: there was none.

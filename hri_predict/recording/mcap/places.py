@@ -69,7 +69,7 @@ class OneFile:
             return self._path, os.open(self._path, flags, 0o644)
         except FileExistsError as error:
             raise RecordingError(
-                f"recording {self._path}: exists already, and is kept; name another file or a "
+                f"recording {self._path}: already exists, and is kept; name another file or a "
                 f"folder, or add --overwrite"
             ) from error
 

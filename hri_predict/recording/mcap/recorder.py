@@ -305,7 +305,7 @@ class Recorder(Items):
                 file, self._file = self._file, None
                 self._give_up(file)
             return
-        log.warning("recording %s: goes on; lost: %d", self._place.name, self.dropped)
+        log.warning("recording %s: continues; lost: %d", self._place.name, self.dropped)
         self.error, self._remind_ns, self._told_dropped = None, None, self.dropped
         self._look_ns = now_ns
 
@@ -314,7 +314,7 @@ class Recorder(Items):
         self.failures += 1
         self._retry_ns = now_ns + RETRY_NS
         if self._may_say(now_ns):
-            log.error("recording %s: %s; it goes on when it can", self._place.name, why)
+            log.error("recording %s: %s; it continues when it can", self._place.name, why)
 
     def _drop(self) -> None:
         with self._lock:  # several threads write

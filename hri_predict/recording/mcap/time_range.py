@@ -1,8 +1,8 @@
 """Reads only the part of a recording that is asked for.
 
-Chunks of other times are passed over unread, and messages of other topics are not made: half a
-minute of an hour is found in a fraction of a second, and the advice of an hour in seconds. What is
-read is checked as ever, by each chunk's own CRC.
+Chunks of other times are skipped unread, and messages of other topics are not decoded: half a
+minute of an hour is found in a fraction of a second, and the advice of an hour in seconds. The CRC
+of each chunk that is read is checked as always.
 """
 
 import struct
@@ -29,8 +29,8 @@ _READ: dict[int, Any] = {
 def within(
     file: BinaryIO, start_ns: int | None, end_ns: int | None, limit: int
 ) -> Iterator[Chunk | Channel | Metadata | Footer]:
-    """Chunks that may hold messages from ``start_ns`` to before ``end_ns``, packed, and what
-    stands outside of chunks. The first chunk is always given: it names the channels.
+    """Chunks that may hold messages from ``start_ns`` to before ``end_ns``, packed, and the
+    records outside chunks. The first chunk is always given: it names the channels.
 
     Raises:
         EndOfFile, ValueError, struct.error, …: the file ends here, is damaged, or a record is

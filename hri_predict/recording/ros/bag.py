@@ -43,7 +43,7 @@ def file_of(path: Path) -> Path:
         return found[0]
     if not found:
         raise RecordingError(
-            f"recording {path}: has no {' or '.join(_STORAGES)} file; unpack it, or copy it again"
+            f"recording {path}: no {' or '.join(_STORAGES)} file; unpack it, or copy it again"
         )
     raise RecordingError(
         f"recording {path}: was split into {len(found)} files; name one of them, such as {found[0]}"

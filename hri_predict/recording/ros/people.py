@@ -181,7 +181,7 @@ def _in_order(found: list[Read], notes: list[str]) -> tuple[list[Bodies], list[i
 
 
 def _offset_ns(found: list[Read]) -> int:
-    """Least time from a stamp to its receipt: for messages without header."""
+    """Minimum time from a stamp to its receipt: for messages without header."""
     return min(at_ns - b.stamp_ns for at_ns, b in found if b.stamp_ns is not None)
 
 

@@ -1,7 +1,7 @@
 """Whether a robot may clamp a body part against a fixture or another robot.
 
 It may if a link can reach the part, the part can reach the fixture (by itself, or pushed by the
-robot until it stands), and the link may come nearer to the fixture than the part is thick (ISO
+robot until it stops), and the link may come nearer to the fixture than the part is thick (ISO
 13854:2017, Table 1, or the part's capsule, if that is thicker).
 
 Where another robot will be is not predicted here: it may move anywhere at its highest speed, so it

@@ -1,6 +1,6 @@
 """Maximum speed of a robot beside people that it may touch: mode ``hybrid``.
 
-A speed is permitted if, until the robot stands, it can reach no part of a body that does not bear a
+A speed is permitted if, until the robot stops, it can reach no part of a body that does not bear a
 touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
 mode ``predictive``; or the speed is at most what the part bears (``limits``), less the part's own
 speed unless ``own_speed`` leaves it out. A part that may be clamped must bear the quasi-static
@@ -44,7 +44,7 @@ class _Reachable:
 
     Attributes:
         who: (N,) their indices.
-        near_m: (V, N, S, C) smallest distance of segment and link until the robot stands. Of
+        near_m: (V, N, S, C) smallest distance of segment and link until the robot stops. Of
             the first speed, 0: while a robot that creeps would come to rest where it is.
         bears: (V, N, S) whether the segment bears a touch at this speed.
     """
@@ -271,7 +271,7 @@ def _within(zones: Capsules, robot: Capsules, far_m: float) -> Ints:
 
 @np.errstate(invalid="ignore")
 def _near_m(zones: Capsules, robot: Capsules, travel: Floats, needed_m: float) -> Floats:
-    """(V, N, S, C) smallest distance until the robot stands; infinite where it is surely enough.
+    """(V, N, S, C) smallest distance until the robot stops; infinite where it is surely enough.
 
     Minus infinity where something is not finite.
     """

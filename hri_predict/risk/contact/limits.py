@@ -58,7 +58,7 @@ class RegionLimits(Settings):
 
     force_n: float = Field(ge=1, le=1000, description="F, quasi-static")
     pressure_n_cm2: float = Field(ge=1, le=1000, description="p, quasi-static")
-    transient: float = Field(ge=1, le=2, description="times as much in transient contact")
+    transient: float = Field(ge=1, le=2, description="factor on the limit in transient contact")
     spring_n_mm: float = Field(ge=1, le=1000, description="k")
     mass_kg: float = Field(ge=0.1, le=150, description="m_H, effective")
 

@@ -68,7 +68,7 @@ def detail_of(
 def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:
     """The deciding pair's distance, and from what it is measured, in words.
 
-    ``apart_m``: that distance; by default the least distance of all pairs.
+    ``apart_m``: that distance; by default the minimum distance of all pairs.
     """
     if robot.risk.mode == "fixed":
         return f"{max(people.slack_m + robot.fixed_radius_m, 0.0):.2f} m from the base's axis"

@@ -180,7 +180,7 @@ class Modes:
         )
 
     def _why_no_recovery(self, situation: Situation) -> str:
-        """It begins where people stop the robot, and goes on until they would release it."""
+        """It begins where people stop the robot, and continues until they would release it."""
         demand = situation.demand
         goes_on = self.mode is OperatingMode.RECOVERY
         level = demand.release if goes_on else demand.level

@@ -56,7 +56,7 @@ class MutedTime:
 
     @property
     def may_begin(self) -> bool:
-        """Whether muting may begin, or go on."""
+        """Whether muting may begin, or continue."""
         return not self._used_up
 
     @property

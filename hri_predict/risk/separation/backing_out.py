@@ -1,7 +1,7 @@
 """Whether a robot that backs out along its plan recedes from all people with every part of itself.
 
 Recovery needs the direction before the robot moves. Measured velocities show it only above
-``DIRECTED_M_S``, the speed that recovery permits at most, and a robot that stands has none. Letting
+``DIRECTED_M_S``, the speed that recovery permits at most, and a robot at rest has none. Letting
 it creep until its direction shows would let it creep at a person. So only the way that it came on
 counts: back along its plan, from the place where its joints are.
 """
@@ -23,7 +23,7 @@ STEPS = 16
 def why_not_backing_out(
     robot: RobotConstants, now: RobotNow, motion: RobotMotion, bodies: BodyZones
 ) -> str:
-    """Return why the robot would not recede from all people until it stands again; "" if it would.
+    """Return why the robot would not recede from all people until it stops; "" if it would.
 
     Args:
         robot: with ``modes.recovery`` and a plan, or it is refused.

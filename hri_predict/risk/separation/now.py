@@ -105,14 +105,14 @@ def judge_receding(
 ) -> Finding:
     """Let a robot that recedes from all people be as fast as the people alone permit.
 
-    If every link's distance to every person grows until the robot stands, the robot moves towards
+    If every link's distance to every person grows until the robot stops, the robot moves towards
     no person: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``TimeByTime``, a speed is
     permitted only together with every slower one, and warnings regard any direction.
 
     Args:
         robot, human_m_s: as for ``judge_iso``.
         found: as ``judge_iso`` found it.
-        recedes: (L,) speeds -> (L,) whether the robot recedes until it stands.
+        recedes: (L,) speeds -> (L,) whether the robot recedes until it stops.
     """
     curve, clearance_m = robot.curve, robot.clearance_m
     levels = speed_levels(curve.max_speed_m_s, min(found.limits[:2]))
@@ -263,7 +263,7 @@ def _receding(
     *,
     human_m_s: float,
 ) -> Finding:
-    """The same, where the robot recedes from all people while it goes on and stops."""
+    """The same, where the robot recedes from all people while it continues and stops."""
     is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
     if is_free or not motion.is_foreseen or not motion.is_one_path:
         return found

@@ -90,7 +90,7 @@ spheres_of = kernel(_spheres_by_loops, _spheres_by_arrays)
 
 @np.errstate(invalid="ignore")  # numbers that are not finite are handled below
 def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
-    """The least distance along each of G courses, and the first pair that has it.
+    """The minimum distance along each of G courses, and the first pair that has it.
 
     Args:
         bodies: of people, step by step.
@@ -172,7 +172,7 @@ def _groups(group: Ints) -> tuple[Ints, Ints]:
 
 
 def _nearest(exact: Floats, group: Ints, enough_m: Floats, who: tuple[Ints, Ints, Ints]) -> Found:
-    """The least distance of each group (ascending), and the pair that has it."""
+    """The minimum distance of each group (ascending), and the pair that has it."""
     distance, found = enough_m.astype(np.float64), np.zeros((3, len(enough_m)), np.intp)
     if len(group):
         exact = np.where(np.isfinite(exact), exact, -np.inf)

@@ -33,7 +33,7 @@ Found = tuple[Floats, Ints, Ints, Ints]
 
 
 def search_by_loops(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
-    """The least distance along each course, and the first pair that has it; see ``search``."""
+    """The minimum distance along each course, and the first pair that has it; see ``search``."""
     (_, _, radius), (each, around), _ = bodies
     robot_a, robot_b, robot_radius = robot
     first_step, first_place, count, enough_m = courses

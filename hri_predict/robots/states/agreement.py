@@ -21,7 +21,7 @@ JITTER_S = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPlace:
-    """Place of a robot at a moment, by one controller or a plan.
+    """Position of a robot at one instant, from one controller or a plan.
 
     Attributes:
         q, qd: (N,) rad, m and per second, carried on to that moment.

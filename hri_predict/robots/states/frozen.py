@@ -1,4 +1,4 @@
-"""Whether a controller repeats an old place of its robot under counters that go on.
+"""Whether a controller repeats an old place of its robot under counters that continue.
 
 A counter and a CRC prove that a message is new, not that its content is. Two kinds of content
 cannot be new:
@@ -9,13 +9,14 @@ cannot be new:
   its velocity, as it does when RobotState is late, and stops believing it at the age at which
   RobotState is stale. Then its place must change: a velocity that falls to zero proves nothing.
 - *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) and
-  v / a to stop. A robot that stands at once where it was, or within one cycle of its sender, is
-  believed only after its place has changed: a robot that was frozen in this way looks like one
-  that stands.
+  v / a to stop. A robot that stops at once where it was, or within one cycle of its sender, is
+  believed only after its position has changed: a robot whose state was frozen in this way looks
+  like one at rest.
 
-A robot that stands reports the same place for minutes, with velocities of zero: that is believed.
-So a state that is frozen while the robot stands, or moves more slowly than these rules see, is not
-recognised from this controller alone; ``still`` doubts it once the robot may have moved for long.
+A robot at rest reports the same position for minutes, with velocities of zero: that is believed.
+So a state that is frozen while the robot is at rest, or moves more slowly than these rules see, is
+not recognised from this controller alone; ``still`` doubts it once the robot may have moved for
+long.
 """
 
 from collections.abc import Callable
@@ -33,11 +34,11 @@ PAUSE_S = 0.2
 LAG_S = 0.03
 """Maximum time over which a controller filters its velocities."""
 MOVES = 0.01
-"""A slower coordinate may stand: noise of a velocity, rad/s or m/s (``plausibility``)."""
+"""A slower coordinate may be at rest: noise of a velocity, rad/s or m/s (``plausibility``)."""
 DITHER = 0.0005
 """Minimum change of a place that counts as motion: two steps of the wire, rad, m."""
 BASE_DITHER = 0.001
-"""The same of a moving base's place and heading, whose steps on the wire are larger."""
+"""Minimum change of a moving base's position or heading, whose wire steps are larger."""
 TRAVEL = 0.002
 """A coordinate that should have moved by this, rad or m, is held."""
 BASE_HELD_S = 0.25
@@ -45,11 +46,11 @@ BASE_HELD_S = 0.25
 HARDEST = 2.0
 """No stop is harder than this many times the robot's acceleration."""
 CYCLE_S = 0.005
-"""A sender's cycle may be longer by this than on average."""
+"""Maximum excess of one cycle of a sender over its average cycle."""
 LEAST_WAY_M = 0.0005
-"""A shorter way to stop does not show in the positions."""
+"""A shorter stopping distance does not show in the positions."""
 STANDS_SHARE = 0.2
-"""One that filters its velocities reports more than this share of one in the state after it."""
+"""A controller that filters velocities still reports more than this share one state later."""
 
 
 @dataclass(slots=True)
@@ -181,7 +182,7 @@ class FrozenCheck:
         )
 
     def _stops_impossibly(self, before: _State, state: _State, period_s: float) -> bool:
-        """Whether the state stands, and the one before moved too fast to stand there so soon."""
+        """Whether this state is at rest and the one before moved too fast to stop there so soon."""
         if not self._acceleration:  # states without an error, which a waterfall assumes
             return False
         fastest = max(map(abs, before.qd))

@@ -82,7 +82,7 @@ class StateCheck:
 
     Attributes:
         confirmed: whether motion within the window proves the direction of the velocities. False
-            in the first states, and while the robot stands.
+            in the first states, and while the robot is at rest.
         unreported: (N,) rad/s, m/s by which the positions prove the reported velocities too low,
             but too little for a finding; ``None`` if there is none. The true velocity may be this
             much higher.

@@ -1,6 +1,6 @@
 """Whether a robot that may move is ever seen to move.
 
-States that are frozen while a robot stands look like those of a robot that waits (``frozen``). But
+States that are frozen while a robot is at rest look like those of a waiting robot (``frozen``). But
 a robot that is permitted to move for long, and whose joints do not change meanwhile, may be either.
 It is not proven to be where it says until a joint changes.
 """

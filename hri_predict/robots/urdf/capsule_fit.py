@@ -47,7 +47,7 @@ def needed_radius(points: Floats, radii: Floats, a: Floats, b: Floats) -> float:
 
 
 def fit_capsule(points: Floats, radii: Floats | None = None) -> FittedCapsule:
-    """A capsule that contains every sphere, of about the least volume and never above that of the
+    """A capsule that contains every sphere, of about the minimum volume and never above that of the
     sphere about the mean of the centres.
 
     Args:

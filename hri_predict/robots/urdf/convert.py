@@ -152,10 +152,10 @@ def write(found: Converted, out: Path, margin_m: float) -> None:
     """Write the robot file; ``margin_m`` is named in its remarks.
 
     Raises:
-        RobotError: ``out`` exists already, or cannot be written.
+        RobotError: ``out`` already exists, or cannot be written.
     """
     if os.path.lexists(out):
-        raise RobotError(f"--out {out}: exists already; name another, or remove it")
+        raise RobotError(f"--out {out}: already exists; name another, or remove it")
     with OsErrorAs(RobotError, f"--out {out}: cannot be written"):
         atomic_write(out, _text(found, 1000 * margin_m).encode())
 

@@ -124,7 +124,7 @@ def _origin(placement: Any, pinocchio: Any, joint: str) -> dict[str, Any]:
     far = float(np.abs(placement.translation).max())
     if not (np.isfinite(rpy).all() and far <= MAX_PART_M):
         raise RobotError(
-            f"joint '{joint}': its origin, with what it hangs on, is beyond {MAX_PART_M:g} m or "
+            f"joint '{joint}': its origin, with its parents', is beyond {MAX_PART_M:g} m or "
             f"not a number; {meant(far, 'm') or 'correct it'}"
         )
     xyz, rpy = (np.round(v, 12) + 0.0 for v in (placement.translation, rpy))

@@ -40,7 +40,7 @@ SIZES = {  # number of numbers of each
 
 @dataclass(frozen=True, slots=True)
 class UrdfChain:
-    """Parts that hang on the base link: one chain of moving joints, and links rigidly fixed to it.
+    """Parts attached to the base link: one chain of moving joints, and links rigidly fixed to it.
 
     Attributes:
         name: name of the robot.
@@ -186,7 +186,7 @@ def _joints_by_child(
         if child in above:
             raise RobotError(
                 f"link '{child}' is the child of joints '{_name(above[child])}' and "
-                f"'{_name(joint)}'; a link hangs on one joint: remove the other"
+                f"'{_name(joint)}'; a link has one parent joint: remove the other"
             )
         above[child] = joint
     return above
@@ -206,7 +206,7 @@ def _way_up(link: str, above: dict[str, ElementTree.Element], base: str | None =
             raise RobotError(f"the joints above link '{link}' form a loop; a URDF is a tree")
     if base is not None and way[-1] != base:
         raise RobotError(
-            f"link '{link}' does not hang on '{base}', but on '{way[-1]}'; "
+            f"link '{link}' is not attached to '{base}', but to '{way[-1]}'; "
             f"give --base and --tip in this order, from the floor to the hand"
         )
     return way

@@ -36,7 +36,7 @@ from hri_predict.zones.calibration import Calibration
 FAST = 0.9
 """Share of the robot's highest speed that counts as working."""
 HELD = 0.9
-"""Share of the time in which it must be permitted."""
+"""Share of the time for which that speed must be permitted."""
 WARM_S = 2.5
 """Time until levels and self-check have settled; it does not count."""
 NEAREST_M, FARTHEST_M = 0.3, 6.0

@@ -263,7 +263,7 @@ def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> lis
 
 
 def _chosen(bodies: BodyZones, measured: Bools) -> BodyZones:
-    """The same without the segments that are not measured (P, S): others stand in their place."""
+    """The same without the segments that are not measured (P, S): others replace them."""
     zones, toward = bodies.zones.capsules, bodies.toward
     a, b, radius = zones.a.copy(), zones.b.copy(), zones.radius.copy()
     if toward is not None:

@@ -135,7 +135,7 @@ class State:
             self._changed.wait_for(lambda: self.history.version != seen or self.ended, timeout_s)
 
     def told(self, alerts: int = -1) -> dict[str, Any]:
-        """Return the page's current content: of a node that is silent no level, only since when.
+        """Return the page's current content: of a silent node no level, only since when.
 
         Args:
             alerts: the version of the history that the page has; the history is left out unless

@@ -104,7 +104,7 @@ def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _detail(robot: dict[str, Any]) -> str:
-    """The detail without what stands in other rows: the reason, and what clears it."""
+    """The detail without what other rows show: the reason, and what clears it."""
     said = set(robot["reason"].split("; "))
     parts = robot["detail"].removeprefix(f"{robot['name']}: ").split("; ")
     return "; ".join(p for p in parts if p not in said and not p.startswith("clears when"))

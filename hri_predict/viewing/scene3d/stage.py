@@ -24,11 +24,11 @@ from hri_predict.viewing.scene3d.tags import Tags
 SKY, SUN = 1.6, 1.8
 """Brightness of the lights."""
 GHOSTS = 3
-"""Number of bodies of each forecast that are drawn; more of them hide each other."""
+"""Number of bodies of each forecast that are drawn; more would hide each other."""
 OPENING = math.radians(58)
 """The camera's vertical field of view: at that distance, about 5 m of the room."""
 THINNER = 0.9
-"""A forecast's radii by the body's: of a person who stands still it lies inside."""
+"""Ratio of a forecast's radii to the body's: below 1, so that it hides inside a still body."""
 LINKS = (1.0, 0.72)
 """Brightness of a robot's capsules in turn, so that its links differ."""
 LOOK_FROM_M = np.array([2.3, -3.4, 1.9])

@@ -33,7 +33,7 @@ class Surroundings:
         self._floor = self._first_floor()
 
     def draw(self, facts: dict[str, Any], known: bool) -> None:
-        """Show the room of a picture; grey if the picture is not ``known`` to be of now."""
+        """Show the room of a picture; grey if the picture is not ``known`` to be current."""
         if facts["room"] != self._room:
             self._room = facts["room"]
             self._build()

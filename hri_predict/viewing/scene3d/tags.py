@@ -32,7 +32,7 @@ class Tags:
         self._rings = self._batch("rings", 4.0)
 
     def draw(self, picture: Picture, known: bool) -> None:
-        """Show those of a picture; grey if it is not ``known`` to be of now."""
+        """Show those of a picture; grey if it is not ``known`` to be current."""
         words = {**_of_people(picture), **_of_robots(picture), **_of_pairs(picture)}
         for name, label in self._labels.items():
             label.visible = name in words

@@ -281,7 +281,7 @@ def _cut_by_motion(
     until: Floats,
     spheres: tuple[Floats, Floats],
 ) -> None:
-    """Cut a person's spheres, but for entry 0, to what speed and acceleration allow."""
+    """Cut a person's spheres, except for entry 0, to what speed and acceleration allow."""
     bodies, rule, n = person
     last, joint_age, follows = seen
     mid, radius = spheres
@@ -336,7 +336,7 @@ def _bones(seen: tuple[Floats, Floats], inferred: Floats, rule: Rule, bone: Floa
 
 @part
 def _cut_by_bones(tree: tuple[Ints, Ints], bone: Floats, mid: Floats, radius: Floats) -> None:
-    """Cut all joints' spheres, but for entry 0, from the root outwards."""
+    """Cut all joints' spheres, except for entry 0, from the root outwards."""
     order, parents = tree
     for k in range(1, len(radius)):
         for j in order:

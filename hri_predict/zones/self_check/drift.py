@@ -69,8 +69,8 @@ class Drift:
 
         Args:
             now_ns: of the tick.
-            missed: number of them that the radii as calibrated did not hold; shares of bodies
-                count.
+            missed: number of misses of the calibrated radii; a part of a body counts as a
+                fraction.
             judged: their number.
         """
         if judged <= 0:

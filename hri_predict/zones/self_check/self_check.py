@@ -137,7 +137,7 @@ def _shares(sums: Floats) -> dict[str, Any]:
 __all__ = ["MotionRanges", "SelfCheck", "SelfCheckConstants", "Trust"]
 
 BANDS_S = (0.12, 0.24, 0.4, 0.6, 0.8)
-"""Horizons up to each of these share a factor, and so do those beyond the last. If captures come
+"""Horizons up to each of these share a factor, and so do those beyond the last. If captures arrive
 slower than 8 a second, none falls into the first band, which is then never widened."""
 MAX_DT_S = 0.1
 """A longer gap between captures counts as this: it is still one judgement."""

@@ -28,7 +28,7 @@ def settings(
     joint_map: str | None = None,
     links: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any]:
-    """A configuration, as it would stand in YAML; its robots need no controller.
+    """A configuration, as written in YAML; its robots need no controller.
 
     Args:
         people: number of people around the first robot, up to 16.

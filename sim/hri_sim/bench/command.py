@@ -41,7 +41,7 @@ SECTIONS = {
     "speed": Section("Faster than real time", speed.rows),
     "links": Section("From a scene to the last byte, by kind of link", links.rows, detail=True),
     "plants": Section("To the registers of another process", plants.rows, detail=True),
-    "ports": Section("What each receiver hears of one node", ports.rows, detail=True),
+    "ports": Section("What each receiver receives of one node", ports.rows, detail=True),
     "fleet": Section("From posting to decoding, over zenoh", fleet.rows, detail=True),
     "trackers": Section("Walks up to a robot and away", trackers.rows, detail=True),
     "joint-maps": Section("Zones around a standing body", joint_maps.rows, detail=True),

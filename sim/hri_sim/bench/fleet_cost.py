@@ -140,7 +140,7 @@ def _until_heard(link: ZenohLink, observer: ZenohTransport, began: float) -> flo
         try:
             if observer.read(0.04):
                 return time.monotonic() - began
-        except LinkError:  # not connected yet: zenoh itself goes on trying
+        except LinkError:  # not connected yet: zenoh itself continues trying
             time.sleep(0.04)
 
 

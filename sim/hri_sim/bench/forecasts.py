@@ -138,7 +138,7 @@ def _has_weights(name: str) -> bool:
 def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:
     """The predictor by engine, in this order; by the one name "–" if it has no network.
 
-    An engine that is not installed is left out, but for the first.
+    An engine that is not installed is left out, except for the first.
     """
     base = predictor_settings(name, None, _RATE_HZ, _HORIZON_S)
     cls = registry.load("predictors", name)

@@ -144,7 +144,7 @@ class _Seen:
 
 @dataclass
 class _Watch(Listener):
-    """Notes when scenes came, when ticks began, and how long each tick's inference took."""
+    """Notes when scenes arrived, when ticks began, and how long each tick's inference took."""
 
     inference_ns: int = 0
     posted_ns: int = 0
@@ -183,7 +183,7 @@ def latency(
 
     Returns:
         Milliseconds, p50, p99 and max: ``wait`` from a scene's arrival until the next tick begins;
-        ``inference`` in that tick; ``node`` from its begin until Advice and Status are posted,
+        ``inference`` in that tick; ``node`` from its start until Advice and Status are posted,
         without inference; ``link`` from there until their last byte was written; ``total`` is all
         four. ``scenes`` is the number of scenes measured, ``missed`` the number of ticks whose
         Status was replaced by a newer one and never written. ``ticks``, ``late_ticks``,

@@ -2,7 +2,7 @@
 
 The hooks fail slowly: two servers take the connection and never answer, and a command never ends.
 The process reads what a browser would be sent by the 3D view and by the operator's page, and draws
-nothing: a browser belongs to another computer. It runs at the lowest priority for the same reason.
+nothing: a browser would run on another computer. So it also has the lowest priority.
 """
 
 import contextlib

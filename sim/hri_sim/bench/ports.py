@@ -61,7 +61,7 @@ def ports(
     rows = measure(costs(seconds, predictor), 7, "ports")
     if not as_json:
         rows = [{key: _DASHES if v is None else v for key, v in row.items()} for row in rows]
-    report(rows, as_json, "What each receiver hears of one node", _COLUMNS)
+    report(rows, as_json, "What each receiver receives of one node", _COLUMNS)
 
 
 def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
@@ -124,7 +124,7 @@ def rows(scope: Scope) -> Iterator[Row]:
 
 @contextlib.contextmanager
 def _people() -> Iterator[dict[str, Any]]:
-    """Publish two people who stand; yield the settings of the source that hears them."""
+    """Publish two standing people; yield the settings of the source that receives them."""
     from hri_sim.senders.ros2 import DOMAIN, FRAME, TOPIC  # needs rclpy
 
     with child(_publish) as publisher:

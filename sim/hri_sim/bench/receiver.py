@@ -57,7 +57,7 @@ class PtyEar:
     """The other side of a serial line, or a CAN adapter on one; stamps come after each read.
 
     Args:
-        link: entry of ``links:``, but for the line's path.
+        link: entry of ``links:``, except for the line's path.
         key: the entry's key of that path.
         transport: what reads from the line.
         receiver: decoder of what it reads.
@@ -139,7 +139,7 @@ EARS: dict[str, Callable[[], Ear]] = {
 
 
 class Heard:
-    """When which message came."""
+    """When which message arrived."""
 
     def __init__(self, receiver: Any) -> None:
         self._receiver = receiver

@@ -88,7 +88,10 @@ class ControllerSettings(Settings):
         0, ge=0, description="more bad or missing messages than this stop the robot"
     )
     error_window_s: float = Field(
-        0.5, gt=0, le=10, description="until none comes for this time, it stays stopped"
+        0.5,
+        gt=0,
+        le=10,
+        description="after such errors it stays stopped until none occurs for this time",
     )
     state_rate_hz: float | None = Field(
         None,

@@ -97,7 +97,7 @@ def deceleration_of(model: RobotModel, up_to_m_s: float) -> float:
 
 
 def deceleration_with_base(model: RobotModel, trajectory: Trajectory) -> float:
-    """The same of an arm and its base, which follow one path and brake on it together.
+    """Return such a deceleration of an arm and its base, which brake together on one path.
 
     Each is then within its own table at every place of the path, at any speed.
     """

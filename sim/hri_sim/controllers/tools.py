@@ -13,9 +13,9 @@ class ToolChange(Settings):
     """One entry of ``tools`` in a link's ``simulate:`` block: from then on it carries this tool."""
 
     at_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
-    tool: int = Field(strict=True, ge=0, le=MAX_TOOL, description="its number")
+    tool: int = Field(strict=True, ge=0, le=MAX_TOOL, description="number of the tool")
     confirmed_after_s: float | None = Field(
-        0.0, ge=0, description="until the controller has checked it; null: it never does"
+        0.0, ge=0, description="time until the controller has checked the tool; null: never"
     )
 
 

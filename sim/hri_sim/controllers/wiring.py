@@ -88,13 +88,13 @@ class Wiring:
 
         Raises:
             OSError: the file does not exist.
-            ValueError: it was created for another number of channels.
+            ValueError: it was created for a different number of channels.
         """
         size = _REGISTER * (1 + len(channels))
         descriptor = os.open(path, os.O_RDWR)
         try:
             if os.fstat(descriptor).st_size != size:
-                raise ValueError(f"wiring {path}: created for another number of channels")
+                raise ValueError(f"wiring {path}: created for a different number of channels")
             return cls(mmap.mmap(descriptor, size), channels)
         finally:
             os.close(descriptor)

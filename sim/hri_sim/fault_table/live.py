@@ -1,6 +1,6 @@
 """Faults of live senders, in real time, over the real sockets of every kind of live source.
 
-A node runs with the source under test and a robot that stands; a person stands near it. Once the
+A node runs with the source under test and a robot at rest; a person stands near it. Once the
 node has been running for a second, the fault begins, at the sender or on the wire.
 """
 
@@ -42,7 +42,7 @@ class LiveCase:
     """One fault of a sender; see ``fault_table.Case``.
 
     Attributes:
-        kind: ``unplugged`` (the sender goes on, nothing arrives), ``restarted`` (its program ends
+        kind: ``unplugged`` (the sender continues, nothing arrives), ``restarted`` (its program ends
             and starts again after the fault), ``delayed``, ``flooded`` (more scenes per second),
             ``corrupted`` (wrong bits), ``clock`` (wrong stamps).
         amount: seconds of delay, factor of the rate, error probability of a bit, or seconds of the

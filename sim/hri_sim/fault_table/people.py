@@ -52,7 +52,7 @@ DEMO_ROBOT = {
 
 
 def comes(hold_s: float) -> Person:
-    """Walks up to a robot at full speed and reaches into its way."""
+    """Walks up to a robot at full speed and reaches into its path."""
     return person(
         [4.5, 0.2],
         wait(4.0),

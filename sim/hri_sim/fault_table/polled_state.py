@@ -45,7 +45,7 @@ CASES = (
     _case("server gone, and back", STALE_MS, "gone"),
     _case("server does not answer", STALE_MS, "stopped"),
     _case("answers after 0.15 s", STALE_MS, "late"),
-    _case("heartbeat stands still", STALE_MS, "frozen"),
+    _case("heartbeat stops", STALE_MS, "frozen"),
     _case("a position is not a number", SOON_MS, "not a number"),
     _case("positions of another type", SOON_MS, "wrong type"),
     _case("not in automatic mode", SOON_MS, "mode"),

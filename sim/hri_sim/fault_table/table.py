@@ -91,7 +91,7 @@ SEEN = 34 + 40
 # own cycle.
 TOLD = 40 + 5 + 20 + 8
 NEXT = 15 + 8
-"""From one message that the controller hears to the next, and its own cycle."""
+"""From one message that the controller receives to the next, and its own cycle."""
 SILENT = 60 + NEXT
 
 

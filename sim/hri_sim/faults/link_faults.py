@@ -182,7 +182,7 @@ class SecondSender(LinkFault):
     ``out``: the controllers; ``in``: the first node.
     """
 
-    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="of its CAN frames")
+    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="id of its first CAN frame")
 
 
 LINK_FAULTS: dict[str, type[LinkFault]] = {

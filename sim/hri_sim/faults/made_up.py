@@ -1,4 +1,4 @@
-"""A tracker that lost a person and goes on sending one."""
+"""A tracker that lost a person and continues sending one."""
 
 from collections import deque
 from dataclasses import replace
@@ -16,7 +16,7 @@ MOST_CAPTURES = 60
 
 
 class MadeUp(FaultSettings):
-    """The tracker lost all people and goes on sending them, with fresh noise.
+    """The tracker lost all people and continues sending them, with fresh noise.
 
     ``how`` is ``hold``: the last skeleton again; ``coast``: it glides on at ``velocity``; or
     ``loop``: the last ``captures`` captures again and again.
@@ -29,7 +29,7 @@ class MadeUp(FaultSettings):
         "hold", description="content that it sends instead"
     )
     captures: int = Field(12, ge=2, le=MOST_CAPTURES, description="length of the loop")
-    velocity: Vector3 = Field([0.0, 1.4, 0.0], description="m/s, of all people who coast")
+    velocity: Vector3 = Field([0.0, 1.4, 0.0], description="velocity of all people who coast, m/s")
     noise_m: float = Field(0.004, ge=0, le=0.1, description="fresh noise, in each axis")
 
 

@@ -62,7 +62,7 @@ class Freeze(FaultSettings):
     """The source repeats its last scene.
 
     ``what`` is ``sequence``: the very same scene, sequence and stamp again; or ``joints``: sequence
-    and stamp go on, the joints stay bit-identical, as from a hung camera with a live driver.
+    and stamp continue, the joints stay bit-identical, as from a hung camera with a live driver.
     """
 
     soak = ("", "what=joints")
@@ -117,7 +117,7 @@ class Rotate(PeopleFault):
     soak = ()
 
     quaternion_xyzw: Quaternion = Field([SIN_45, 0.0, 0.0, SIN_45], description="rotation")
-    about: Vector3 = Field([0.0, 0.0, 0.0], description="about which point, room frame, m")
+    about: Vector3 = Field([0.0, 0.0, 0.0], description="centre of the rotation, room frame, m")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
         """Return them turned."""
@@ -131,7 +131,7 @@ class Mirror(PeopleFault):
 
     soak = ()
 
-    at_y: float = Field(0.0, ge=-1000, le=1000, description="at the plane of this y, m")
+    at_y: float = Field(0.0, ge=-1000, le=1000, description="y of the mirror plane, m")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
         """Return them mirrored."""
@@ -184,7 +184,7 @@ class Occlude(FaultSettings):
         [], description="that hide people: [x, y, x, y, height], m"
     )
     rename: float = Field(
-        0.0, ge=0, le=1, description="chance that who is found again has another id"
+        0.0, ge=0, le=1, description="chance that a person found again has another id"
     )
 
 

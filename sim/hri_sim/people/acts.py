@@ -184,13 +184,13 @@ class Reach:
         return replace(self._standing, reach=reach, lean=reach * self._lean)
 
     def _longest_way(self, body: Body) -> float:
-        """Return the greatest way of any joint, metres per unit of ``reach``."""
+        """Return the maximum travel of any joint, metres per unit of ``reach``."""
         joints = np.array([body.joints(self._at(float(r))) for r in np.linspace(0, 1, 41)])
         return float(np.linalg.norm(np.diff(joints, axis=0), axis=-1).max()) * 40
 
 
 def _lean_to(body: Body, standing: Stance) -> float:
-    """Return the least lean (radians) that brings the target within the arm's reach."""
+    """Return the minimum lean (radians) that brings the target within the arm's reach."""
     near, far = body.reach_limits()
     target = standing.target
     assert target is not None

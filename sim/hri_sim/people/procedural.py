@@ -58,13 +58,13 @@ class ProceduralSettings(SourceSettings):
     )
     keeps_ids: bool = Field(True, description="an id that comes back is the same person")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second")
-    seed: int = Field(0, ge=0, description="seed of its random numbers")
+    seed: int = Field(0, ge=0, description="random seed")
     latency_s: float = Field(0.0, ge=0, le=2, description="time from capture to arrival")
     noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
     wander_m: float = Field(
         0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
     )
-    wander_s: float = Field(0.3, gt=0, le=10, description="its correlation time")
+    wander_s: float = Field(0.3, gt=0, le=10, description="correlation time of wander_m")
     stamp_jitter_s: float = Field(
         0.0, ge=0, le=1, description="stamps are late by a random time up to this"
     )

@@ -39,10 +39,10 @@ def main(
     ] = -1,
     fault: Annotated[str, typer.Option(help=f"What goes wrong: {', '.join(FAULTS)}.")] = "none",
     after_s: Annotated[
-        float, typer.Option(help="The fault begins this long after a client came.")
+        float, typer.Option(help="The fault begins this long after a client connects.")
     ] = 5.0,
 ) -> None:
-    """Show an arm's state until it is ended."""
+    """Serve an arm's state until interrupted."""
     if fault not in FAULTS:
         _fail(f"--fault '{fault}': give one of {', '.join(FAULTS)}")
     try:

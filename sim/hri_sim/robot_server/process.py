@@ -31,7 +31,7 @@ class ServerProcess:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise RuntimeError(f"the robot's server ended with status {self._process.wait()}")
+            raise RuntimeError(f"the robot's server exited with status {self._process.wait()}")
         return int(json.loads(line)["port"])
 
     def toggle(self) -> None:
@@ -39,7 +39,7 @@ class ServerProcess:
         self._process.send_signal(signal.SIGUSR1)
 
     def hang(self, hangs: bool) -> None:
-        """Stop the process as it is, or let it go on."""
+        """Stop the process as it is, or let it continue."""
         self._process.send_signal(signal.SIGSTOP if hangs else signal.SIGCONT)
 
     def kill(self) -> None:

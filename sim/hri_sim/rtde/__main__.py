@@ -26,7 +26,7 @@ def main(
     watchdog_register: Annotated[int, typer.Option(help="As the link's.")] = 24,
     level_register: Annotated[int, typer.Option(help="As the link's.")] = 25,
     watchdog_s: Annotated[
-        float, typer.Option(help="Pause if the watchdog stands still for this long; 0: never.")
+        float, typer.Option(help="Pause if the watchdog stops for this long; 0: never.")
     ] = 0.06,
     each: Annotated[bool, typer.Option(help="Print every data package, with its time.")] = False,
     refuse_version: Annotated[bool, typer.Option(help="Refuse protocol version 2.")] = False,
@@ -34,9 +34,9 @@ def main(
     silent_after_s: Annotated[float, typer.Option(help="Then send no more data.")] = 1e9,
     garbage_after_s: Annotated[float, typer.Option(help="Then send other bytes.")] = 1e9,
     piece: Annotated[int, typer.Option(help="Send in pieces of this many bytes.")] = 0,
-    frozen: Annotated[bool, typer.Option(help="The time stamp stands still.")] = False,
+    frozen: Annotated[bool, typer.Option(help="The time stamp stops.")] = False,
 ) -> None:
-    """Serve RTDE until it is ended."""
+    """Serve RTDE until interrupted."""
     behaviour = Behaviour(
         refuse_version=refuse_version,
         lacks=frozenset(lacks or ()),

@@ -19,7 +19,7 @@ PLAYING, PAUSED = 2, 4  # runtime_state
 class Arm:
     """An arm of six joints whose program never ends.
 
-    It obeys the slider, and its program pauses if the watchdog register stands still or the level
+    It obeys the slider, and its program pauses if the watchdog register stops or the level
     permits no motion.
 
     Args:

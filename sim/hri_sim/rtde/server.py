@@ -46,7 +46,7 @@ class Behaviour:
         silent_after_s: send no data package later than this after the start of a client.
         garbage_after_s: send bytes that are not RTDE, that long after the start of a client.
         piece: send each packet in pieces of this many bytes; 0: whole.
-        frozen: the time stamp stands still.
+        frozen: the time stamp stops.
     """
 
     refuse_version: bool = False

@@ -83,7 +83,7 @@ def _mocap(program: Callable[[], Program], kind: str) -> Callable[[Path], LiveEn
 
 
 class _Served(Wire):
-    """A server on this machine, which goes on answering while its program is started again."""
+    """A server on this machine, which continues answering while its program is started again."""
 
     def __init__(self, server: Motive | Qtm) -> None:
         self._server = server

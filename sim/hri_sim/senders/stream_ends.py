@@ -78,7 +78,7 @@ class Udp(Wire):
 
     Args:
         port: of the source.
-        lasting: a program that is started again goes on with the same socket.
+        lasting: a program that is started again continues with the same socket.
     """
 
     def __init__(self, port: int, *, lasting: bool = False) -> None:

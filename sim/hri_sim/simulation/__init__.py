@@ -138,7 +138,7 @@ def _text(joint_map: str | None) -> str | None:
 
 
 def _reads(plan: SimulationPlan) -> list[Path]:
-    """The files that decide an episode, but for those of the installation."""
+    """The files that decide an episode, except for those of the installation."""
     config = plan.loaded(None)
     beside = [config.node.risk.coverage.calibration, plan.joint_map, *dict(plan.seen).values()]
     named = [name for name in beside if isinstance(name, str) and Path(name).suffix]

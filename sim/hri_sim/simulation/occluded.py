@@ -1,7 +1,7 @@
 """People lost by cameras: episodes behind boxes and behind each other, through the whole node.
 
 Each episode draws from its seed: a camera (or two), one to three people who walk to a place near
-the robot, stay there, reach into its way and walk off; boxes that hide the places from the camera;
+the robot, stay there, reach into its path and walk off; boxes that hide the places from the camera;
 the camera's rate; and whether people get other ids when they are found again. Nothing is played
 from earlier results: people, zones, links, controllers, arm and referee are those of a run at
 ``--speed max``.

@@ -192,7 +192,7 @@ def test_tolerated_errors_do_not_stop_it_and_one_more_does(line):
 
 
 def test_without_a_window_an_error_stops_it_for_ever(line):
-    """Whoever leaves the setting out gets a robot that stands, not one that heeds no error."""
+    """Without the setting the robot stays at rest; no error goes unheeded."""
     one = line(window_ms=0).started().ask()
     one.put([(0, b"\x05\x01\x02\x00")]).ask()
     for _ in range(200):

@@ -35,6 +35,6 @@ def test_a_table_that_names_joints_and_no_time_is_left_out_with_a_line(
     with pytest.raises(ConfigError, match="holds no recording"):
         recordings(tmp_path, None)
     err = capsys.readouterr().err
-    assert err.startswith(f"warning: recording {path}: has no column 'time_s'")
+    assert err.startswith(f"warning: recording {path}: no column 'time_s'")
     assert err.endswith("; left out\n")
     assert err.count("\n") == 1

@@ -111,11 +111,11 @@ def test_a_left_handed_world_is_turned_not_mirrored(cli, mistake):
 def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli, mistake):
     assert cli("two.csv", "two.trc")[0] == 0
     before = Path("two.trc").read_bytes()
-    assert "two.trc: exists already; --force replaces it" in mistake("two.csv", "two.trc")
+    assert "two.trc: already exists; --force replaces it" in mistake("two.csv", "two.trc")
     assert "cannot be written: File name too long" in mistake("two.csv", f"{'a' * 300}.csv")
     assert "cannot be written" in mistake("two.csv", "two.csv/three.csv")
     os.mkfifo("pipe.csv")
-    assert "cannot be written: is not a file" in mistake("two.csv", "pipe.csv", "--force")
+    assert "cannot be written: not a file" in mistake("two.csv", "pipe.csv", "--force")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
     assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")
@@ -153,7 +153,7 @@ def test_mistakes_are_one_line_with_the_remedy(mistake):
     assert "name it a.mcap, or take --to rosbag2-sqlite" in said
     assert "name it a.bvh" in mistake("two.csv", "a.bag", "--to", "bvh")
     assert "no such file" in mistake("gone.csv", "a.csv")
-    assert "has no person 9; has 2, 3" in mistake("two.csv", "a.csv", "--person", 9)
+    assert ": no person 9; it has 2, 3" in mistake("two.csv", "a.csv", "--person", 9)
     assert "must be after --start" in mistake("two.csv", "a.csv", "--start", 3, "--end", 2)
     assert "it lasts 1.0 s" in mistake("two.csv", "a.csv", "--start", 3)
     for start in ("inf", "1e300"):

@@ -173,7 +173,7 @@ def test_a_folder_of_the_pack_gives_its_part_of_a_split_or_all_of_it():
     assert len(files([SHARED / "motion" / "cmu_tools"], None)) == 12
     assert len(files([SHARED], "test_motion")) == 58
     assert len(files([SHARED / "cmu_mocap"], None)) == 24  # as before: the test recordings
-    with pytest.raises(ConfigError, match=r"cmu_tools: has no recording of the split test; name"):
+    with pytest.raises(ConfigError, match=r"cmu_tools: no recording of the split test; name"):
         files([SHARED / "motion" / "cmu_tools"], "test")
 
 

@@ -68,7 +68,7 @@ def test_another_folder_is_one_line(tmp_path, asked):
     status, said = asked(tmp_path)
     assert status == 2
     assert said.count("\n") == 1
-    assert "has no evidence.jsonl" in said
+    assert ": no evidence.jsonl" in said
 
 
 def test_a_node_that_was_killed_and_its_file_are_noted(folder, asked):

@@ -45,9 +45,9 @@ def test_each_way_to_write_a_time(noon, text, seconds, width_s):
         ("12:00:61", "not a time of day"),
         ("13:30:00", "not recorded; these recordings are from 2026-03-08T12:00:00.00"),
         ("2026-02-30T12:00:00", "not a date"),
-        ("noon", "is not a time"),
-        ("-3", "is not a time"),
-        ("1e3", "is not a time"),
+        ("noon", ": not a time"),
+        ("-3", ": not a time"),
+        ("1e3", ": not a time"),
     ],
 )
 def test_what_is_no_time_is_one_line(noon, text, words):

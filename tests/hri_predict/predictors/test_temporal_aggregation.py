@@ -143,7 +143,7 @@ def test_the_adversary_of_the_network_within_learns_while_that_learns_alone():
 
 
 def test_refuses_a_predictor_without_a_network():
-    with pytest.raises(ConfigError, match=r"options\.method 'kalman': has no network; name"):
+    with pytest.raises(ConfigError, match=r"options\.method 'kalman': no network; name"):
         wrapped(method="kalman")
     with pytest.raises(ConfigError, match="unknown key"):
         wrapped(options={"chanels": 4})
@@ -216,7 +216,7 @@ def test_takes_weights_trained_through_the_aggregation(tmp_path, random_network)
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"inner": "kalman"}, r"predictor\.inner 'kalman': has no network; name a trained"),
+        ({"inner": "kalman"}, r"predictor\.inner 'kalman': no network; name a trained"),
         ({"inner": "trajectorycn"}, "unknown predictor 'trajectorycn'; did you mean"),
         ({"inner": "stb"}, "are for 'trajectorycnn'; give the file of 'stb'"),
         ({"steps": 13}, r"predictor\.steps 13: .* predicts 12 at a time .* use 12 at most"),

@@ -1,4 +1,4 @@
-"""A robot that stands where no person is seen, and an exit as large as the hall, are refused."""
+"""A robot placed where no person is seen, and an exit as large as the hall, are refused."""
 
 from typing import Any
 

@@ -74,7 +74,7 @@ def test_a_recording_that_is_there_is_not_lost(tmp_path, played):
     before = monday.read_bytes()
     options = Options(factor=None, until_exhausted=True, record=monday)
     with pytest.raises(
-        RecordingError, match=r"monday\.mcap: exists already, and is kept; .*--over"
+        RecordingError, match=r"monday\.mcap: already exists, and is kept; .*--over"
     ):
         run(config, options)
     assert monday.read_bytes() == before
@@ -92,7 +92,7 @@ def test_a_node_that_starts_again_records_beside_the_file_of_its_configuration(
         run(config, Options(factor=None, until_exhausted=True))
         found.append(sorted(path.name for path in tmp_path.glob("*.mcap")))
     assert found[-1] == ["day-2.mcap", "day-3.mcap", "day.mcap"]
-    assert "day.mcap: exists already, and is kept; recording" in caplog.text
+    assert "day.mcap: already exists, and is kept; recording" in caplog.text
 
 
 def test_a_folder_that_is_named_on_the_command_line_is_recorded_into(tmp_path, played):

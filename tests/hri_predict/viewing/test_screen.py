@@ -135,7 +135,7 @@ def test_an_absurd_port_is_one_line():
 @pytest.mark.parametrize("host", ["", " "])
 def test_an_empty_host_is_not_every_address(host):
     """``--viewer-host "$HOST"`` without HOST would open the page to the whole network."""
-    with pytest.raises(ConfigError, match="--viewer-host: is empty; give an address"):
+    with pytest.raises(ConfigError, match="--viewer-host: empty; give an address"):
         check_port(ScreenSettings("operator", OPERATOR, 0, host))
 
 

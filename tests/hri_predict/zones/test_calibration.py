@@ -379,7 +379,7 @@ def test_who_ships_none_is_not_calibrated_and_a_broken_one_is_no_secret(folder):
     with pytest.raises(ConfigError, match="cannot be read"):
         calibration_for(SETTINGS, CoverageSettings(calibration="none.json"), folder)
     (folder / "zero_velocity.calibration.json").write_text("{", encoding="utf-8")
-    with pytest.raises(ConfigError, match="is not JSON"):
+    with pytest.raises(ConfigError, match=": not JSON"):
         calibration_for(SETTINGS, CoverageSettings(), folder)
     (folder / "zero_velocity.calibration.json").unlink()
     assert calibration_for(SETTINGS, CoverageSettings(), folder) is None

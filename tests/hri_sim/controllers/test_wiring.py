@@ -128,7 +128,7 @@ def test_two_processes_share_it_and_a_reader_never_sees_a_mixture(tmp_path: Path
 
 def test_wires_of_another_shape_are_refused(tmp_path: Path):
     Wiring.create(tmp_path / "wires", ["a"]).close()
-    with pytest.raises(ValueError, match="another number of channels"):
+    with pytest.raises(ValueError, match="a different number of channels"):
         Wiring.open(tmp_path / "wires", ["a", "b"])
     with pytest.raises(OSError):
         Wiring.open(tmp_path / "absent", ["a"])

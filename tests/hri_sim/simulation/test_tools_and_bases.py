@@ -18,7 +18,7 @@ from hri_sim.simulation.cell import Cell
 def test_nobody_is_touched(name: str) -> None:
     """One approach through the whole node; nothing that the controller says is disbelieved.
 
-    A person may walk into a robot that stands: recorded people do not react.
+    A person may walk into a robot at rest: recorded people do not react.
     """
     config = configuration.load(configuration.shipped(f"{name}.yaml")).quiet()
     config = config.with_predictor("constant_velocity", horizon_s=1.2)

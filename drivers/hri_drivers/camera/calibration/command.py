@@ -1,4 +1,4 @@
-"""Calibrate a camera by a printed chessboard, and find where it stands in the room."""
+"""Calibrate a camera with a printed chessboard, and find where it stands in the room."""
 
 import json
 from pathlib import Path

@@ -76,9 +76,7 @@ def pictures_of(folder: Path) -> list[Path]:
         ConfigError: it is missing, not a folder, or has none or too many.
     """
     if not folder.is_dir():
-        raise ConfigError(
-            f"--images {folder}: is not a folder; name one with pictures of the board"
-        )
+        raise ConfigError(f"--images {folder}: not a folder; name one with pictures of the board")
     found = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
     if not 0 < len(found) <= MAX_PICTURES:
         raise ConfigError(

@@ -23,7 +23,7 @@ from hri_predict.base.files import read_yaml
 from hri_predict.base.settings import validated
 
 MAX_CANDIDATES = 200
-"""Number of people of a picture that are searched for duplicates: the surest ones."""
+"""Number of people of a picture that are searched for duplicates: the most confident ones."""
 
 
 class DescribedNetwork:
@@ -66,7 +66,7 @@ class DescribedNetwork:
         """See ``Finder``.
 
         Raises:
-            ConfigError: the outputs have another form than the description says.
+            ConfigError: the outputs are not shaped as described.
         """
         square = whole(pixels)
         places, scores, sure, worlds = self._outputs(square.crop(pixels, self._side))

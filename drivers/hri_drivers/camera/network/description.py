@@ -27,9 +27,13 @@ class InputSettings(Settings):
         None, ge=32, le=2048, description="pixels of the square, where the network leaves it open"
     )
     channels: Literal["rgb", "bgr"] = Field("rgb", description="order of the colours")
-    scale: float = Field(255.0, gt=0, description="what pixels, 0..255, are divided by")
-    mean: Three = Field([0.0, 0.0, 0.0], description="of each channel, after the scale")
-    deviation: Three = Field([1.0, 1.0, 1.0], description="of each channel, after the mean")
+    scale: float = Field(255.0, gt=0, description="divisor of the pixel values, 0..255")
+    mean: Three = Field(
+        [0.0, 0.0, 0.0], description="mean of each channel, subtracted after scaling"
+    )
+    deviation: Three = Field(
+        [1.0, 1.0, 1.0], description="standard deviation of each channel, applied after the mean"
+    )
 
     safety: ClassVar[Safety] = harmless("side", "scale")
 
@@ -58,10 +62,13 @@ class JointSettings(Settings):
     """The values of each joint."""
 
     values: list[Literal["x", "y", "z", "score", "-"]] = Field(
-        ["x", "y", "score"], min_length=2, max_length=16, description="in order; '-': not used"
+        ["x", "y", "score"],
+        min_length=2,
+        max_length=16,
+        description="values of each joint, in order; '-': not used",
     )
     units: Literal["pixels", "fraction"] = Field(
-        "pixels", description="of x and y: pixels of the network's input, or 0..1 of it"
+        "pixels", description="unit of x and y: pixels of the network's input, or its share, 0..1"
     )
     heatmaps: bool = Field(
         False, description="the output is a map for each joint; its highest place is the joint"

@@ -59,7 +59,7 @@ ANCHORS = anchors()
 
 
 def decode(boxes: Float32, scores: Float32) -> list[Detection]:
-    """Return the people that the network's output shows, the surest first.
+    """Return the people that the network's output shows, most confident first.
 
     Args:
         boxes: (1, 2254, 12) centre, size and four key points, in pixels from the anchor.
@@ -78,7 +78,7 @@ def decode(boxes: Float32, scores: Float32) -> list[Detection]:
 
 
 def _blended(boxes: Floats, points: Floats, scores: Floats) -> list[Detection]:
-    """Return weighted means of the detections that overlap the surest one, then of the rest."""
+    """Return weighted means of detections that overlap the most confident one, then of the rest."""
     found = []
     rest = np.argsort(-scores, kind="stable")
     while rest.size:

@@ -31,7 +31,7 @@ class Finding:
     """All people of one picture.
 
     Attributes:
-        people: the surest ones, at most as many as the network follows.
+        people: the most confident ones, at most as many as the network follows.
         is_whole: whether ``people`` are all that the network found.
     """
 
@@ -75,7 +75,7 @@ def without_outside(pixels: Floats, visibility: Floats, picture: UInt8) -> Float
 
 
 def distinct(people: list[Found], closer: float = 0.1) -> list[Found]:
-    """Return people without duplicates, the surest first.
+    """Return people without duplicates, most confident first.
 
     Args:
         people: found in one picture.

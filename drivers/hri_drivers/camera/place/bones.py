@@ -85,7 +85,7 @@ def bones_of(layout: str) -> Bones:
         )
     except ValueError:
         raise ConfigError(
-            f"joint map '{layout}': has no hips, knees, shoulders or elbows by the names of "
+            f"joint map '{layout}': no hips, knees, shoulders or elbows by the names of "
             f"mediapipe33 and coco17; use one of these"
         ) from None
     return Bones(np.array(ends), np.array([*SHARES.values()] * 2), hips, shoulders, ankles)

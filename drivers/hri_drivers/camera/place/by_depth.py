@@ -59,7 +59,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
         camera: of pictures of this size.
 
     Raises:
-        ConfigError: the depth picture has another size than the colour picture.
+        ConfigError: depth and colour pictures differ in size.
     """
     if depth.shape != (camera.size[1], camera.size[0]):
         raise ConfigError(

@@ -93,7 +93,7 @@ class Camera:
         """Return the camera for pictures of this size, of the same shape.
 
         Raises:
-            ConfigError: pictures of another shape are cut by a way that is not known.
+            ConfigError: pictures of another shape are cropped in an unknown way.
         """
         scale = width / self.size[0]
         if abs(height - scale * self.size[1]) > 1.0:
@@ -146,8 +146,8 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
 class CameraFile(Settings):
     """``camera.yaml``, as ``hri-predict camera-calibration`` writes it."""
 
-    width: int = Field(ge=16, le=16384, description="of the pictures, pixels")
-    height: int = Field(ge=16, le=16384, description="of the pictures, pixels")
+    width: int = Field(ge=16, le=16384, description="size of the pictures, pixels")
+    height: int = Field(ge=16, le=16384, description="size of the pictures, pixels")
     focal: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
         description="focal length, horizontal and vertical, pixels"
     )

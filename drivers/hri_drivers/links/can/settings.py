@@ -63,7 +63,7 @@ class CanLinkSettings(ConfiguredLinkSettings):
     )
     fd: bool = Field(False, description="CAN FD; it carries Zone and Pose without ISO-TP")
     data_bitrate: int = Field(
-        2_000_000, ge=10_000, le=12_000_000, description="with FD, of the data phase"
+        2_000_000, ge=10_000, le=12_000_000, description="with FD, bit rate of the data phase"
     )
     base_id: int = Field(DEFAULT_BASE_ID, ge=0, le=MAX_ID, description="id of our first frame")
     extended: bool = Field(False, description="29-bit ids")

@@ -25,7 +25,7 @@ class Connection(ServerRequestHandler):
     """A client's connection.
 
     Attributes:
-        heard_s: when bytes came last, or when it was opened.
+        heard_s: when bytes arrived last, or when it was opened.
     """
 
     def __init__(self, *of: Any) -> None:

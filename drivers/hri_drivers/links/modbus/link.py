@@ -30,7 +30,7 @@ class ModbusLinkSettings(PlantLinkSettings):
         50.0, ge=0, le=1000, description="rate at which PLCs write RobotState"
     )
     plc_timeout_s: float = Field(
-        1.0, ge=0.05, le=60, description="PLC_HEARTBEAT that stands still for longer is reported"
+        1.0, ge=0.05, le=60, description="a PLC_HEARTBEAT unchanged for longer is reported"
     )
 
     safety: ClassVar[Safety] = harmless("plc_timeout_s")

@@ -89,7 +89,7 @@ class ModbusTransport:
         """Put a block into the image.
 
         Raises:
-            LinkError: the server has ended.
+            LinkError: the server has stopped.
         """
         self._check()
         self._image.put(unit, time.monotonic_ns())
@@ -98,7 +98,7 @@ class ModbusTransport:
         """Return what PLCs have written.
 
         Raises:
-            LinkError: the server has ended.
+            LinkError: the server has stopped.
         """
         self._check()
         with self._arrived:

@@ -51,7 +51,7 @@ class ModbusClientSettings(PolledLinkSettings):
     """An entry of ``links:`` with ``kind: modbus_client``."""
 
     kind: str = "modbus_client"
-    port: int = Field(502, ge=1, le=65_535, description="its TCP port")
+    port: int = Field(502, ge=1, le=65_535, description="TCP port of the device")
     unit: int = Field(1, ge=0, le=255, description="unit id of the device")
     table: Literal["holding", "input"] = Field("holding", description="which registers are read")
     registers: RegisterState = Field(description="registers of the robot's state")

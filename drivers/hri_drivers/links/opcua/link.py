@@ -37,7 +37,7 @@ class OpcUaLinkSettings(PlantLinkSettings):
     certificate: Path | None = Field(
         None, description="the server's certificate; only Basic256Sha256, signed and encrypted"
     )
-    private_key: Path | None = Field(None, description="its RSA key, as PEM")
+    private_key: Path | None = Field(None, description="the server's RSA key, as PEM")
     trusted: list[Path] = Field([], max_length=64, description="certificates of the clients")
 
     protocol: ClassVar[str] = "OPC UA without certificates"

@@ -122,7 +122,7 @@ class OpcUaTransport:
         """Return presses.
 
         Raises:
-            LinkError: the server has ended.
+            LinkError: the server has stopped.
         """
         units: list[Block] = []
         while message := self._message(0.0 if units else timeout_s):
@@ -164,7 +164,7 @@ class OpcUaTransport:
         """Return the server's next message; ``None``: none came in time.
 
         Raises:
-            LinkError: the server has ended.
+            LinkError: the server has stopped.
         """
         link = self._opened()
         try:

@@ -43,7 +43,7 @@ class OpcUaClientSettings(PolledLinkSettings):
     certificate: Path | None = Field(
         None, description="this client's certificate; Basic256Sha256, signed and encrypted"
     )
-    private_key: Path | None = Field(None, description="its RSA key, as PEM")
+    private_key: Path | None = Field(None, description="this client's RSA key, as PEM")
     server_certificate: Path | None = Field(None, description="certificate of the server")
 
     safety: ClassVar[Safety] = harmless("port")

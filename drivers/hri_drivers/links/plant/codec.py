@@ -50,7 +50,7 @@ from hri_predict.protocol.robot_state import MAX_JOINTS
 
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 120
-"""Most bytes of Ethernet, IPv6, TCP and Modbus around the registers of one reply."""
+"""Maximum bytes of Ethernet, IPv6, TCP and Modbus around the registers of one reply."""
 _ACK_AT = offset_of(WRITTEN, "ACK_LATCH_ID")
 _MODES = frozenset(RobotMode)
 _REQUESTS = frozenset(OperatingMode)
@@ -60,7 +60,7 @@ class RegisterCodec:
     """Registers of the node and of its robots; see ``hri_drivers.links.codec.Codec``.
 
     Args:
-        plc_timeout_s: a PLC's heartbeat that stands still for longer has ended.
+        plc_timeout_s: a PLC's heartbeat unchanged for longer counts as stopped.
         refused: returns the number of requests to write that the server refused.
 
     Attributes:
@@ -215,7 +215,7 @@ class RegisterCodec:
             self._beat, self._beaten_ns = beat, self.now_ns
 
     def _pressed(self, words: list[int]) -> Acknowledge | None:
-        """A press, or its release: another pair than before.
+        """Return a press or its release if the pair has changed.
 
         PLCs write the same registers again and again. The release has the press's ACK_ID, and 0 as
         ACK_LATCH_ID; a 0 with any other ACK_ID says nothing.

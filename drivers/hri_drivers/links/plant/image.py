@@ -93,7 +93,7 @@ class Image:
         return image
 
     def blocks(self, now_ns: int) -> dict[int, tuple[list[int], bool]]:
-        """Return address -> words of now, and whether they are stale."""
+        """Return address -> current words, and whether they are stale."""
         with self._lock:
             blocks = dict(self._blocks)
         found = {}
@@ -111,7 +111,7 @@ class Image:
         came_ns: int | None,
         now_ns: int,
     ) -> tuple[list[int], bool]:
-        """The words with their ages of now; stale ones where their time is over."""
+        """Return the words with their current ages; stale words where their time is over."""
         words = list(words)
         since_ns = self._silence_ns if came_ns is None else max(0, now_ns - came_ns)
         stale = since_ns >= self._silence_ns

@@ -182,7 +182,9 @@ class PlantLink(ConfiguredLink[P, Block]):
         if alive:
             log.info("link '%s': the PLC's heartbeat is there", self.name)
         elif before:
-            said = "the PLC's heartbeat stands still: it is stopped, or does not reach this node"
+            said = (
+                "the PLC's heartbeat does not change: it has stopped, or does not reach this node"
+            )
             log.warning("link '%s': %s", self.name, said)
             self._note(LinkError(said))
 

@@ -1,6 +1,6 @@
 """Common part of links that poll a robot's state; a protocol brings its transport and settings.
 
-Nothing goes out on such a link: the robot hears the advice on another one.
+Nothing goes out on such a link: the robot receives the advice on another one.
 """
 
 import struct
@@ -22,9 +22,9 @@ from hri_predict.robots.settings import RobotSettings, StateMotion
 
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 300
-"""Most bytes of Ethernet, IPv6, TCP and the protocol around a request and its reply."""
+"""Maximum bytes of Ethernet, IPv6, TCP and the protocol around a request and its reply."""
 VALUE_BYTES = 80
-"""Most bytes of one value, of its address in the request as well."""
+"""Maximum bytes of one value and of its address in the request."""
 
 
 def reading_s(values: int) -> float:

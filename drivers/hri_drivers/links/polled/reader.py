@@ -75,7 +75,7 @@ class StateReader:
         self._beat = self._newest = self._before = None
 
     def read(self, sample: Sample) -> RobotState | None:
-        """Return the state; a repetition of the newest while the heartbeat stands still.
+        """Return the state; a repetition of the newest while the heartbeat is unchanged.
 
         ``None``: there is none, which is counted unless it is the first of a connection.
         """

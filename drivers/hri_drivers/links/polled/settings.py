@@ -20,11 +20,13 @@ BASE_VELOCITY = ("vx", "vy", "yaw_rate")
 class JointAt(Settings, Generic[A]):
     """One joint, an entry of ``joints``."""
 
-    position: A = Field(description="where its position is")
+    position: A = Field(description="address of the joint's position")
     velocity: A | None = Field(
-        None, description="where its velocity is; default: from the change of its position"
+        None, description="address of its velocity; default: from the change of its position"
     )
-    sign: Literal[1, -1] = Field(1, description="-1 if it counts against the robot model's axis")
+    sign: Literal[1, -1] = Field(
+        1, description="-1 if its positive direction is opposite to the robot model's"
+    )
     offset_rad: float = Field(
         0.0, ge=-1e4, le=1e4, description="added after scale and sign; m of a prismatic joint"
     )
@@ -38,14 +40,20 @@ class JointAt(Settings, Generic[A]):
 class BaseAt(Settings, Generic[A]):
     """Pose and velocity of a moving base in the room's frame (``base``)."""
 
-    x: A = Field(description="where x is")
-    y: A = Field(description="where y is")
-    yaw: A = Field(description="where the heading is")
-    vx: A | None = Field(None, description="where the velocity in x is; default: from the change")
-    vy: A | None = Field(None, description="likewise in y")
-    yaw_rate: A | None = Field(None, description="likewise of the heading")
-    scale_m: float = Field(1.0, ge=1e-9, le=1e6, description="m, or m/s, of one unit")
-    scale_rad: float = Field(1.0, ge=1e-9, le=1e6, description="rad, or rad/s, of one unit")
+    x: A = Field(description="address of x")
+    y: A = Field(description="address of y")
+    yaw: A = Field(description="address of the heading")
+    vx: A | None = Field(
+        None, description="address of the velocity in x; default: from the change of x"
+    )
+    vy: A | None = Field(
+        None, description="address of the velocity in y; default: from the change of y"
+    )
+    yaw_rate: A | None = Field(
+        None, description="address of the yaw rate; default: from the change of the heading"
+    )
+    scale_m: float = Field(1.0, ge=1e-9, le=1e6, description="metres, or m/s, per unit")
+    scale_rad: float = Field(1.0, ge=1e-9, le=1e6, description="radians, or rad/s, per unit")
 
     safety: ClassVar[Safety] = harmless("scale_m", "scale_rad")
 
@@ -62,7 +70,7 @@ class StateAt(Settings, Generic[A]):
         description="a number or a time stamp that the controller changes each time it writes the"
         " state; while it stands still the state is stale"
     )
-    mode: A | None = Field(None, description="where the operating mode is; default: none")
+    mode: A | None = Field(None, description="address of the operating mode; default: none")
     automatic_values: list[Annotated[int, Field(ge=-(2**31), lt=2**32)]] = Field(
         [], max_length=64, description="values of mode that are automatic mode; others are unknown"
     )
@@ -72,9 +80,11 @@ class StateAt(Settings, Generic[A]):
         "this or mode the advice is unknown",
     )
     joints: list[JointAt[A]] = Field(
-        min_length=1, max_length=MAX_JOINTS, description="in the order of the robot's model"
+        min_length=1,
+        max_length=MAX_JOINTS,
+        description="the joints, in the order of the robot's model",
     )
-    base: BaseAt[A] | None = Field(None, description="of a base that moves; default: none")
+    base: BaseAt[A] | None = Field(None, description="state of a base that moves; default: none")
     scale: float = Field(
         1.0,
         ge=1e-9,

@@ -30,7 +30,7 @@ _TOPICS = {
     for number, (definition, _, _) in frame_table(classic=False).items()
 }
 JOINT_BYTES = 80
-"""Most bytes of one joint in a JointState: a name of 40, position, velocity, effort, lengths."""
+"""Maximum bytes of one joint in a JointState: a name of 40, position, velocity, effort, lengths."""
 JOINT_STATES: Literal["joint_states"] = "joint_states"
 Topic = Literal["frames", "controller_frames", "joint_states"]
 BONE_BYTES = 48 + 56  # of a joint in a forecast's markers and in its PoseArray

@@ -121,7 +121,7 @@ class JointStateReader:
             self._counters.ignored += 1  # of a gripper, say
             return None
         if missing:
-            raise ValueError(f"{topic}: has no joint '{missing[0]}'; correct 'joint_states.names'")
+            raise ValueError(f"{topic}: no joint '{missing[0]}'; correct 'joint_states.names'")
         if twice := [n for n in self._settings.names if list(message.name).count(n) > 1]:
             raise ValueError(f"{topic}: names joint '{twice[0]}' twice; correct the publisher")
         if self._publishers.contradicted(heard, self._monotonic_ns()):

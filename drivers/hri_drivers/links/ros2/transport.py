@@ -40,7 +40,7 @@ CAPACITY = 512  # received publications that wait
 OWN = 256  # own frames that are remembered, for more than a second; ROS 2 gives them back
 ACKNOWLEDGED_S = 0.2  # longest wait at the end for subscribers to acknowledge the last messages
 LOOK_S = 1.0  # interval at which other publishers are looked for
-SAY_S = 10.0  # least time between two equal lines
+SAY_S = 10.0  # minimum time between two equal lines
 
 
 class Ros2Transport:

@@ -30,10 +30,10 @@ log = logging.getLogger(__name__)
 
 PORT = 30_004
 WRITE_NS = 8_000_000
-"""The registers are written again after this time, one cycle at 125 Hz, if no Advice comes."""
+"""The registers are written again after this time, one cycle at 125 Hz, if no Advice arrives."""
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 120
-"""Most bytes of Ethernet, IPv6 and TCP around a packet."""
+"""Maximum bytes of Ethernet, IPv6 and TCP around a packet."""
 UNPROTECTED = (
     "RTDE has neither CRC nor counter of this node's: not protected end to end, and the speed "
     "slider is not a safety function; the robot's program must stop when the watchdog register "
@@ -60,7 +60,7 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
         " max_speed_m_s",
     )
     rise_per_s: float = Field(
-        0.5, ge=0.02, le=2, description="how fast the slider rises, fraction per second"
+        0.5, ge=0.02, le=2, description="maximum rise of the slider, fraction per second"
     )
     hold_s: float = Field(0.5, ge=0, le=10, description="minimum time for which 0 is held")
     max_age_s: float = Field(
@@ -157,7 +157,7 @@ class RtdeCodec:
         return self.decode(unit)
 
     def reset(self) -> None:
-        """Take the time stamps of a new connection; counters of states go on."""
+        """Take the time stamps of a new connection; counters of states continue."""
         self._reader.restart()
 
     def count(self, counters: LinkCounters) -> None:
@@ -192,7 +192,7 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
     """``contracts.link.Link`` to one Universal Robots arm; arguments as for ``ConfiguredLink``.
 
     The registers are written with each Advice and every 8 ms. Without a fresh Advice for
-    ``silence_timeout_s`` the slider is 0, the level *unknown*, and the watchdog stands still.
+    ``silence_timeout_s`` the slider is 0, the level *unknown*, and the watchdog stops.
 
     Raises:
         LinkError: more than one robot, or not one of six joints on a base that stands; or its full

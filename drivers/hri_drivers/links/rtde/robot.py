@@ -47,7 +47,7 @@ def mode_of(robot_mode: int, safety_mode: int, runtime_state: int) -> RobotMode:
 class StateReader:
     """Makes RobotStates of data packages; the counter advances with the controller's time stamp.
 
-    A stamp that stands still or goes back repeats the counter, so that the node finds a controller
+    A stamp that stops or goes back repeats the counter, so that the node finds a controller
     that hangs or sends old states again.
     """
 

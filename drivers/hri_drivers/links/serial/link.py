@@ -29,10 +29,13 @@ class SerialLinkSettings(FramedLinkSettings):
         None, description="instead of 'port': a USB adapter, found under any port name"
     )
     baudrate: int = Field(
-        115_200, ge=1200, le=12_000_000, description="bit rate of the line, as the controller's"
+        115_200,
+        ge=1200,
+        le=12_000_000,
+        description="bit rate of the line, same as the controller's",
     )
-    parity: Parity = Field("none", description="parity bit, as the controller's")
-    stop_bits: StopBits = Field(1, description="stop bits, as the controller's")
+    parity: Parity = Field("none", description="parity bit, same as the controller's")
+    stop_bits: StopBits = Field(1, description="stop bits, same as the controller's")
     rtscts: bool = Field(False, description="hardware handshake")
     xonxoff: bool = Field(False, description="not possible: frames contain the XON and XOFF bytes")
     rs485: bool = Field(False, description="the driver switches the transmitter by RTS (Linux)")

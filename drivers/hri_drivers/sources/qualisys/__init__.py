@@ -1,1 +1,1 @@
-"""Qualisys Track Manager: skeletons by its real-time protocol."""
+"""Qualisys Track Manager: skeletons over its real-time protocol."""

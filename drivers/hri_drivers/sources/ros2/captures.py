@@ -69,7 +69,7 @@ class Captures:
         return stamp_ns
 
     def news(self) -> str | None:
-        """One line if the stamps are of another clock than before."""
+        """Return one line if the stamps come from a new clock."""
         if self._by_arrival or self._newest is None:
             return None
         clock = clock_of(self._newest[0], self._utc_ns(), self._boot_ns())

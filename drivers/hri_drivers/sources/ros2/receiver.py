@@ -27,7 +27,7 @@ from hri_predict.protocol.ros.placing import READERS
 WAITING = 64
 """Messages of people that may wait; the oldest are dropped."""
 TRANSFORMS = 512
-"""The same of transforms: each body of ROS4HRI has a publisher of its own."""
+"""Transforms that may wait: each body of ROS4HRI has a publisher of its own."""
 SILENT_S = 3.0
 """After this long without a message, the reason is looked for,"""
 LOOK_AGAIN_S = 10.0

@@ -1,4 +1,4 @@
-"""``source:`` of ``kind: ros2``; without ROS 2."""
+"""``source:`` of ``kind: ros2``; can be imported without ROS 2."""
 
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -48,7 +48,7 @@ class Ros2SourceSettings(Ros2Settings, LiveSettings):
         description="time of a capture; arrival: state the delay until then as min_latency_s",
     )
     reliability: Literal["best_effort", "reliable"] = Field(
-        "best_effort", description="QoS asked for; best_effort hears every publisher"
+        "best_effort", description="QoS asked for; best_effort receives from every publisher"
     )
     sees_room: bool = Field(
         description="true only if a message without people means that the sensor sees the room; "

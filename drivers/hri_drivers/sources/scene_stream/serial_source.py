@@ -34,10 +34,10 @@ class SerialSkeletonSettings(StreamSettings):
         None, description="instead of 'port': a USB adapter, found under any port name"
     )
     baudrate: int = Field(
-        921_600, ge=1200, le=12_000_000, description="bit rate of the line, as the sender's"
+        921_600, ge=1200, le=12_000_000, description="bit rate of the line, same as the sender's"
     )
-    parity: Parity = Field("none", description="parity bit, as the sender's")
-    stop_bits: StopBits = Field(1, description="stop bits, as the sender's")
+    parity: Parity = Field("none", description="parity bit, same as the sender's")
+    stop_bits: StopBits = Field(1, description="stop bits, same as the sender's")
     rtscts: bool = Field(False, description="hardware handshake")
 
     safety: ClassVar[Safety] = harmless("baudrate", "stop_bits", "rtscts")

@@ -82,7 +82,7 @@ class DrawnBodies:
     def _lengthened(self, positions: NDArray[np.float32], throughout: Bools) -> NDArray[np.float32]:
         """(B, N, J, 3) displacement by the bones' new lengths, from the root outwards.
 
-        A joint that is not seen ``throughout`` the window (B, J) carries nothing: what hangs on it
+        A joint that is not seen ``throughout`` the window (B, J) moves no others: its children
         would jump when it vanishes.
         """
         place = np.ascontiguousarray(positions.transpose(2, 0, 1, 3))  # joint by joint: faster

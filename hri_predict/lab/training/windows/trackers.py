@@ -36,7 +36,10 @@ class TrackerSettings(Settings):
         0.5, ge=0, le=1, description="share of noisy windows whose noise is correlated in time"
     )
     correlation_s: float = Field(
-        0.5, gt=0, le=10, description="its longest time constant (the shortest is a tenth of it)"
+        0.5,
+        gt=0,
+        le=10,
+        description="longest time constant of correlated noise (the shortest is a tenth)",
     )
     convention: float = Field(
         0.25, ge=0, le=1, description="share with the joints alone that some tracker delivers"

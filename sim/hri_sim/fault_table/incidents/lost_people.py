@@ -61,7 +61,7 @@ _BELOW_SHOULDERS = ",".join(
 )
 
 _FAR = _stands([4.0, -2.5], 2, enter_s=0.0, seconds=60.0)
-"""A person who is seen all the while, so that scenes go on."""
+"""A person who is seen all the while, so that scenes continue."""
 
 
 def _untracked(name: str, faults: tuple[str, ...], says: Reason, **settings: Any) -> Incident:
@@ -121,7 +121,7 @@ LOST_PEOPLE = (
         settings={"source": {"keeps_ids": False}},
         says=(),
     ),
-    _id_moves("a colleague gets the id while no scene comes", 6.5, "drop@5+1.5"),
+    _id_moves("a colleague gets the id while no scene arrives", 6.5, "drop@5+1.5"),
     _id_moves(
         "only head and shoulders seen, then a colleague has the id",
         5.0,
@@ -276,7 +276,7 @@ _LEGS = ",".join(name for name in JOINTS if name[2:] in ("knee", "ankle", "foot"
 
 
 def _and_back(start: list[float], to: list[float], speed_m_s: float = 1.2) -> dict[str, Any]:
-    """Walks somewhere, and at once back to the robot, to reach into its way."""
+    """Walks somewhere, and at once back to the robot, to reach into its path."""
     return person(
         start,
         walk(to, speed_m_s=speed_m_s),

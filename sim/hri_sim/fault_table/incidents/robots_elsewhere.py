@@ -38,7 +38,7 @@ _VEHICLE = {
 
 
 def _walks_up(start: list[float], to: list[float], wait_s: float) -> Mapping[str, Any]:
-    """Walks into the robot's way in full view, and stays there."""
+    """Walks into the robot's path in full view, and stays there."""
     return person(start, wait(wait_s), walk(to, speed_m_s=1.4), wait(60.0))
 
 
@@ -81,7 +81,7 @@ def _reaches_into_its_way(wait_s: float, speed_m_s: float) -> Mapping[str, Any]:
 
 
 def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
-    """Both controllers say that the arm stands where it is, and a person reaches into its way."""
+    """Both controllers say that the arm stands where it is, and a person reaches into its path."""
     return _elsewhere(
         f"an arm that swings to another station is frozen at {since_s} s",
         "swings_across.yaml",

@@ -66,7 +66,7 @@ def _lie(name: str, fault: str, known_s: float) -> Incident:
 
 TRACKER_LIES = (
     _lie("the last skeleton again, with noise", "how=hold", 0.5),
-    _lie("the last motion goes on sideways", "how=coast", 0.8),
+    _lie("the last motion continues sideways", "how=coast", 0.8),
     _lie("the last 12 captures again and again, with noise", "how=loop,captures=12", 1.2),
     Incident(
         name="tracker lies: none, a person stands still",

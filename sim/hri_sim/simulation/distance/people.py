@@ -236,6 +236,6 @@ def pack(data: Path | None) -> Path | None:
     if data is None:
         return None
     raise ConfigError(
-        f"--data {data}: is not the data pack (no cmu_mocap/test in it); give its folder, or name "
+        f"--data {data}: not the data pack (no cmu_mocap/test in it); give its folder, or name "
         f"recordings with --activity FILE"
     )

@@ -24,7 +24,7 @@ from hri_sim.simulation.scenario import Scenario
 HORIZON_S = 1.0
 """Time ahead for judging a stop and predicting a touch (CHICO's second)."""
 NEAR_M = 0.25
-"""A stop was right if a person would have come this near to a robot that went on."""
+"""A stop was right if a person would have come this near to a robot that continued."""
 JUDGED_EVERY = 5  # ticks between two judged predictions of a touch
 _ADVISED = ("stop", "unknown", "fault")  # causes of a stop that are advice, not the wire
 
@@ -41,7 +41,7 @@ class Outcome(Tally, Touches):
         judged_stops, judged_s: stops followed by a whole recorded horizon, and the time in which a
             stop could be judged.
         false_stops: judged stops without need: all people would have stayed beyond ``NEAR_M`` of
-            a robot that went on.
+            a robot that continued.
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
         lead_s: if not missed, the time from the first stricter advice to the touch.
@@ -189,7 +189,7 @@ def _count_stops(
 
 @dataclass(kw_only=True)
 class Prediction:
-    """Touch within a second, predicted and true (CHICO's question); counts of instants."""
+    """Number of instants by predicted and true touch within the next second (as in CHICO)."""
 
     index: int
     motion: str

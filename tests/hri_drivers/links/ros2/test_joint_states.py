@@ -129,8 +129,8 @@ def test_other_joints_on_the_topic_are_ignored_whoever_publishes_them():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ({"names": ["pan", "elbow"]}, "has no joint 'lift'; correct 'joint_states.names'"),
-        ({"names": ["a", "b"]}, "has no joint 'pan'; correct 'joint_states.names'"),
+        ({"names": ["pan", "elbow"]}, ": no joint 'lift'; correct 'joint_states.names'"),
+        ({"names": ["a", "b"]}, ": no joint 'pan'; correct 'joint_states.names'"),
         (
             {"velocity": ()},
             "/joint_states: velocity has 0 values for 2 names; let the",

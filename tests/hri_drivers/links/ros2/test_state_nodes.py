@@ -108,8 +108,8 @@ def test_a_publisher_that_repeats_its_last_state_repeats_its_counter(ear, joints
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"names": "a,b,grip"}, "/joint_states: has no joint 'c'"),
-        ({"names": "x,y,z"}, "/joint_states: has no joint 'a'"),
+        ({"names": "a,b,grip"}, "/joint_states: no joint 'c'"),
+        ({"names": "x,y,z"}, "/joint_states: no joint 'a'"),
         ({"shift": -5}, "delayed, or stamped by another clock"),
         ({"shift": 5}, "delayed, or stamped by another clock"),
     ],

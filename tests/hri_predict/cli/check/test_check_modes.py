@@ -53,7 +53,7 @@ def test_robots_whose_freeze_at_a_standstill_is_not_noticed_are_named_in_one_not
     arms = [RobotSettings.model_validate({**ARM, "name": name}) for name in ("left", "right")]
     doubted = RobotSettings.model_validate({**ARM, "motion": {"kind": "state", "still_s": 2}})
     (note,) = still_note([*arms, doubted], "predictive")
-    assert note.startswith("left, right: a RobotState that freezes while the robot stands")
+    assert note.startswith("left, right: a RobotState that freezes while the robot is at rest")
     assert "motion.still_s notices it" in note
     assert still_note([doubted], "predictive") == []
     assert still_note(arms, "fixed") == []  # it holds wherever in its reach the arm is

@@ -36,7 +36,7 @@ def checked(written):
 def test_the_terms_at_full_speed(checked):
     found = checked("  mode: iso\n  intrusion_m: 0.16\n")
     needs, stop = found["risk"]["robots"]["arm"], found["stopping"]["arm"]
-    # 1 m/s; v_h 1.6 m/s until it stands
+    # 1 m/s; v_h 1.6 m/s until it stops
     assert needs["s_h"] == pytest.approx(1.6 * (found["reaction_time_s"] + stop["time_s"]))
     assert needs["s_r"] == pytest.approx(1.0 * found["reaction_time_s"])
     assert needs["s_s"] == stop["distance_m"]

@@ -62,8 +62,8 @@ def test_a_source_that_heard_nobody_is_not_told_to_keep_its_contract(capsys):
     last = capsys.readouterr().out.splitlines()[-1]
     assert "keeps its contract" not in last
     assert last == (
-        "source udp: no check failed, but 4 of 12 checks were skipped: no scene came; send to it "
-        "meanwhile, and check again"
+        "source udp: no check failed, but 4 of 12 checks were skipped: no scene arrived; send to "
+        "it meanwhile, and check again"
     )
 
 
@@ -104,7 +104,7 @@ def test_a_part_that_cannot_be_built_is_one_line(monkeypatch, error):
         ("link:serial", {}, "give 'port'"),
         ("kalman", {"change": ["rate_hz"]}, "write it as key=value"),
         ("kalman", {"change": ["rate=3"]}, "unknown key"),
-        ("predictor:kalman", {"config": data_path("demo.yaml")}, "has no predictor kalman"),
+        ("predictor:kalman", {"config": data_path("demo.yaml")}, ": no predictor kalman"),
     ],
 )
 def test_a_mistake_is_one_line(part, more, words):

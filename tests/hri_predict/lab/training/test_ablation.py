@@ -131,7 +131,7 @@ def test_ctrl_c_saves_and_the_same_command_goes_on(ablate, tmp_path, monkeypatch
 
 def test_a_table_that_cannot_be_written_is_told(tmp_path):
     (tmp_path / "ablation.md").mkdir()
-    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: is not a file"):
+    with pytest.raises(ConfigError, match=r"ablation.md: cannot be written: not a file"):
         ablation.write_table(tmp_path, "table")
 
 

@@ -44,7 +44,7 @@ FOREIGN = {
     "opcua",
     "modbus_client",
     "opcua_client",
-}  # speak a protocol of others: what our frames prove is skipped
+}  # speak a third-party protocol: what our frames prove is skipped
 
 
 @pytest.mark.parametrize(("name", "data"), LINKS)

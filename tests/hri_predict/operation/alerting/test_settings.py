@@ -86,7 +86,7 @@ def test_a_secret_in_the_configuration_is_refused_and_not_repeated(data):
     ("content", "words"),
     [
         (None, "cannot be read: No such file"),
-        ("", "is empty"),
+        ("", ": empty"),
         ("two\nlines", "is not a line"),
         ("ä", "is not a line"),
         ("x" * 5000, "is not a line"),

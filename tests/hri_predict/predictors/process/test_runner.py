@@ -92,7 +92,7 @@ def test_a_predictor_that_dies_is_started_anew(started, tmp_path, caplog):
     recovers(runner)
     assert pid_of(runner) != worker
     assert runner.counters["predictor_restarts"] == 1
-    assert "ended with status 3" in caplog.text
+    assert "exited with status 3" in caplog.text
 
 
 def test_a_predictor_that_always_dies_is_started_ever_more_seldom(started, monkeypatch):

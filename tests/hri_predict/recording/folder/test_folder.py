@@ -161,7 +161,7 @@ def test_where_others_need_the_disk_it_makes_room_or_waits(tmp_path, caplog):
         _scenes(recorder, 200, 100)
     assert recorder.error is None
     assert recorder.dropped < lost + 60  # it tries every two seconds
-    assert "goes on; lost" in caplog.text
+    assert "continues; lost" in caplog.text
 
 
 def test_a_disk_that_breaks_ends_the_file_and_begins_another(tmp_path, monkeypatch):

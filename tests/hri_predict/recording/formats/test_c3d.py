@@ -333,7 +333,7 @@ def test_counts_that_are_not_numbers_count_nothing(tmp_path, count):
     path.write_bytes(with_parameters(2, 1, LABELS=["C7"], FRAMES=count, LONG_FRAMES=count))
     assert len(open_recording(path, any_joints=True).scenes) == 2
     path.write_bytes(with_parameters(2, 0, LABELS=["C7"], USED=count))
-    assert "is empty" in _error(path) or "truncated" in _error(path)
+    assert ": empty" in _error(path) or "truncated" in _error(path)
 
 
 @pytest.mark.parametrize("start", [float("nan"), float("inf"), -1e30, 1e30, 0.5])
@@ -379,7 +379,7 @@ def test_what_is_wrong_is_named(tmp_path):
     for change, message in (
         ({BLOCK + 3: 99}, "processor type 99"),
         ({0: 200}, "where they start"),
-        ({2: 0, good.index(b"USED") + 8: 0}, "is empty (0 points"),
+        ({2: 0, good.index(b"USED") + 8: 0}, ": empty (0 points"),
         ({good.index(b"mm"): ord("q")}, "POINT:UNITS are 'qm'"),
     ):
         data = bytearray(good)

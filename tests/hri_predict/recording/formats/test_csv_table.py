@@ -67,7 +67,7 @@ def test_units_and_axes_of_the_user(read):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        (("a,b,c", "1,2,3"), "has no column 'time_s'"),
+        (("a,b,c", "1,2,3"), ": no column 'time_s'"),
         (("time_s,a_x,a_y", "0,1,2"), "its joints have no z ('a')"),
         (("time_s,b", "0,1"), "no joint's _x, _y and _z"),
         (("time_s,a_x,a_y,a_z,A", "0,1,2,3,4"), "has 1 times"),

@@ -69,7 +69,7 @@ def test_other_sequences_in_a_folder_of_openpose_are_noted(tmp_path):
         ({"pose_keypoints_3d": [1.0, 2.0]}, "x, y, z and c of 25 joints"),
         ({"pose_keypoints_3d": ["1"] * 100}, "x, y, z and c of 25 joints"),
         ({"pose_keypoints_3d": [10**400] * 100}, "a number is too large"),
-        ([], "has no 'people'"),
+        ([], ": no 'people'"),
     ],
 )
 def test_openposes_pixels_and_damaged_frames(tmp_path, change, message):

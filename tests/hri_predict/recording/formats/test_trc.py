@@ -85,7 +85,7 @@ def test_subjects_are_people(save):
         ("110.5", "ten", "row 8: column 6 holds 'ten', which is not"),
         ("110.5", "1_0", "row 8: column 6 holds '1_0', which is not"),
         ("110.5\t1000\t-300", "110.5\t1000\t-300\t7\t8\t9", "row 8: has 11 cells; expected 8"),
-        ("DataRate\tC", "Rate\tC", "has no 'DataRate'"),
+        ("DataRate\tC", "Rate\tC", ": no 'DataRate'"),
     ],
 )
 def test_what_is_wrong_is_named(save, old, new, message):

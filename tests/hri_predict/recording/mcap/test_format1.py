@@ -1,7 +1,7 @@
 """Recordings of format 1, whose log times are the node's clock, are read as ever.
 
 ``format1.mcap`` was recorded by version 0.1 of the node: a second of a procedural person who stands
-beside a robot that stands, at 10 scenes per second.
+beside a robot at rest, at 10 scenes per second.
 """
 
 from pathlib import Path

@@ -47,7 +47,7 @@ def test_a_full_disk_costs_what_comes_meanwhile_and_recording_goes_on(
     assert (gaps > 3).sum() == 1  # one hole, as long as the disk was full
     assert recording.scenes[-1].sequence == 3 * 399
     assert "No space left" in caplog.text
-    assert "goes on; lost" in caplog.text
+    assert "continues; lost" in caplog.text
 
 
 def test_a_disk_that_stays_full_is_said_at_a_limited_rate(tmp_path, monkeypatch, caplog) -> None:

@@ -293,7 +293,7 @@ def test_a_file_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "monday.mcap"
     _record(path, 3)
     before = path.read_bytes()
-    with pytest.raises(RecordingError, match="exists already, and is kept"):
+    with pytest.raises(RecordingError, match="already exists, and is kept"):
         Recorder(path, _info(), threaded=False)
     assert path.read_bytes() == before
     with Recorder(OneFile(path, overwrite=True), _info(), threaded=False) as recorder:

@@ -204,7 +204,7 @@ def test_another_number_of_joints_is_said(tmp_path):
 def test_a_topic_of_a_file_without_topics_is_refused(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("time_s,a_x,a_y,a_z\n0,1,2,3\n0.1,1,2,3\n")
-    with pytest.raises(RecordingError, match="has no topics; leave --topic out"):
+    with pytest.raises(RecordingError, match=": no topics; leave --topic out"):
         open_recording(path, topic="/people")
     path.write_text("time_s,a_x,a_y,a_z\n0,1,2,3\n")
     with pytest.raises(RecordingError, match="has 1 times"):

@@ -238,7 +238,7 @@ def permits(judge_motion, body, speed, gaps):
         grown = capsules.radius[0, 1 : len(judge_motion.times_s), s]
         for plane in fixtures:
             height = plane.point[2]
-            # the robot may push the part towards the plane until it stands
+            # the robot may push the part towards the plane until it stops
             beside_it = (zones - height - grown).min() < judge_motion.clearance_m + last
             narrow = link_z - height - last < thick[s] + judge_motion.clearance_m
             if c > 0 and beside_it and narrow:

@@ -50,7 +50,7 @@ def test_terms():
         person_uncertainty_m=0.05,
         robot_uncertainty_m=0.02,
     )
-    assert s.s_h == pytest.approx(1.6 * (0.3 + 0.25))  # until it stands, not only until it brakes
+    assert s.s_h == pytest.approx(1.6 * (0.3 + 0.25))  # until it stops, not only until it brakes
     assert s.s_r == pytest.approx(1.0 * 0.3)
     assert (s.s_s, s.c, s.z_d, s.z_r) == (0.2, 0.1, 0.05, 0.02)
     assert s.total == pytest.approx(0.88 + 0.3 + 0.37)

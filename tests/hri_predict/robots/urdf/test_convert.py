@@ -194,7 +194,7 @@ def test_without_pinocchio(urdf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_nothing_is_overwritten(urdf: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (urdf.parent / "mine.yaml").write_text("precious")
     assert run(urdf, *CHAIN, *STOP) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     assert (urdf.parent / "mine.yaml").read_text() == "precious"
 
 

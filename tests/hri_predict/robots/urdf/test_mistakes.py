@@ -38,7 +38,7 @@ MISTAKES: dict[str, tuple[Callable[[str], str], list[str], str]] = {
     "no base": (same, STOP, "Missing option.*--base.*--help"),
     "not there": (same, [*CHAIN, *STOP, "--out", "/dev/null/x.yaml"], "cannot be written"),
     "unknown link": (same, ["--base", "plat", "--tip", "camera", *STOP], "did you mean 'plate'"),
-    "other way": (same, ["--base", "camera", "--tip", "plate", *STOP], "does not hang on 'camera'"),
+    "other way": (same, ["--base", "camera", "--tip", "plate", *STOP], "not attached to 'camera'"),
     "nothing turns": (same, ["--base", "world", "--tip", "plate", *STOP], "0 joints move"),
     "a branch": (same, CHAIN[:4] + STOP, "'slide' moves link 'finger'.*--leave-out finger"),
     "floats": (
