@@ -237,6 +237,7 @@ class Station(Generic[U]):
             full_speed_m_s=post.full_speed_m_s,
             base_moves=post.robot.base is not None,
         )
+        self._core = self.core  # what scripts of scenarios know it as
         self._changer = ToolChanger(post.settings.tools)
         self._brakes: Brakes | None = None
         self._wiring = wiring
