@@ -46,7 +46,7 @@ MAY_IMPORT = {  # from the ground up
     "hri_drivers.sources",
     "hri_sim": "",
     "hri_sim.rtde": "",
-    "hri_sim.robot_server": "hri_sim.rtde",
+    "hri_sim.robot_server": "base hri_sim.rtde",
     "hri_sim.people": "base contracts",
     "hri_sim.replay": "base contracts recording",
     "hri_sim.referee": "base robots contracts",

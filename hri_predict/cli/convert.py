@@ -154,17 +154,17 @@ def _format(output: Path, to: str | None) -> str:
     possible = [each for each in same if each.write is not None]
     if to is not None:
         chosen = BY_NAME[str(one_of("--to", to, list(BY_NAME)))]
-        if same and chosen not in same:  # no reader would take it for what it is
+        if chosen not in same:  # no reader would take it for what it is
             raise ConfigError(
                 f"{output}: --to {to} writes '{chosen.ending}' files, and '{output.suffix}' means"
-                f" another format; name it {output.stem}{chosen.ending}"
+                f" {'another' if same else 'no'} format; name it {output.stem}{chosen.ending}"
                 + (f", or take --to {possible[0].name}" if possible else "")
             )
         return chosen.name
     if not possible:
         endings = dict.fromkeys(each.ending for each in BY_NAME.values())
         why = "only read, never written: ending" if same else "unknown ending"
-        raise ConfigError(f"{output}: {why} '{output.suffix}'; use {', '.join(endings)}, or --to")
+        raise ConfigError(f"{output}: {why} '{output.suffix}'; use {', '.join(endings)}")
     return possible[0].name
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hri_drivers.camera.place.camera import Camera
-from hri_drivers.camera.seen import Float32, Image, Stamped
+from hri_drivers.camera.seen import Float32, Image
 from hri_predict.base.errors import ConfigError, SourceError
 
 TIMEOUT_MS = 1000
@@ -42,7 +42,7 @@ class DepthCamera(ABC):
     module: ClassVar[str]
     """The maker's package, by the name under which it is imported and installed."""
     stamps = "the device's time stamps"
-    stamped: Stamped = "by the device"
+    stamped = "by the device"
     metres_per_unit = 0.001
     _is_open = False
 

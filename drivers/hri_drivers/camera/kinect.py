@@ -31,7 +31,7 @@ class Kinect(DepthCamera):
 
     name, module = "Kinect", "pyk4a"
     stamps = f"the device's clock, as the fastest pictures show it less {LATENCY_S:g} s"
-    stamped = "on arrival"
+    stamped = f"on arrival less {LATENCY_S:g} s"
     _device: Any = None
     _offset_ns: int | None = None
     _at_ns = 0

@@ -82,7 +82,7 @@ class RealSense(DepthCamera):
                 utc_ms - each.get_timestamp() + self._sent_ms(each) for each in (colour, depth)
             )
             return now_ns - round(age_ms * 1e6)
-        self.stamped = "on arrival"
+        self.stamped = f"on arrival less {LATENCY_S:g} s"
         self.stamps = f"arrival less {LATENCY_S:g} s, since the device gives no time"
         arrival_ns = now_ns - (round(age_ms * 1e6) if self._is_believed else 0)
         return arrival_ns - round(LATENCY_S * 1e9)

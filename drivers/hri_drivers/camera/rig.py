@@ -159,7 +159,9 @@ class Rig:
         self.scenes += 1
         if len({image.stamped for image in images}) > 1:
             kinds = (f"{e.name} {i.stamped}" for e, i in zip(self._eyes, images, strict=True))
-            self._blind(f"pictures are stamped differently ({', '.join(kinds)})")
+            self._blind(
+                f"pictures are stamped differently ({', '.join(kinds)}); use cameras of one kind"
+            )
             return
         for eye, image in zip(self._eyes, images, strict=True):
             wrong = hides(image.pixels) or eye.frozen.judge(image)

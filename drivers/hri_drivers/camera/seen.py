@@ -1,7 +1,6 @@
 """The data that the camera's parts exchange: one picture, and one person in one picture."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +9,6 @@ from hri_predict.base.arrays import Floats
 
 UInt8 = NDArray[np.uint8]
 Float32 = NDArray[np.float32]
-Stamped = Literal["by the device", "on arrival", "by the file"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,15 +20,16 @@ class Image:
         exposed_ns: time of the exposure by ``time.monotonic_ns``, as well as it is known.
         number: counts up by one for each picture that the device delivered.
         depth: (H, W) metres of an RGB-D camera, or None.
-        stamped: how the time of the exposure is known. Times of different kinds differ by what no
-            one knows: the latency of the camera that does not stamp.
+        stamped: how the time of the exposure is known: by the device, by the file, or on arrival
+            less the latency that is assumed. Times of different kinds differ by what no one knows:
+            the latency of the camera that does not stamp.
     """
 
     pixels: UInt8
     exposed_ns: int
     number: int
     depth: Float32 | None = None
-    stamped: Stamped = "by the device"
+    stamped: str = "by the device"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

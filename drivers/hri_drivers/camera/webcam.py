@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from hri_drivers.camera.pixels import checked, next_of
-from hri_drivers.camera.seen import Image, Stamped
+from hri_drivers.camera.seen import Image
 from hri_predict.base.errors import ConfigError, SourceError
 
 LATENCY_S = 0.05
@@ -76,7 +76,7 @@ class Webcam:
         self._number = 0
         self._last_ms = 0.0
         self._is_believed = False
-        self.stamps = ""
+        self.stamps = self._stamped = ""
         try:
             self._device: Any = self._open()
         except SourceError as error:
@@ -96,7 +96,7 @@ class Webcam:
         now_ns = time.monotonic_ns()
         self._number += 1
         pixels = checked(pixels, f"camera {self._name}")
-        return Image(pixels, self._time(now_ns), self._number, stamped=self._stamped())
+        return Image(pixels, self._time(now_ns), self._number, stamped=self._stamped)
 
     def close(self) -> None:
         """See ``Input``."""
@@ -118,9 +118,6 @@ class Webcam:
             device.set(cv2.CAP_PROP_FPS, self._rate_hz)
         return device
 
-    def _stamped(self) -> Stamped:
-        return "by the device" if self._is_believed else "on arrival"
-
     def _time(self, now_ns: int) -> int:
         import cv2
 
@@ -130,7 +127,8 @@ class Webcam:
             stamped = stamp_of(now_ns, device_ms, is_believed=self._is_believed)
         self._last_ms, self._is_believed = device_ms, stamped is not None
         if stamped is not None:
-            self.stamps = "the device's time stamps"
+            self.stamps, self._stamped = "the device's time stamps", "by the device"
             return stamped - round(1e9 * HALF_EXPOSURE_S)
-        self.stamps = f"arrival less {self._latency_ns / 1e9:g} s, since the device gives no time"
+        self._stamped = f"on arrival less {self._latency_ns / 1e9:g} s"
+        self.stamps = f"{self._stamped.removeprefix('on ')}, since the device gives no time"
         return now_ns - self._latency_ns

@@ -56,7 +56,7 @@ class Optimisation:
         share: float,
         number: int,
         *,
-        progress: float | None = None,
+        progress: float,
     ) -> dict[str, float]:
         """Take step ``number`` (from 0) on this process's windows; returns the batch's losses.
 
@@ -68,13 +68,11 @@ class Optimisation:
             target: their futures.
             share: this process's share of the batch's loss.
             number: number of steps taken before.
-            progress: completed share of the training; default: by the steps.
+            progress: completed share of the training.
 
         Raises:
             PredictorError: the loss or its gradient is not finite.
         """
-        if progress is None:
-            progress = number / self._settings.total_steps
         factor = learning_rate_factor(number, self._settings, progress)
         self.network.train()
         shown: dict[str, float] = {}
@@ -163,16 +161,13 @@ class Optimisation:
             self._average.n_averaged.fill_(number + 1)
 
 
-def learning_rate_factor(
-    number: int, settings: TrainSettings, progress: float | None = None
-) -> float:
+def learning_rate_factor(number: int, settings: TrainSettings, progress: float) -> float:
     """Share of the learning rate at step ``number``: linear warm-up times the schedule.
 
-    Without ``progress`` it depends on the step alone, so that a resumed run continues exactly.
+    ``progress``: completed share of the training.
     """
     warm = min(1.0, (number + 1) / (settings.warmup_steps + 1))
-    done = number / settings.total_steps if progress is None else progress
-    return warm * float(part("schedules", settings.schedule)(settings, done))
+    return warm * float(part("schedules", settings.schedule)(settings, progress))
 
 
 def _averaged(network: Network, most: float) -> AveragedModel:

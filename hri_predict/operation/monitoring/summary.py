@@ -108,9 +108,9 @@ class Summary:
 
     def print(self, console: Console) -> None:
         """Print the summary as tables."""
-        console.print(self._run_table())
-        if self.too_slow:
+        if self.too_slow:  # first: it makes other faults, which the tables name
             console.print(self.too_slow, highlight=False, markup=False, soft_wrap=True)
+        console.print(self._run_table())
         if self.source.get("live") is not None:
             console.print(source_table(self.source))
         if self.links:

@@ -6,7 +6,6 @@ or that an answer is. Settings come as JSON and are validated again; nothing tha
 """
 
 import contextlib
-import ctypes
 import gc
 import json
 import logging
@@ -16,10 +15,11 @@ import socket
 from pathlib import Path
 from typing import Any
 
+from hri_predict.base.machine.orphans import end_with
+
 ASKED = ANSWERED = b"."
 LOG = b"L"  # the first byte of a line of the log
 MAX_MESSAGE = 64 * 1024  # bytes; a socket takes them whole
-_PR_SET_PDEATHSIG = 1
 
 
 def main(arguments: list[str]) -> int:
@@ -31,7 +31,7 @@ def main(arguments: list[str]) -> int:
     link_descriptor, memory, parent = (int(each) for each in arguments)
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # the node ends it, by the socket
         signal.signal(number, signal.SIG_IGN)
-    _end_with(parent)
+    end_with(parent)
     with contextlib.suppress(OSError):  # where memory runs out, this process goes, not the node
         Path("/proc/self/oom_score_adj").write_text("500")
     link = socket.socket(fileno=link_descriptor)
@@ -104,14 +104,6 @@ def _answer(windows: Any, number: int, predictor: Any, window: tuple[Any, Any]) 
     except (Exception, SystemExit) as error:  # a third party's predictor may fail in any way
         kind = "" if type(error).__name__ == "PredictorError" else f"{type(error).__name__}: "
         windows.refuse(number, f"{kind}{error}")
-
-
-def _end_with(parent: int) -> None:
-    """Let the kernel end this process with the node, even if both hang or the node is killed."""
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before the kernel was told
-        os._exit(1)
 
 
 def _tell(link: socket.socket, what: dict[str, Any]) -> None:

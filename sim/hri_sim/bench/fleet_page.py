@@ -12,7 +12,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from typing import Any
 from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
+from hri_predict.base.machine.orphans import command_of
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
 from hri_sim.bench.processes import processor_time, resident_mib
@@ -125,7 +125,7 @@ def _number(cell: dict[str, Any]) -> int:
 def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
     """Run ``hri-predict fleet``; gives its process, its endpoint, and its page's port."""
     end = f"tcp/127.0.0.1:{free_tcp_port()}"
-    command = [sys.executable, "-m", "hri_predict", "fleet", "--listen", end, "--operator", "0"]
+    command = command_of("hri_predict", "fleet", "--listen", end, "--operator", "0")
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     )

@@ -13,7 +13,6 @@ import multiprocessing
 import os
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +22,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from hri_predict.base.machine.orphans import command_of
 from hri_sim.bench import cell
 from hri_sim.bench.onlookers import onlookers
 from hri_sim.bench.processes import cores_busy, processor_time, resident_mib
@@ -137,7 +137,7 @@ def running_node(
         flags: of ``hri-predict run``.
         cache: the folder that the node keeps things in; ``None``: the user's own.
     """
-    command = [sys.executable, "-m", "hri_predict", "run", str(path), "--json", *flags]
+    command = command_of("hri_predict", "run", str(path), "--json", *flags)
     environment = dict(os.environ)
     if cache is not None:
         environment["HRI_PREDICT_CACHE"] = environment["NUMBA_CACHE_DIR"] = str(cache)

@@ -10,7 +10,6 @@ import json
 import logging
 import random
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +24,7 @@ from hri_drivers.links.rtde.link import RtdeLink, RtdeLinkSettings
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.files import data_path
+from hri_predict.base.machine.orphans import command_of
 from hri_predict.base.settings import validated
 from hri_predict.cli.common import JsonOption, need_extra
 from hri_predict.contracts import registry
@@ -137,7 +137,7 @@ class RtdeController:
     """
 
     def __init__(self) -> None:
-        command = [sys.executable, "-m", "hri_sim.rtde", "--port", "0", "--each"]
+        command = command_of("hri_sim.rtde", "--port", "0", "--each")
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         self._lines = self._process.stdout

@@ -8,7 +8,6 @@ controller dies, the node runs in this process, so that all its advice can be ob
 import contextlib
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -23,6 +22,7 @@ import yaml
 from hri_predict.base.clock import MonotonicClock
 from hri_predict.base.errors import LinkError
 from hri_predict.base.files import load_yaml
+from hri_predict.base.machine.orphans import command_of
 from hri_predict.contracts.cell import ControllerReport
 from hri_predict.contracts.link import LinkSettings
 from hri_predict.node.listeners import Tick
@@ -207,7 +207,7 @@ def _end(
 
 @contextlib.contextmanager
 def _node(config: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    command = [sys.executable, "-m", "hri_predict", "run", str(config), "--json"]
+    command = command_of("hri_predict", "run", str(config), "--json")
     node = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)
     try:
         yield node

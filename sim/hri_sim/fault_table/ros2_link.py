@@ -6,13 +6,13 @@ is ``ADVICE``.
 
 import os
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
 
 from hri_drivers import links
 from hri_drivers.links.ros2.link import Ros2Link, Ros2LinkSettings
+from hri_predict.base.machine.orphans import command_of
 from hri_sim.fault_table.link_cell import LOOK_S, PERIOD_S, LinkCase, LinkCell
 from hri_sim.wires.samples import ADVICE
 
@@ -46,7 +46,7 @@ class Ros2Cell(LinkCell):
             "ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }  # fmt: skip
         self._follower = subprocess.Popen(
-            [sys.executable, str(script)], env=environment, stdout=subprocess.PIPE, text=True
+            command_of(str(script)), env=environment, stdout=subprocess.PIPE, text=True
         )
         threading.Thread(target=self._read, daemon=True).start()
 

@@ -3,8 +3,9 @@
 import json
 import signal
 import subprocess
-import sys
 from functools import cached_property
+
+from hri_predict.base.machine.orphans import command_of
 
 
 class ServerProcess:
@@ -17,7 +18,7 @@ class ServerProcess:
     """
 
     def __init__(self, protocol: str, fault: str = "none", port: int = 0) -> None:
-        command = [sys.executable, "-m", "hri_sim.robot_server", protocol, "--fault", fault]
+        command = command_of("hri_sim.robot_server", protocol, "--fault", fault)
         command += ["--port", str(port), "--after-s", "1e9"]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 

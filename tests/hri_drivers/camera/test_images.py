@@ -111,8 +111,10 @@ def test_a_picture_that_the_driver_kept_while_it_stalled_is_old(monkeypatch):
 @pytest.mark.parametrize(("latency_s", "late_ms"), [(None, 1000 * webcams.LATENCY_S), (0.2, 200)])
 def test_a_camera_without_time_stamps_counts_as_late(at_10_s, latency_s, late_ms):
     camera = webcam(Device(), latency_s)
-    assert camera.read().exposed_ns == 10_000 * MS - round(late_ms * MS)
-    assert f"{late_ms / 1000:g} s" in camera.stamps
+    image = camera.read()
+    assert image.exposed_ns == 10_000 * MS - round(late_ms * MS)
+    assert image.stamped == f"on arrival less {late_ms / 1000:g} s"
+    assert camera.stamps.startswith(f"arrival less {late_ms / 1000:g} s, since")
 
 
 def test_a_stamp_that_stands_still_is_not_believed(at_10_s):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hri_drivers.camera.kinect import Kinect
 from hri_drivers.camera.place.together import APART_NS, Together
 from hri_predict.base.geometry import transform
 from tests.hri_drivers.camera.pictures import Script, image, textured
@@ -160,10 +161,13 @@ def test_pictures_whose_times_are_known_differently_are_not_of_one_moment(capsys
     body = standing(3, 1.5)
     cameras, sent = rig([seen_by(LEFT, [body])], [seen_by(RIGHT, [body])])
     left, right = pictures(1)
-    cameras.take([left, replace(right, stamped="on arrival")])
-    assert [(people, sees_room) for people, sees_room, _ in sent.kept] == [((), False)]
-    assert "left by the device, right on arrival" in capsys.readouterr().err
-    both = [replace(each, stamped="on arrival") for each in pictures(2, time.monotonic_ns())]
+    arrived = replace(right, stamped="on arrival less 0.05 s")
+    for other in (left, replace(left, stamped=Kinect.stamped)):
+        cameras.take([other, arrived])
+        assert sent.kept.pop()[:2] == ((), False)
+        said = f"left {other.stamped}, right on arrival less 0.05 s); use cameras of one kind"
+        assert said in capsys.readouterr().err
+    both = [replace(each, stamped=arrived.stamped) for each in pictures(2, time.monotonic_ns())]
     cameras.take(both)
     assert sent.kept[-1][1]
 

@@ -152,6 +152,8 @@ def test_mistakes_are_one_line_with_the_remedy(mistake):
     said = mistake("two.csv", "a.db3", "--to", "rosbag2")
     assert "name it a.mcap, or take --to rosbag2-sqlite" in said
     assert "name it a.bvh" in mistake("two.csv", "a.bag", "--to", "bvh")
+    said = mistake("two.csv", "a.xyz", "--to", "csv")
+    assert "writes '.csv' files, and '.xyz' means no format; name it a.csv" in said
     assert "no such file" in mistake("gone.csv", "a.csv")
     assert ": no person 9; it has 2, 3" in mistake("two.csv", "a.csv", "--person", 9)
     assert "must be after --start" in mistake("two.csv", "a.csv", "--start", 3, "--end", 2)

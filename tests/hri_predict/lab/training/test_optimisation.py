@@ -38,6 +38,12 @@ def batch():
     return BodyFrames(past, past[..., 0] < 9), Target(future, future[..., 0] < 0.5)
 
 
+def factors_of(chosen):
+    """The learning rate's factor at each step."""
+    total = chosen.total_steps
+    return [learning_rate_factor(n, chosen, n / total) for n in range(total)]
+
+
 def test_the_average_follows_its_recurrence():
     config = settings(ema_decay=0.5)
     network = Line()
@@ -46,7 +52,7 @@ def test_the_average_follows_its_recurrence():
     line = network.line.weight
     expected = line.detach().clone()
     for number in range(6):
-        optimisation.step(window, target, 1.0, number)
+        optimisation.step(window, target, 1.0, number, progress=number / 6)
         decay = min(0.5, (1 + number) / (10 + number))
         expected = decay * expected + (1 - decay) * line.detach()
     settled = optimisation.settle()
@@ -63,26 +69,24 @@ def test_without_a_decay_nothing_is_averaged():
 
 def test_the_learning_rate_rises_then_falls_along_a_cosine():
     chosen = settings(warmup=0.05, epochs=20)  # 80 steps, 4 of them to warm up
-    factors = [learning_rate_factor(n, chosen) for n in range(80)]
+    factors = factors_of(chosen)
     assert factors[0] == pytest.approx(0.2)
     assert factors[40] == pytest.approx(0.5)
     assert factors[4:] == sorted(factors[4:], reverse=True)
     assert 0 < factors[-1] < 0.02
     steady = settings(warmup=0, schedule="constant")
-    assert {learning_rate_factor(n, steady) for n in range(16)} == {1.0}
+    assert factors_of(steady) == [1.0] * 16
 
 
 def test_steps_fall_by_a_factor_after_so_many_epochs():
     chosen = settings(warmup=0, schedule="steps", decay=0.5, decay_epochs=2)
-    factors = [learning_rate_factor(n, chosen) for n in range(16)]
-    assert factors == [1.0] * 8 + [0.5] * 8
+    assert factors_of(chosen) == [1.0] * 8 + [0.5] * 8
 
 
 @given(epochs=st.integers(1, 200), share=st.floats(0, 0.05))
 def test_a_run_of_any_length_reaches_its_learning_rate(epochs, share):
     chosen = settings(epochs=epochs, warmup=share)
-    highest = max(learning_rate_factor(n, chosen) for n in range(chosen.total_steps))
-    assert highest > 0.7  # the shortest run warms up for a fifth of a step
+    assert max(factors_of(chosen)) > 0.7  # the shortest run warms up for a fifth of a step
 
 
 def test_gradients_are_clipped():
@@ -92,7 +96,7 @@ def test_gradients_are_clipped():
         chosen = settings(clip_norm=clip_norm, warmup=0)
         optimisation = Optimisation(network, chosen, Processes())
         window, target = batch()
-        optimisation.step(window, target, 1.0, 0)
+        optimisation.step(window, target, 1.0, 0, progress=0.0)
         return torch.nn.utils.get_total_norm(
             [p.grad for p in network.parameters() if p.grad is not None]
         )
@@ -107,7 +111,7 @@ def test_bfloat16_is_used_for_products_while_weights_stay_float32():
         network = Line()
         window, target = batch()
         loss = Optimisation(network, settings(precision=precision), Processes()).step(
-            window, target, 1.0, 0
+            window, target, 1.0, 0, progress=0.0
         )
         return network, loss
 
