@@ -41,6 +41,14 @@ if TYPE_CHECKING:  # torch takes seconds to import, which the other commands nee
     from hri_predict.run.zone_basis import ZoneBasis
 
 
+_SET_ELSEWHERE = {
+    "name": "give the --predictor that you mean",
+    "weights": "give --predictor NAME=WEIGHTS instead",
+    "horizon_s": "give --horizon instead",
+    "rate_hz": "all are evaluated at the same rate; leave it out",
+}
+
+
 def evaluate(
     *,
     data: Annotated[
@@ -74,7 +82,7 @@ def evaluate(
     n_in: Annotated[
         int | None,
         typer.Option(
-            help="Benchmark: frames observed, 1 to 50; SINN's paper observes 25.",
+            help="Benchmark: frames observed, 2 to 50; SINN's paper observes 25.",
             show_default="10, with euler 50",
         ),
     ] = None,
@@ -94,7 +102,7 @@ def evaluate(
     horizon: Annotated[
         float | None,
         typer.Option(
-            min=1, max=2, help="Seconds ahead; more leaves fewer windows.", show_default="1"
+            help="Seconds ahead: 1, 1.6 or 2; more leaves fewer windows.", show_default="1"
         ),
     ] = None,
     changes: Annotated[
@@ -134,15 +142,13 @@ def evaluate(
             {"--windows": windows, "--n-out": n_out, "--n-in": n_in, "--error": error},
             "without --benchmark",
         )
-        from hri_predict.lab.evaluation.windows import RATE_HZ
-
         if split is not None:
             one_of("--split", split, USES)
         _real(
             data=data,
             asked=asked,
             split=split,
-            future_steps=round((horizon or 1) * RATE_HZ),
+            future_steps=_steps(horizon or 1),
             changes=changes or (),
             joint_map=joint_map,
             disturb=disturb,
@@ -179,6 +185,17 @@ def evaluate(
             out=out,
             as_json=as_json,
         )
+
+
+def _steps(horizon_s: float) -> int:
+    """The steps of ``--horizon``: one with which tables and pictures end."""
+    from hri_predict.lab.evaluation.windows import FUTURE_STEPS, HORIZON_STEPS, RATE_HZ
+
+    known = {step / RATE_HZ: step for step in HORIZON_STEPS if step >= FUTURE_STEPS}
+    if horizon_s not in known:
+        told = ", ".join(f"{each:g}" for each in known)
+        raise ConfigError(f"--horizon {horizon_s:g}: is evaluated to {told} s; give one of them")
+    return known[horizon_s]
 
 
 def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, ComparedPredictor]":
@@ -235,7 +252,7 @@ def _real(
             bar.update(task, description=text)
             results += judge_by(
                 workers,
-                {**own, **baselines(future_steps)},
+                own | baselines(future_steps) | own,  # a baseline's own settings, if it has any
                 motions,
                 condition,
                 future_steps=future_steps,
@@ -303,9 +320,12 @@ def _settings(
 
     own: dict[str, Any] = {each.name: {} for each in asked.values()}
     for change in changes:
-        name, dot, _ = change.partition("=")[0].partition(".")
-        if name not in own or not dot:
+        path, _, _ = change.partition("=")
+        name, _, key = path.strip().partition(".")
+        if name not in own or not key or "=" not in change:
             raise ConfigError(f"--set {change}: write it as NAME.key=value, NAME of a --predictor")
+        if key in _SET_ELSEWHERE:
+            raise ConfigError(f"--set {change}: {_SET_ELSEWHERE[key]}")
         set_key(own, change)
     return {
         label: predictor_settings(

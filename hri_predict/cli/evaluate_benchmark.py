@@ -36,8 +36,8 @@ def by_benchmark(
         raise ConfigError("--data: a benchmark reads one folder; give it once")
     if n_out not in (10, 25):
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
-    if n_in is not None and not 1 <= n_in <= 50:
-        raise ConfigError(f"--n-in {n_in}: the benchmark's windows have 1 to 50 frames before")
+    if n_in is not None and not 2 <= n_in <= 50:  # one frame has no velocity
+        raise ConfigError(f"--n-in {n_in}: the benchmark's windows have 2 to 50 frames before")
     loaded = {label: _load(each.name, each.weights) for label, each in asked.items()}
     protocol = Protocol(
         benchmark=benchmark,

@@ -113,7 +113,8 @@ def _name_lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[
     """Name the lines in the order in which they end."""
     handles, labels = axes.get_legend_handles_labels()
     order = np.argsort([-np.nan_to_num(c[-1], nan=np.inf) for c in curves])
-    names = [f"{labels[i]}  {curves[i][-1]:.0f} mm" for i in order]
+    ends = [f"{c[-1]:.0f} mm" if np.isfinite(c[-1]) else "–" for c in curves]
+    names = [f"{labels[i]}  {ends[i]}" for i in order]
     axes.legend(
         [handles[i] for i in order],
         names,

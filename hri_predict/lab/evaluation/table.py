@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-HORIZONS_MS = (120, 200, 400, 600, 800, 1000, 1500, 2000)
-"""Times ahead that tables of forecasts and of zones show, up to their own horizon."""
+HORIZONS_MS = (120, 200, 400, 600, 800, 1000, 1600, 2000)
+"""Times ahead that tables of forecasts and of zones show, up to their own horizon: whole steps."""
 
 
 @dataclass(frozen=True, slots=True)

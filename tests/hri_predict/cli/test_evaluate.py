@@ -133,17 +133,21 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "cmu", "--split", "test"], "--split: has no effect with --benchmark"),
         (["--benchmark", "cmu", "--disturb"], "--disturb: has no effect with --benchmark"),
         (["--benchmark", "cmu", "--n-out", "0"], "10 or 25"),
+        (["--benchmark", "cmu", "--n-in", "1"], "2 to 50 frames"),
         (["--benchmark", "cmu", "--horizon", "2"], "--horizon: has no effect with --benchmark"),
         (["--set", "sinn.threads=2"], "write it as NAME.key=value"),
-        (["--set", "zero_velocity=2"], "write it as NAME.key=value"),
+        (["--set", "zero_velocity.process"], "write it as NAME.key=value"),
+        (["--set", "zero_velocity.name=kalman"], "give the --predictor that you mean"),
+        (["--set", "zero_velocity.rate_hz=10"], "at the same rate; leave it out"),
+        (["--set", "zero_velocity.horizon_s=2"], "give --horizon instead"),
+        (["--predictor", "sinn=w", "--set", "sinn.weights=v"], "give --predictor NAME=WEIGHTS"),
+        (["--horizon", "1.9"], "--horizon 1.9: is evaluated to 1, 1.6, 2 s; give one of them"),
+        (["--horizon", "nan"], "--horizon nan: is evaluated to 1, 1.6, 2 s"),
     ],
 )
 def test_mistakes_end_in_one_line(cli, pack, arguments, told):
-    given = [
-        "--data",
-        pack,
-        *([] if "--predictor" in arguments else ["--predictor", "zero_velocity"]),
-    ]
+    given = ["--data", pack]
+    given += [] if "--predictor" in arguments else ["--predictor", "zero_velocity"]
     status, text, error = cli(*given, *arguments)
     assert (status, text) == (2, "")
     assert len(error.splitlines()) == 1
@@ -287,9 +291,12 @@ def test_two_seconds_of_a_predictor_with_settings_of_its_own(cli, walk):
     status, text, _ = cli(*asked, "--horizon", 2, "--set", "constant_velocity.span_s=0.04")
     found = json.loads(text)
     assert (status, found["horizons_ms"][-1]) == (0, 2000)
-    own, _, _, of_40_ms, _ = (r["mean_mm"] for r in found["results"])
+    own, _, _, of_40_ms, kalman = (r["mean_mm"] for r in found["results"])
     assert own == of_40_ms
     assert len(own) == 8
+    asked = ["--data", walk, "--predictor", "kalman", "--horizon", 2, "--json"]
+    found = json.loads(cli(*asked, "--set", "kalman.history_s=0.1")[1])["results"]
+    assert found[0]["mean_mm"] != kalman  # a baseline with other settings is not the baseline
 
 
 def test_a_recording_without_a_window_is_named_and_left_out(cli, walk, tmp_path):

@@ -12,6 +12,7 @@ from hri_predict.cli.common import (
     ClusterOption,
     JointMapOption,
     JsonOption,
+    check_writable,
     counting,
     files,
     map_path,
@@ -236,6 +237,7 @@ def simulate(
         without_effect({**approaches, **lost, **others}, "with --distance")
         if out is not None:
             need_plots()
+            check_writable(out)
         return distances(
             DistanceRequest(
                 config=configuration.find(config or Path("working_distance.yaml")),

@@ -1,17 +1,17 @@
 """The people of a measured distance: what they do, and what their tracker sees of them."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hri_predict.base.errors import ConfigError, nearest
+from hri_predict.base.errors import ConfigError, UnusableRecordingError, nearest
 from hri_predict.base.files import YAML_ENDINGS
 from hri_predict.base.skeleton import JOINTS
 from hri_predict.cli.common import one_of
 from hri_predict.contracts.joint_map import load_joint_map, map_names
 from hri_predict.lab.datasets.splits import is_pack
 from hri_predict.recording.format_table import ENDINGS
-from hri_predict.recording.formats.npz import read_arrays
 from hri_predict.run.working_distance.measure import WARM_S
 from hri_sim.simulation.motion import PROCEDURAL, load_motion
 
@@ -215,12 +215,17 @@ def _of_pack(name: str, path: Path) -> tuple[list[Activity], int]:
     absent = ACTIVITIES["seated"].absent if name == "arms" else ()
     found, paths = [], sorted(path.glob("*.npz"))
     for each in paths:
-        stored = read_arrays(each, ("positions", "fps"))
-        if len(stored["positions"]) - 1 >= SHORTEST_S * float(stored["fps"]):
-            text = f"{name}/{each.stem}"
-            found.append(
-                Activity(name=text, text=text, motion=str(each), absent=absent, of_set=name)
-            )
+        with suppress(UnusableRecordingError):  # too short even to be read
+            if load_motion(str(each), _RATE_HZ).duration_s >= SHORTEST_S:
+                text = f"{name}/{each.stem}"
+                found.append(
+                    Activity(name=text, text=text, motion=str(each), absent=absent, of_set=name)
+                )
+    if not found:
+        raise ConfigError(
+            f"--activity {name}: {path} holds no recording (.npz) of {SHORTEST_S:g} s or more; "
+            f"copy it again, or name another"
+        )
     return found, len(paths) - len(found)
 
 

@@ -165,10 +165,9 @@ def _table(found: Sequence[Found], modes: Sequence[str], own: str) -> Table:
 def _sets_table(found: Sequence[Found]) -> list[Table]:
     """The first two modes over each set that was asked for; nothing without sets or two modes."""
     by_set: dict[str, list[tuple[float, float, str]]] = {}
-    modes: list[str] = []
+    modes = list(found[0][1])[:2]
     for case, result in found:
-        if case.activity.of_set and len(result) > 1:
-            modes = list(result)[:2]
+        if case.activity.of_set and len(modes) > 1 and all(mode in result for mode in modes):
             at_m = [result[mode]["distance_m"] for mode in modes]
             first_m, second_m = (FARTHEST_M if m is None else m for m in at_m)
             own = by_set.setdefault(case.activity.of_set, [])

@@ -114,10 +114,13 @@ def test_true_seconds_and_metres_at_any_rate(rate_hz):
 
 
 def test_two_seconds_are_judged_on_windows_that_have_them():
-    given = {"straight": built(baselines(50)["constant_velocity 120 ms"]), "off": predictor()}
-    straight, one_second = judge_all(given, [motion(4.0, 120)], future_steps=50)
-    assert straight.horizons_ms == (120, 200, 400, 600, 800, 1000, 1500, 2000)
+    moving, standing = (baselines(50)[k] for k in ("constant_velocity 120 ms", "zero_velocity"))
+    given = {"straight": built(moving), "still": built(standing), "one second": predictor()}
+    straight, still, one_second = judge_all(given, [motion(4.0, 120)], future_steps=50)
+    assert straight.horizons_ms == (120, 200, 400, 600, 800, 1000, 1600, 2000)
     assert straight.mean_mm() == pytest.approx(np.zeros(8), abs=1e-4)
+    speed = np.linalg.norm(VELOCITY)
+    assert still.mean_mm() == pytest.approx(speed * np.array(still.horizons_ms), rel=1e-6)
     assert np.isfinite(one_second.mean_mm()).tolist() == [True] * 6 + [False] * 2
     whole = judge(predictor(), [motion(4.0, 120)])
     assert whole.actions["walking"].windows == straight.actions["walking"].windows + 25

@@ -135,3 +135,13 @@ def test_the_legend_of_a_picture_is_inside_it(actions):
         assert legend.y0 >= 0
         assert legend.x1 <= width
         assert legend.y1 <= height
+
+
+def test_a_line_that_ends_before_the_horizon_has_a_dash_in_the_legend():
+    pytest.importorskip("matplotlib")
+    from hri_predict.lab.evaluation.plots import error_by_horizon
+
+    given = [result("zero_velocity", 800), RecordingResult("stb", None, {"x": errors(400, 15)})]
+    legend = error_by_horizon(given).axes[0].get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["stb  –", "zero_velocity  800 mm"]

@@ -66,3 +66,10 @@ def test_options_of_the_distance_are_refused_without_it(cli):
     status, _, err = cli("--activity", "window")
     assert status == 2
     assert "--activity: has no effect without --distance" in err
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(cli):
+    pytest.importorskip("matplotlib")
+    status, _, err = cli("--distance", "--activity", "talking", "--out", "/dev/null/report")
+    assert status == 2
+    assert "--out /dev/null/report: cannot be written" in err

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, RecordingError
 from hri_sim.simulation.distance.people import (
     ACTIVITIES,
     FULL,
@@ -69,6 +69,13 @@ def test_a_set_is_all_its_recordings_that_are_long_enough(recording, tmp_path):
     assert lines == ["arms: 1 recordings of less than 3 s left out."]
     with pytest.raises(ConfigError, match=r"left out.*cmu_dance"):
         activities(["cmu_dance"], tmp_path)
+    np.savez(folder / "c.npz", positions=positions)
+    with pytest.raises(RecordingError, match=r"c\.npz: "):
+        activities(["arms"], tmp_path)
+    for name in "abc":
+        (folder / f"{name}.npz").unlink()
+    with pytest.raises(ConfigError, match=r"--activity arms: .* holds no recording .* of 3 s"):
+        activities(["arms"], tmp_path)
 
 
 def test_a_recording_that_ends_before_much_of_it_counts_is_refused(recording):
@@ -115,4 +122,6 @@ def test_whole_sets_are_compared_by_their_worst_recording():
     (table,) = _sets_table(found)
     assert table.rows == (("arms", "3", "2.00", "3.00", "+10 (b)"),)
     assert table.columns[2:4] == ("predictive, median", "iso, median")
+    only = {"iso": {"distance_m": 1.0}, "fixed": {"distance_m": 1.0}}
+    assert _sets_table([*found, (case("d"), only)]) == [table]  # of other modes
     assert _sets_table([(replace(case("a"), activity=ACTIVITIES["talking"]), near)]) == []
