@@ -9,7 +9,10 @@ import contextlib
 import hashlib
 import logging
 import os
+import re
 import stat
+import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -18,6 +21,11 @@ from hri_predict.base.files import atomic_write
 log = logging.getLogger(__name__)
 
 MAX_BYTES = 2**30  # twice the largest weights
+KEPT = 8
+"""Number of files that are kept of those whose names differ in their hash alone."""
+KEPT_S = 90 * 86_400.0
+"""Files that were not used for longer are removed."""
+_HASHED = re.compile(r"(.+-)[0-9a-f]{32}(\..+)")
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
@@ -50,6 +58,8 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
     with contextlib.suppress(OSError):
         content, problem = _kept(path)
         if not problem:
+            with contextlib.suppress(OSError):
+                os.utime(path)  # its last use
             return content
         log.warning("cache: %s %s; rebuilding it", path, problem)
     content = make()
@@ -57,7 +67,33 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
         atomic_write(path, _digest(name, content) + content)
     except OSError as error:
         log.debug("cache: %s is not kept: %s", path, error.strerror)
+    _remove_unused(folder)
     return content
+
+
+def _remove_unused(folder: Path) -> None:
+    """Remove this user's files that ``KEPT`` and ``KEPT_S`` exclude, by the time of their last use.
+
+    Names without a hash are not ours. Another node may do the same now, or be reading one.
+    """
+    found: list[tuple[float, Path, tuple[str, ...]]] = []
+    user = getattr(os, "geteuid", int)()
+    with contextlib.suppress(OSError):
+        for path in folder.iterdir():
+            if named := _HASHED.fullmatch(path.name):
+                with contextlib.suppress(OSError):  # another node was faster
+                    status = path.lstat()
+                    if stat.S_ISREG(status.st_mode) and status.st_uid == user:
+                        found.append((status.st_mtime, path, named.groups()))
+    kept, removed = Counter[tuple[str, ...]](), 0
+    for used_s, path, of in sorted(found, reverse=True):
+        kept[of] += 1
+        if kept[of] > KEPT or used_s < time.time() - KEPT_S:
+            with contextlib.suppress(OSError):
+                path.unlink()
+                removed += 1
+    if removed:
+        log.debug("cache: files removed that were not used lately: %d", removed)
 
 
 def _kept(path: Path) -> tuple[bytes, str]:

@@ -1,11 +1,13 @@
 """The cache: what was made is found again, what is damaged is made anew, nothing depends on it."""
 
+import logging
 import os
+import time
 from pathlib import Path
 
 import pytest
 
-from hri_predict.base.machine.cache import cache_folder, cached, forget
+from hri_predict.base.machine.cache import KEPT, KEPT_S, cache_folder, cached, forget
 
 
 @pytest.fixture
@@ -22,6 +24,10 @@ class Made:
         self.times += 1
         return b"content"
 
+    @staticmethod
+    def fails(path):
+        raise FileNotFoundError
+
 
 def test_what_was_made_is_found_again(folder):
     make = Made()
@@ -30,6 +36,31 @@ def test_what_was_made_is_found_again(folder):
     forget("a")
     assert cached("a", make) == b"content"
     assert make.times == 2
+
+
+def test_what_was_not_used_lately_is_removed_when_more_is_kept(folder, caplog):
+    caplog.set_level(logging.DEBUG)
+    names = [f"net-{n:032x}.onnx" for n in range(KEPT + 1)]
+    other, own = f"other-{0:032x}.onnx", "notes.txt"
+    for age_s, name in enumerate([other, own, *reversed(names[:-1])], 1):
+        cached(name, Made())
+        long_s = KEPT_S if name in (other, own) else 0.0
+        os.utime(folder / name, times=(time.time() - age_s - long_s,) * 2)
+    make = Made()
+    cached(names[0], make)  # the oldest, now used
+    cached(names[-1], make)
+    assert make.times == 1
+    assert {path.name for path in folder.iterdir()} == {own, names[0], *names[2:]}
+    assert caplog.text.count("not used lately: 1\n") == 2
+
+
+def test_files_that_others_remove_meanwhile_do_not_matter(folder, monkeypatch):
+    for n in range(KEPT):
+        cached(f"net-{n:032x}.onnx", Made())
+    for n, gone in enumerate(("lstat", "unlink", "iterdir"), KEPT):
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, gone, Made.fails)
+            assert cached(f"net-{n:032x}.onnx", Made()) == b"content"
 
 
 @pytest.mark.parametrize(
