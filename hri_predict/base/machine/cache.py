@@ -76,7 +76,8 @@ def _remove_unused(folder: Path) -> None:
 
     Names without a hash are not ours. Another node may do the same now, or be reading one.
     """
-    found, user = [], getattr(os, "geteuid", int)()
+    found: list[tuple[float, Path, tuple[str, ...]]] = []
+    user = getattr(os, "geteuid", int)()
     with contextlib.suppress(OSError):
         for path in folder.iterdir():
             if named := _HASHED.fullmatch(path.name):
