@@ -202,7 +202,7 @@ class ProcessRunner:
                 )
             self._ready.set()
             status = worker.wait()
-            return PredictorError(f"its process ended with {_said(status)}")
+            return PredictorError(f"its process exited with {_said(status)}")
         except HriPredictError as error:
             return error
         finally:
