@@ -265,7 +265,7 @@ def test_frames_are_left_out_never_invented():
 
 
 def test_a_person_who_is_not_there_is_named():
-    with pytest.raises(RecordingError, match="no person 9; has 3, 7"):
+    with pytest.raises(RecordingError, match="no person 9; it has 3, 7"):
         of_person(empty_and_blind(), 9)
 
 

@@ -112,7 +112,7 @@ ABSURD = [
     ("max_speed_m_s: 1.0", "max_speed_m_s: 1e-12", "fastest point in production"),
     ("rate_hz: 25\n", "rate_hz: 1e-12\n", "cycles per second"),
     ("horizon_s: 1.2", "horizon_s: 1e-12", "horizon of the forecast"),
-    ("reaction_s: 0.05", "silence_timeout_s: 1e-12", "how much silence"),
+    ("reaction_s: 0.05", "silence_timeout_s: 1e-12", "silence after which"),
     ("mode: predictive", "mode: fixed, fixed_radius_m: 1e-12", "for mode fixed"),
     ("mode: predictive", "limits: {body_speed_m_s: 1e-12}", "everything else"),
     ("mode: predictive", "limits: {arm_acceleration_m_s2: 1e-9}", "of arms and hands"),

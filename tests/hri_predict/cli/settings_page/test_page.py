@@ -56,8 +56,8 @@ def test_every_link_leads_to_a_heading(text):
     [
         "| `rate_hz` | number, 10 to 100 | `25` | Hz | cycles per second; controllers expect at"
         " least 10 |",
-        "| `robots[].max_speed_m_s` | number, 0.01 to 20 | **required** | m/s | fastest"
-        " point in production |",
+        "| `robots[].max_speed_m_s` | number, 0.01 to 20 | **required** | m/s | maximum"
+        " speed of the fastest point in production |",
     ],
 )
 def test_a_row_gives_path_type_default_unit_and_meaning(text, row):

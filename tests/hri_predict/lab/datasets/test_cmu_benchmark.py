@@ -157,7 +157,7 @@ WRONG = {
     "'expmap' is <U3": {"expmap": MAPS.astype("U3")},
     "'expmap' is complex128": {"expmap": MAPS + 1j},
     "'expmap' is bool": {"expmap": MAPS > 0},
-    ": empty (no frames)": {"expmap": MAPS[:0]},
+    "empty (no frames)": {"expmap": MAPS[:0]},
     "NaN or infinite in frame 3": {"expmap": np.where(np.arange(9)[:, None] == 3, np.nan, MAPS)},
     "beyond 1e+06": {"expmap": MAPS * 1e300},
     "not a NumPy archive": None,

@@ -42,7 +42,7 @@ def test_without_the_data_pack_recorded_people_are_left_out_and_told():
 
 
 def test_a_folder_that_is_not_the_data_pack_is_refused(tmp_path):
-    with pytest.raises(ConfigError, match="is not the data pack"):
+    with pytest.raises(ConfigError, match="not the data pack"):
         pack(tmp_path)
 
 
