@@ -38,7 +38,7 @@ EXPECTED = {
     4: r"source.kind: unknown source 'procedurall'; did you mean 'procedural'\?",
     6: r"predictor.horizon: unknown key; did you mean 'horizon_s'\?",
     10: r"robots.0.room_from_robot.xyz: ",
-    11: r"robots.0.max_speed_m_s: .*20; got 300 \(maximum speed of the fastest point in production,",
+    11: r"robots.0.max_speed_m_s: .*20; got 300 \(maximum speed of the fastest point",
     12: r"robots.0.motion.stale: unknown key; did you mean 'stale_s'\?",
     13: r"robots.1.max_speed_m_s: required key is missing; add it \(maximum speed of the fastest",
     15: r"robots.1.motion: .*'dance'.*'standing'",
