@@ -53,7 +53,7 @@ class Protocol:
         """Check that the benchmark has such windows and such an error.
 
         Raises:
-            ConfigError: it has not, or there is no such benchmark.
+            ConfigError: no such benchmark, or none of such windows or such an error.
         """
         of = self.of
         for flag, value, known in (

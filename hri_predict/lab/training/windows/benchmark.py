@@ -6,7 +6,9 @@ The pack's ``walking_extra`` is not used. Nothing is augmented unless ``reverse`
 so: not all papers do.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -42,6 +44,8 @@ from hri_predict.lab.datasets.splits import benchmark_split
 from hri_predict.lab.training.windows.samples import Samples
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
 from hri_predict.predictors.neural.network import Shape
+
+log = logging.getLogger(__name__)
 
 _BATCH = 64
 
@@ -148,12 +152,12 @@ class BenchmarkSamples:
     def _takes(data: Any) -> tuple[list[Take], list[Take]]:
         """The recordings to fit, and those to validate on."""
         root = data_root(data.root)
-        if data.refit:
-            fitted, validation = _of(data.actions, benchmark_names(root, "train")), []
-        else:
-            fitted, validation = (
-                _of(data.actions, _listed(data.splits, key)) for key in ("fit", "validation")
-            )
+        lists = [benchmark_names(root, "train")]
+        if not data.refit:
+            lists = [_listed(data.splits, key) for key in ("fit", "validation")]
+        _check_actions(data.actions, [action_of(name) for names in lists for name in names])
+        chosen = [_of(data.actions, names) for names in lists]
+        fitted, validation = chosen[0], chosen[1] if len(chosen) > 1 else []
         for name in sorted(set(fitted) & set(validation)):
             raise ConfigError(
                 f"splits {data.splits}: {name} is both in fit and in validation; take it out of "
@@ -207,22 +211,29 @@ class HumanSamples(BenchmarkSamples):
 
     @staticmethod
     def _takes(data: Any) -> tuple[list[Take], list[Take]]:
-        fit = (*FIT_SUBJECTS, VALIDATION_SUBJECT) if data.refit else FIT_SUBJECTS
-        fitted, validation = (
-            [
-                (action, to_model(take.positions[:, SCORED]))
-                for action, takes in read_takes(data.root, subjects).items()
-                for take in takes
-                if not data.actions or action in data.actions
-            ]
-            for subjects in (fit, (VALIDATION_SUBJECT,))
-        )
-        if not fitted:
-            raise ConfigError(
-                f"data.actions {', '.join(data.actions)}: no recording of {', '.join(fit)} shows "
-                f"them; name others"
-            )
-        return fitted, [] if data.refit else validation
+        every = (*FIT_SUBJECTS, VALIDATION_SUBJECT)
+        found: dict[str, list[Take]] = {}
+        for subject in every:
+            with suppress(ConfigError):  # it is missing
+                found[subject] = [
+                    (action, to_model(take.positions[:, SCORED]))
+                    for action, takes in read_takes(data.root, (subject,)).items()
+                    for take in takes
+                ]
+        if missing := [subject for subject in every if subject not in found]:
+            log.warning("data.root %s: trained without subjects %s", data.root, ", ".join(missing))
+        _check_actions(data.actions, [action for takes in found.values() for action, _ in takes])
+        parts = []
+        for subjects in (every,) if data.refit else (FIT_SUBJECTS, (VALIDATION_SUBJECT,)):
+            takes = [take for subject in subjects for take in found.get(subject, [])]
+            chosen = [t for t in takes if not data.actions or t[0] in data.actions]
+            if not chosen:
+                raise ConfigError(
+                    f"data.root {data.root}: no recording of {', '.join(subjects)} to train with; "
+                    f"add one, or name other data.actions"
+                )
+            parts.append(chosen)
+        return parts[0], [] if data.refit else parts[1]
 
 
 class _Windows:
@@ -278,6 +289,15 @@ def model_values(clip: Clip, space: str) -> Floats:
     if space == "rotations":
         return clip.expmaps
     return to_model(clip.positions()[:, MOVING])
+
+
+def _check_actions(asked: Sequence[str], there: Sequence[str]) -> None:
+    for action in asked:
+        if there and action not in there:
+            raise ConfigError(
+                f"data.actions {action}: no recording shows it; there are: "
+                f"{', '.join(sorted(set(there)))}"
+            )
 
 
 def _of(actions: Sequence[str], names: Sequence[str]) -> list[str]:

@@ -65,10 +65,10 @@ LATCHES = (
 _HIDES = person(
     [3.6, 2.4], walk([1.3, 0.1], via=[[2.4, 0.9]]), wait(12.0), reach([0.72, 0.1, 0.64], hold_s=8.0)
 )
-"""Walks up to the robot, is no longer seen there, and reaches into its path 12 s later."""
+"""A person who walks up to the robot, is hidden there, and reaches into its path 12 s later."""
 
 _WENT = person([-2.0, 2.5], wait(4.0), leave())
-"""Leaves by a way that the node does not know."""
+"""A person who leaves by an exit that the node does not know."""
 
 
 def _by_itself(

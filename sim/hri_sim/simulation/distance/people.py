@@ -175,7 +175,9 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
             chosen, short = _of_pack(name, path.resolve())
             found += chosen
             if short:
-                notes.append(f"{name}: {short} recordings of less than {SHORTEST_S:g} s left out.")
+                notes.append(
+                    f"{name}: {short} recordings left out (under {SHORTEST_S:g} s, or unusable)."
+                )
         else:
             missing.append(name)
     if not missing:
@@ -209,7 +211,7 @@ def _in_pack(data: Path, name: str) -> Path:
 
 
 def _of_pack(name: str, path: Path) -> tuple[list[Activity], int]:
-    """An activity, or each recording of a set by name; and how many of them are too short."""
+    """An activity, or each recording of a set by name; and how many of them cannot be used."""
     if name in ACTIVITIES:
         return [replace(ACTIVITIES[name], motion=str(path))], 0
     absent = ACTIVITIES["seated"].absent if name == "arms" else ()

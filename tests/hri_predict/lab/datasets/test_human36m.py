@@ -1,6 +1,7 @@
 """Human3.6M, on small files made in its usual layout."""
 
 import json
+import shutil
 import sys
 import warnings
 
@@ -116,8 +117,21 @@ def test_training_fits_others_than_it_is_judged_on(dataset):
     assert sum(len(s.history) for s in chosen.validation()) == 2 * 64
     refit = HumanSamples(HumanData(root=dataset, refit=True), 10, 25)
     assert refit.window_count == 3 * chosen.window_count
-    with pytest.raises(ConfigError, match=r"data\.actions posing: no recording of S1"):
-        HumanSamples(HumanData(root=dataset, actions=["posing"]), 10, 25)
+    with pytest.raises(
+        ConfigError, match=r"data\.actions posing: no recording shows it; there are"
+    ):
+        HumanSamples(HumanData(root=dataset, actions=["walking", "posing"]), 10, 25)
+
+
+def test_training_names_the_subjects_that_are_missing(dataset, caplog):
+    HumanSamples(HumanData(root=dataset), 10, 25)
+    assert f"data.root {dataset}: trained without subjects S6, S7, S8, S9" in caplog.text
+
+
+def test_training_without_the_subject_that_validates_is_refused(dataset):
+    shutil.rmtree(dataset / "S11")
+    with pytest.raises(ConfigError, match=r"data\.root .*: no recording of S11 to train with"):
+        HumanSamples(HumanData(root=dataset), 10, 25)
 
 
 @pytest.mark.long

@@ -66,7 +66,7 @@ def test_a_set_is_all_its_recordings_that_are_long_enough(recording, tmp_path):
     found, lines = activities(["arms"], tmp_path)
     assert [(each.name, each.of_set) for each in found] == [("arms/a", "arms"), ("arms/b", "arms")]
     assert found[0].absent == ACTIVITIES["seated"].absent  # legs, which nobody recorded
-    assert lines == ["arms: 1 recordings of less than 3 s left out."]
+    assert lines == ["arms: 1 recordings left out (under 3 s, or unusable)."]
     with pytest.raises(ConfigError, match=r"left out.*cmu_dance"):
         activities(["cmu_dance"], tmp_path)
     np.savez(folder / "c.npz", positions=positions)

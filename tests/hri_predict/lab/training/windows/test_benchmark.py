@@ -80,7 +80,7 @@ def test_one_action_alone_as_sinn_s_paper_trains(pack):
     assert source.actions == ("walking",)
     assert source.window_count == 200 - 14
     with pytest.raises(ConfigError, match=r"data.actions dance: .* there are: soccer, walking"):
-        opened(pack, history=5, horizon=10, space="rotations", actions=["dance"])
+        opened(pack, history=5, horizon=10, space="rotations", actions=["walking", "dance"])
 
 
 def test_batches_are_balanced_by_action_unless_told_otherwise(pack):
