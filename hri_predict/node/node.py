@@ -16,6 +16,7 @@ from hri_predict.contracts.scene import Scene
 from hri_predict.node.listeners import Listener, Tick
 from hri_predict.node.memory import Remembers
 from hri_predict.node.presses import Press, Presses
+from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.node.publisher import Publisher
 from hri_predict.node.refused_states import RefusedStates
 from hri_predict.node.repeats import Repeats
@@ -199,6 +200,11 @@ class Node:
     def repeats(self) -> Repeats:
         """The part that sends Status and Advice again until the next tick."""
         return self._publisher.repeats
+
+    @property
+    def publish_phase(self) -> PublishPhase | None:
+        """The part that holds messages until a fixed time after the tick's deadline, if any."""
+        return self._publisher.phase
 
     @property
     def remembering(self) -> dict[str, Remembers]:

@@ -7,6 +7,7 @@ from itertools import starmap
 from hri_predict.contracts.link import Link
 from hri_predict.contracts.predictor import Forecast, Predictor
 from hri_predict.node.listeners import Tick
+from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.node.repeats import Repeats
 from hri_predict.people.snapshot import PeopleSnapshot
 from hri_predict.protocol.codec import SCHEMA_HASH, SCHEMA_VERSION
@@ -33,6 +34,7 @@ class Publisher:
 
     Attributes:
         repeats: sends Status and Advice again until the next tick.
+        phase: holds messages until a fixed time after the tick's deadline, or ``None``.
     """
 
     def __init__(
@@ -43,8 +45,11 @@ class Publisher:
         shadow: bool,
         *,
         repeats: Repeats | None = None,
+        phase: PublishPhase | None = None,
     ) -> None:
         self.repeats = repeats or Repeats(links)
+        self.phase = phase
+        self._ranks: dict[int, int] = {}  # of each robot's newest advice
         self._advised = advised  # per link: indices of the robots advised on it
         self._shadow = shadow
         self._forecast_rate_hz = predictor.rate_hz
@@ -69,8 +74,17 @@ class Publisher:
             [m for m in messages if not isinstance(m, Advice) or m.robot in robots]
             for robots in self._advised
         ]
+        if self.phase is not None:
+            people = tick.snapshot is not None and bool(tick.snapshot.ids)
+            self.phase.hold(learn=people, urgent=self._is_urgent(tick))
         self.repeats.post(tick.now_ns, of_links)
         return messages
+
+    def _is_urgent(self, tick: Tick) -> bool:
+        """Whether an advice is more severe than the one before: it must not wait."""
+        before = self._ranks
+        self._ranks = {advice.robot: advice.level.rank for advice in tick.advices}
+        return any(rank > before.get(robot, -1) for robot, rank in self._ranks.items())
 
     def _as_told(self, advice: Advice) -> Advice:
         if not self._shadow:

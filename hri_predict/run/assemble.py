@@ -39,6 +39,7 @@ from hri_predict.robots.tracker import RobotTracker
 from hri_predict.run.advised import advised, of_robots
 from hri_predict.run.config import Config
 from hri_predict.run.places import check_places
+from hri_predict.run.ticks import phase_of
 from hri_predict.zones.calibration import Calibration, calibration_for
 from hri_predict.zones.settings import CoverageSettings
 
@@ -368,7 +369,8 @@ def build(
     everybody = frozenset(range(len(robots)))
     advised = advised_on_links(config) if configured else [everybody for _ in links]
     repeats = build_repeats(config, source, configured) if configured else None
-    publisher = Publisher(links, advised, predictor, shadow, repeats=repeats)
+    phase = phase_of(node, clock) if deadline else None
+    publisher = Publisher(links, advised, predictor, shadow, repeats=repeats, phase=phase)
     index = registry.names("predictors").index(config.predictor.name)
     return Assembly(
         config=config,

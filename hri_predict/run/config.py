@@ -6,15 +6,15 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from hri_predict.base.errors import ConfigError, HriPredictError, nearest
 from hri_predict.base.files import data_path, line_of, read_text, read_yaml
 from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.base.quantities.whole import whole
-from hri_predict.base.settings import Abbreviated, Settings, name_problem, validated
+from hri_predict.base.settings import Abbreviated, name_problem, validated
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import ChecksTogether, LinkSettings
 from hri_predict.contracts.predictor import PredictorSettings
@@ -31,8 +31,8 @@ from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.settings import RiskSettings
 from hri_predict.robots.model import RobotSettings
 from hri_predict.run.mistakes import Mistakes, place
+from hri_predict.run.rates import RateSettings
 
-MAX_TICKS_HZ = 100.0
 MAX_ROBOTS = 8
 MAX_LINKS = 32  # each link has its own thread
 MAX_ZONES = 32
@@ -51,22 +51,9 @@ class CommissioningSettings(Abbreviated):
     )
 
 
-class NodeSettings(Settings):
+class NodeSettings(RateSettings):
     """The top level of a configuration; ``source``, ``predictor`` and links are checked by kind."""
 
-    rate_hz: float = Field(
-        25.0, ge=10, le=100, description="cycles per second; controllers expect at least 10"
-    )
-    ticks: Literal["fixed", "capture"] = Field(
-        "fixed",
-        description="fixed: at rate_hz; capture: when a scene is in, and at rate_hz at least",
-    )
-    max_rate_hz: float | None = Field(
-        None,
-        ge=10,
-        le=MAX_TICKS_HZ,
-        description="with ticks: capture, maximum cycles per second; default: 100",
-    )
     source: dict[str, Any] = Field(
         description="source of scenes: a tracker, a recording or simulated people"
     )
@@ -118,24 +105,6 @@ class NodeSettings(Settings):
     discovery: DiscoverySettings | None = Field(
         None, description="announce the node by DNS-SD; without it, nothing is announced"
     )
-
-    @model_validator(mode="after")
-    def _rates_fit(self) -> Self:
-        if self.max_rate_hz is None:
-            return self
-        if self.ticks == "fixed":
-            raise ValueError("max_rate_hz has no effect with ticks: fixed; remove it")
-        if self.max_rate_hz < self.rate_hz:
-            raise ValueError(
-                f"max_rate_hz {self.max_rate_hz:g} is below rate_hz {self.rate_hz:g}, the least; "
-                "raise the one or lower the other"
-            )
-        return self
-
-    @property
-    def largest_rate_hz(self) -> float:
-        """Maximum cycles per second; links must have capacity for it."""
-        return self.rate_hz if self.ticks == "fixed" else self.max_rate_hz or MAX_TICKS_HZ
 
 
 @dataclass(frozen=True, kw_only=True)

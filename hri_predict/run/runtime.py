@@ -127,6 +127,7 @@ class _RealTime:
         """Tick until the end."""
         ticks, stop, pace = self.ticks, self.stop, self.pace
         clock, node, asleep = self.assembly.clock, self.assembly.node, Asleep()
+        phase = node.publish_phase
         while not stop.is_set():
             ticks.wait(clock, stop)
             if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
@@ -142,14 +143,17 @@ class _RealTime:
                 return
             if until_exhausted and self.exhausted.is_set():
                 return
+            if phase is not None:
+                phase.begin(ticks.due_ns)
             ticks.begin(now_ns)
             began = time.perf_counter()
             node.tick(now_ns)
             node.repeats.posted(clock.now_ns())
-            pace.note(time.perf_counter() - began)
+            held_ns, held_s = (0, 0.0) if phase is None else (phase.held_ns, phase.held_s)
+            pace.note(time.perf_counter() - began - held_s)  # waiting is not work
             if each_tick is not None:
                 each_tick(now_ns)
-            ended = ticks.end(clock.now_ns())
+            ended = ticks.end(clock.now_ns() - held_ns)
             pace.late_ticks += ended.is_late
             pace.missed_ticks += ended.missed
             node.shedding.note(ended.used, now_ns)

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hri_predict.base.clock import Clock
-from hri_predict.run.config import NodeSettings
+from hri_predict.node.publish_phase import PublishPhase
+from hri_predict.risk.delay_budget import ENCODING_FRACTION
+from hri_predict.run.rates import RateSettings
 
 LEAVE_NS = 1_000_000
 """Pause of the loop after a tick, if a capture waits: the links' threads send the advice."""
@@ -129,7 +131,7 @@ class CaptureTicks:
         return Ended((now_ns - self._began_ns) / self._room_ns)
 
 
-def ticks_of(settings: NodeSettings, source_rate_hz: float, start_ns: int) -> Ticks:
+def ticks_of(settings: RateSettings, source_rate_hz: float, start_ns: int) -> Ticks:
     """Return the configured kind of ticks; the first is due at ``start_ns``.
 
     ``source_rate_hz``: nominal scenes per second.
@@ -140,3 +142,11 @@ def ticks_of(settings: NodeSettings, source_rate_hz: float, start_ns: int) -> Ti
     gap_ns = round(1e9 / settings.largest_rate_hz)
     room_ns = max(gap_ns, min(period_ns, round(1e9 / source_rate_hz)))
     return CaptureTicks(start_ns, period_ns=period_ns, gap_ns=gap_ns, room_ns=room_ns)
+
+
+def phase_of(settings: RateSettings, clock: Clock) -> PublishPhase | None:
+    """Return the part that delays a tick's messages to a fixed time; ``None``: nothing does."""
+    if settings.ticks != "fixed" or settings.publish_phase_s == 0.0:
+        return None
+    longest_s = ENCODING_FRACTION / settings.rate_hz
+    return PublishPhase(clock, settings.publish_phase_s, longest_s, settings.rate_hz)

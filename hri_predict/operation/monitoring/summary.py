@@ -83,6 +83,7 @@ class Summary:
     ticks: int
     late_ticks: int
     tick_ms: dict[str, float]
+    publish_phase_ms: float | None
     links: list[dict[str, Any]]
     min_separation_m: float | None
     slowdowns: int
@@ -158,6 +159,8 @@ class Summary:
             ),
             ("counters", _counts(self.counted)),
         ]
+        if self.publish_phase_ms is not None:
+            rows.insert(3, ("messages after deadline", f"{self.publish_phase_ms:.2f} ms"))
         if self.shadow:
             rows.insert(0, ("shadow mode", "the links said unknown"))
         if self.recording is not None:
@@ -223,6 +226,7 @@ def summarise(
         **node.robot_counters,
     }
     counted |= {name: count for name, count in extra.items() if count}
+    phase = node.publish_phase
     return Summary(
         frames_in=node.frames_in,
         ticks=pace.ticks,
@@ -232,6 +236,7 @@ def summarise(
             "p99": round(float(np.percentile(ticks, 99)), 3),
             "max": round(float(ticks.max()), 3),
         },
+        publish_phase_ms=None if phase is None else round(phase.phase_s * 1e3, 3),
         links=[_link_row(link, pace.connected.get(link.name, False)) for link in links],
         min_separation_m=_rounded(levels.min_separation_m),
         slowdowns=levels.slowdowns,

@@ -29,7 +29,7 @@ from hri_sim.bench.processes import cores_busy, processor_time, resident_mib
 from hri_sim.bench.receiver import bare_loop, hear
 from hri_sim.wires.child import Child, child
 
-WARM_UP_S = 1.0
+WARM_UP_S = 6.0  # the publish phase is learned from the ticks so far
 START_S = 120.0  # a cold start compiles
 CYCLES = 256  # the modulus of Status.cycle on the wire
 

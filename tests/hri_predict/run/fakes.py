@@ -47,6 +47,7 @@ class Node:
         self.slow: dict[int, float] = {}  # tick -> seconds that it takes
         self.shedding = Shedding()
         self.repeats = Repeats([])
+        self.publish_phase = None
         self.warm = False
 
     def warm_up(self):

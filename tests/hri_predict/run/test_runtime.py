@@ -17,6 +17,7 @@ from hri_predict.base.errors import LinkError, MachineError
 from hri_predict.base.machine import asleep
 from hri_predict.base.machine.realtime import RealtimeSettings
 from hri_predict.contracts.source import NOT_KNOWN_NS
+from hri_predict.node.publish_phase import PublishPhase
 from hri_predict.protocol.messages import NodeState
 from hri_predict.run.runtime import run_real_time, run_virtual
 from tests.hri_predict.run.fakes import MS, Node, Source
@@ -63,15 +64,17 @@ def garbage_stays(monkeypatch):
     monkeypatch.setattr("hri_predict.run.runtime.gc.collect", lambda: 0)
 
 
-def paced(tick_ms, duration_s=0.24):
+def paced(tick_ms, duration_s=0.24, phase_s=0.0):
     """The real-time loop at 50 Hz on a clock of the test's; tick k takes ``tick_ms[k]``."""
     assembly = make(source=Source(count=0), virtual=True)
     clock, node = assembly.clock, assembly.node
+    node.publish_phase = PublishPhase(clock, phase_s, 0.01, 50.0)
 
     def tick(now_ns):
         took = tick_ms.get(len(node.ticks), 1)
         node.ticks.append((now_ns - 1_000 * MS) // MS)
         clock.advance_to(clock.now_ns() + took * MS)
+        node.publish_phase.hold(learn=True, urgent=False)
 
     node.tick = tick
     pace = run_real_time(assembly=assembly, stop=threading.Event(), duration_s=duration_s)
@@ -83,6 +86,12 @@ def test_deadlines_are_absolute():
     assert ticks == list(range(0, 240, 20))
     assert (pace.ticks, pace.late_ticks, pace.missed_ticks) == (12, 0, 0)
     assert len(pace.tick_ms) == 12
+
+
+def test_messages_held_until_the_phase_are_no_work():
+    held = paced(dict.fromkeys(range(99), 15), phase_s=0.018)
+    assert held[2].sheds == 0  # a tick of 18 of 20 ms would shed load
+    assert held[:1] == paced(dict.fromkeys(range(99), 15))[:1]
 
 
 def test_a_late_tick_is_counted_and_pushes_nothing_back():

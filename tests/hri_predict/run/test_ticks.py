@@ -174,6 +174,9 @@ def test_a_tick_has_time_until_the_next_capture_or_the_floor(
         ({"ticks": "capture", "rate_hz": 50, "max_rate_hz": 40}, "below rate_hz 50"),
         ({"ticks": "capture", "max_rate_hz": 240}, "less than or equal to 100"),
         ({"ticks": "event"}, "'fixed' or 'capture'"),
+        ({"ticks": "capture", "publish_phase_s": 0.01}, "no effect with ticks: capture"),
+        ({"rate_hz": 50, "publish_phase_s": 0.0101}, r"0.0101 is over half a cycle, 0.01 s"),
+        ({"publish_phase_s": float("nan")}, "finite"),
     ],
 )
 def test_rates_that_do_not_fit_are_refused(keys, words):

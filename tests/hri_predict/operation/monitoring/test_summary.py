@@ -123,6 +123,7 @@ def summary_of(ticks_ms=(1.0, 2.0, 30.0), checked=None, levels=((C,), (S,), (X,)
         acknowledges_not_counted={},
         robot_counters={},
         shedding=SimpleNamespace(sheds=0, without={}),
+        publish_phase=SimpleNamespace(phase_s=0.0096),
         state=NodeState.STOPPING,
         self_check=lambda: checked,
     )
@@ -146,6 +147,7 @@ def test_json_has_the_contracts_keys_and_types():
     for key, kind in KEYS.items():
         assert isinstance(data[key], kind), key
     assert {"p50", "p99", "max"} <= set(data["tick_ms"])
+    assert data["publish_phase_ms"] == 9.6
     link, _ = data["links"]
     for key, kind in LINK_KEYS.items():
         assert isinstance(link[key], kind), key
