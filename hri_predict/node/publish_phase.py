@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 LEARN_TICKS_S = 60.0
 """Seconds of ticks with people in view from which the phase is learned."""
 UPDATE_TICKS = 25
-"""The phase is computed again after so many ticks, until it is fixed."""
+"""Ticks between two updates of the phase, until it is fixed."""
 SHARE = 0.995
 """Share of ticks that are computed by the learned phase: a late tick makes one interval too long
 and the next too short, so 99 % of intervals are even."""
