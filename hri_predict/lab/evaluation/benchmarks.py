@@ -3,15 +3,16 @@
 A package adds one by an entry point of the group ``hri_predict.benchmarks``, an object.
 """
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hri_predict.base.arrays import Floats
-from hri_predict.base.errors import ConfigError
+from hri_predict.base.errors import ConfigError, HriPredictError
 from hri_predict.base.skeleton import Skeleton
 from hri_predict.contracts import registry
 from hri_predict.lab.datasets import cmu_benchmark, human36m
@@ -145,6 +146,79 @@ class Human36m(Benchmark):
         return np.asarray(np.linalg.norm(predicted - true, axis=-1))
 
 
+class Brought(Benchmark):
+    """A package's benchmark; an error in the package's code names the benchmark.
+
+    Raises:
+        ConfigError: an attribute is missing or of another type.
+    """
+
+    def __init__(self, name: str, own: Any) -> None:
+        self._name, self._own = name, own
+        with self._blamed():
+            self.title, self.unit = str(own.title), str(own.unit)
+            self.skeletons = {str(error): _skeleton(s) for error, s in own.skeletons.items()}
+            self.windows = tuple(map(str, own.windows))
+            self.mean_over = tuple(map(str, own.mean_over))
+            self.zero_shot = tuple(map(str, own.zero_shot))
+            self.notes = {str(error): tuple(map(str, n)) for error, n in own.notes.items()}
+            self.published = None if own.published is None else Path(own.published)
+
+    def takes(self, directory: Path, error: str) -> Iterator[Takes]:
+        """See ``Benchmark``."""
+        joints = len(self.skeletons[error].joints)
+        with self._blamed():
+            left = iter(self._own.takes(directory, error))
+        while True:
+            with self._blamed():
+                item = next(left, None)
+                if item is None:
+                    return
+                action, where, takes = item
+                arrays = [np.asarray(take, np.float64) for take in takes]
+                for array in arrays:
+                    if array.ndim != 3 or array.shape[1:] != (joints, 3):
+                        raise ValueError(f"{where}: has shape {array.shape}, not (n, {joints}, 3)")
+            yield str(action), str(where), arrays
+
+    def starts(
+        self, windows: str, frames: Sequence[int], n_in: int, n_out: int
+    ) -> list[NDArray[np.intp]]:
+        """See ``Benchmark``."""
+        with self._blamed():
+            starts = [np.asarray(s) for s in self._own.starts(windows, frames, n_in, n_out)]
+            for own, count in zip(starts, frames, strict=True):
+                if own.size and not (own.min() >= 0 and own.max() + n_in + n_out <= count):
+                    raise ValueError(f"starts of windows are outside a take of {count} frames")
+        return starts
+
+    def errors(self, predicted: Floats, true: Floats) -> Floats:
+        """See ``Benchmark``."""
+        with self._blamed():
+            errors = np.asarray(self._own.errors(predicted, true), np.float64)
+            if errors.ndim != 3 or errors.shape[:2] != true.shape[:2]:
+                raise ValueError(f"errors have shape {errors.shape}, not {true.shape[:2]} + joints")
+        return errors
+
+    @contextlib.contextmanager
+    def _blamed(self) -> Iterator[None]:
+        try:
+            yield
+        except HriPredictError:
+            raise
+        except (Exception, SystemExit) as error:
+            raise ConfigError(
+                f"benchmark '{self._name}': {type(error).__name__}: {error}; fix the package that "
+                "provides it"
+            ) from error
+
+
+def _skeleton(given: Any) -> Skeleton:
+    if not isinstance(given, Skeleton):
+        raise TypeError(f"skeletons has a {type(given).__name__}, not a Skeleton")
+    return given
+
+
 _OURS: Mapping[str, Benchmark] = {"cmu": Cmu(), "human36m": Human36m()}
 
 
@@ -152,7 +226,7 @@ def benchmark_of(name: str) -> Benchmark:
     """The benchmark of this name, ours or that of an installed package.
 
     Raises:
-        ConfigError: nothing has this name, or it cannot be imported.
+        ConfigError: nothing has this name, it cannot be imported, or it is not a ``Benchmark``.
     """
-    found: Benchmark = registry.part("benchmarks", name, _OURS)
-    return found
+    found = registry.part("benchmarks", name, _OURS)
+    return _OURS[name] if name in _OURS else Brought(name, found)

@@ -5,8 +5,10 @@ from pathlib import Path
 from typing import Literal
 
 from pydantic import Field, model_validator
+from yaml import YAMLError
 
-from hri_predict.base.files import load_yaml
+from hri_predict.base.errors import ConfigError
+from hri_predict.base.files import load_yaml, read_text
 from hri_predict.base.settings import Settings, validated
 
 ErrorKind = Literal["mpjpe", "euler"]
@@ -54,10 +56,13 @@ def published(file: Path) -> tuple[Published, ...]:
     """All published numbers of a file.
 
     Raises:
-        ConfigError: an entry is wrong.
+        ConfigError: the file cannot be read, is not a YAML list, or an entry is wrong.
     """
-    text = file.read_text(encoding="utf-8")
-    return tuple(validated(_File, {"published": load_yaml(text)}, str(file)).published)
+    try:
+        entries = load_yaml(read_text(file, "printed numbers"))
+    except (YAMLError, RecursionError) as error:
+        raise ConfigError(f"printed numbers {file}: not valid YAML; correct it") from error
+    return tuple(validated(_File, {"published": entries}, str(file)).published)
 
 
 def comparable(file: Path, windows: str, *, n_in: int, n_out: int, error: str) -> list[Published]:

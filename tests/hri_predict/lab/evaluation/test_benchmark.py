@@ -209,6 +209,46 @@ def test_a_package_brings_a_benchmark_with_printed_numbers(tmp_path, expmap, mon
         Protocol("owl", "all", 25)
 
 
+class Broken(Cmu):
+    """A package's benchmark with one fault."""
+
+    def __init__(self, **faults):
+        for name, value in faults.items():
+            setattr(self, name, value)
+
+
+def fail(*_):
+    raise KeyError("walking")
+
+
+@pytest.mark.parametrize(
+    ("faults", "told"),
+    [
+        ({"skeletons": {"mpjpe": ("hip", "knee")}}, "TypeError: skeletons has a tuple"),
+        ({"windows": None}, "TypeError: 'NoneType'"),
+        ({"takes": fail}, "KeyError: 'walking'"),
+        ({"takes": lambda *_: 7}, "TypeError: 'int' object is not iterable"),
+        ({"takes": lambda *_: [("walking", "here")]}, "ValueError: not enough values"),
+        ({"takes": lambda *_: [("walking", "w.npz", [np.ones((99, 3, 3))])]}, r"w.npz: .*99, 3, 3"),
+        ({"starts": fail}, "KeyError"),
+        ({"starts": lambda *_: [np.array([1_000_000])]}, "outside a take of"),
+        ({"errors": lambda p, t: np.ones(3)}, r"errors have shape \(3,\)"),
+    ],
+)
+def test_a_packages_broken_benchmark_is_one_line(tmp_path, expmap, monkeypatch, faults, told):
+    monkeypatch.setattr(registry, "names", lambda kind: ["own"])
+    monkeypatch.setattr(registry, "load", lambda kind, name: Broken(**faults))
+    with pytest.raises(ConfigError, match=f"benchmark 'own': .*{told}.*; fix the package"):
+        judge(Protocol("own", "all", 25), pack(tmp_path, expmap), {"zero": zero_velocity(25)})
+
+
+def test_what_is_no_benchmark_is_one_line(monkeypatch):
+    monkeypatch.setattr(registry, "names", lambda kind: ["own"])
+    monkeypatch.setattr(registry, "load", lambda kind, name: 7)
+    with pytest.raises(ConfigError, match="benchmark 'own': AttributeError: 'int' object has no"):
+        Protocol("own", "all", 25)
+
+
 def test_human36m_refuses_a_network_of_other_joints():
     network = Mean(
         Shape(skeleton=CMU25, history_steps=10, horizon_steps=25, rate_hz=25.0, framed=True)

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hri_predict.base.errors import ConfigError
 from hri_predict.lab.datasets.cmu_benchmark import MEAN_OVER
 from hri_predict.lab.evaluation.benchmarks import Cmu
 from hri_predict.lab.evaluation.published import comparable, published
@@ -68,3 +69,21 @@ def test_where_a_number_cannot_be_taken_as_it_stands_a_note_says_so():
     assert "future frame" in notes["STB"]
     assert "one frame early" in notes["KD-Former"]
     assert "not stated" in notes["SINN"]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (None, "cannot be read"),
+        (b"\xff\xfe", "not UTF-8"),
+        (b"[1, 2", "not valid YAML"),
+        (b"method: M", "published"),
+        (b"[7]", "published"),
+    ],
+)
+def test_a_broken_file_of_printed_numbers_is_one_line(tmp_path, content, told):
+    file = tmp_path / "printed.yaml"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(ConfigError, match=told):
+        published(file)
