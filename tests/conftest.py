@@ -10,6 +10,7 @@ from functools import cache
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.slow import function_of, slow_tests
 from tests.together import LONG, REAL_TIME, names
 
 # each process computes on one core; before torch and numpy are imported, and inherited
@@ -39,7 +40,10 @@ settings.load_profile("patient")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Find the tests in real time and the long ones that ``tests.together`` would not run."""
+    """Mark the slow tests as long; find tests that ``tests.together`` would not run."""
+    for item in items:
+        if function_of(item) in slow_tests():
+            item.add_marker(pytest.mark.long)
     missed = _missed((i for i in items if i.get_closest_marker("realtime")), REAL_TIME)
     missed += _missed((i for i in items if _long(i)), LONG)
     if missed:

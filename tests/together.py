@@ -6,7 +6,8 @@ and all took longer. The long ones in real time run one at a time, beside the ot
 lowest priority. A test in real time that fails for want of a processor fails if it fails again,
 alone. A file's tests stay with one worker, which makes their fixtures once. The long run also
 checks every property with more examples (``EXAMPLES``, 100 if it is not set). ``SHARE=1/3`` runs a
-third of the tests, as their names fall: ``0/3``, ``1/3`` and ``2/3`` are all. Exit status 1 if a
+third of the tests, as their names fall: ``0/3``, ``1/3`` and ``2/3`` are all. The slow ones of
+``tests.slow`` are long. Exit status 1 if a
 test fails.
 """
 
@@ -15,6 +16,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from tests.slow import ROOT, slow_files
 
 _TESTS = [sys.executable, "-m", "pytest", "-m"]
 FAILED = 1
@@ -30,7 +33,10 @@ LONG = ("mark.long", "hypothesis")
 
 
 def names(file: Path, words: tuple[str, ...]) -> bool:
-    """Whether a file of tests, or its folder's ``conftest.py``, has one of ``words``."""
+    """Whether a file of tests, or its folder's ``conftest.py``, has one of ``words``; or a slow
+    test, if these are those of long tests."""
+    if words == LONG and file.relative_to(ROOT).as_posix() in slow_files():
+        return True
     texts = (f.read_text("utf-8") for f in (file, file.with_name("conftest.py")) if f.is_file())
     return any(word in text for text in texts for word in words)
 
