@@ -68,8 +68,8 @@ def calibrate(
     fit (default: this process).
 
     Raises:
-        ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or no joint is seen in so
-            many of them.
+        ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or no joint is seen in
+            that many.
     """
     by_name = units(scores)
     names = list(by_name)

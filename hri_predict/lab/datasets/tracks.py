@@ -44,7 +44,7 @@ class Track:
 
     @property
     def max_gap_ns(self) -> int:
-        """The same in nanoseconds."""
+        """``max_gap_s`` in nanoseconds."""
         return round(1e9 * self.max_gap_s)
 
     @property
@@ -53,7 +53,7 @@ class Track:
         return round(1e9 / self.rate_hz)
 
     def only(self, captures: NDArray[np.intp] | slice) -> "Track":
-        """Some captures of it."""
+        """Return a track with only these captures."""
         return replace(
             self,
             stamps_ns=self.stamps_ns[captures],
@@ -70,7 +70,7 @@ def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, .
     the joints' names give it.
 
     Raises:
-        RecordingError: the file cannot be read, or its people cannot be people.
+        RecordingError: the file cannot be read, or its bodies cannot be human.
     """
     return tracks_of(opened(path, joint_map))
 

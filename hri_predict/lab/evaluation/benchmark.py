@@ -25,7 +25,7 @@ from hri_predict.predictors.neural.network import Network
 Forecaster = Callable[[Floats], Floats]
 
 _FRAMES = (1, 3, 7, 9, 13, 24)
-"""Future frames, from 0, behind the papers' columns 80, 160, 320, 400, 560 and 1000 ms."""
+"""Future frames, from 0, in the papers' columns 80, 160, 320, 400, 560 and 1000 ms."""
 _KD_FRAMES = (0, 2, 6, 8, 12, 23)
 """The frames that KD-Former's paper reads under the same headings."""
 _NOMINAL_MS = {1: 80, 3: 160, 7: 320, 9: 400, 13: 560, 24: 1000}
@@ -192,7 +192,7 @@ def judge(
     """Evaluate forecasters on the same windows; scores by forecaster and action.
 
     Args:
-        protocol: what is evaluated.
+        protocol: settings of the evaluation.
         directory: folder of the recordings.
         forecasters: by name.
         on_action: called with the name of each action before its evaluation.
@@ -226,7 +226,7 @@ def zero_velocity(n_out: int) -> Forecaster:
 
 
 def constant_velocity(n_out: int) -> Forecaster:
-    """The last observed frame, moved on by the last difference every frame."""
+    """The last observed frame, extrapolated by the last difference."""
 
     def forecast(history: Floats) -> Floats:
         ahead = np.arange(1.0, n_out + 1)[:, None, None]

@@ -90,7 +90,7 @@ def notes(result: BenchmarkResult) -> list[str]:
 
 
 def as_markdown(result: BenchmarkResult, command: str) -> str:
-    """All tables, what they mean, and the command that makes them."""
+    """All tables, their explanation, and the command that creates them."""
     name = result.protocol.of.title
     lines = [f"# {', '.join(result.asked)} on the {name} benchmark", "", f"`{command}`", ""]
     lines += [f"- {note}" for note in notes(result)]

@@ -1,6 +1,6 @@
 """Benchmarks that ``evaluate --benchmark`` names: recordings, windows, joints and printed numbers.
 
-A package adds one by an entry point of the group ``hri_predict.benchmarks``, an object.
+A package adds one, an object, with an entry point in the group ``hri_predict.benchmarks``.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,15 +18,15 @@ from hri_predict.lab.datasets import cmu_benchmark, human36m
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
 
 Takes = tuple[str, str, list[Floats]]
-"""An action, what errors call its recordings, and (n, J, 3) of each at 25 frames per second."""
+"""An action, its recordings' names in errors, and (n, J, 3) of each at 25 frames per second."""
 
 
 class Benchmark(Protocol):
-    """The test recordings of a benchmark, and how its papers count.
+    """The test recordings of a benchmark, and the rules of its papers.
 
     Attributes:
         title: its name for readers.
-        unit: unit of positions; networks read and predict a thousandth of them.
+        unit: unit of positions; networks read and predict positions divided by 1000.
         skeletons: joints that are predicted, by error: ``mpjpe``, and ``euler`` where the
             recordings hold rotations.
         windows: the choices of ``--windows``.

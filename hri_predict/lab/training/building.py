@@ -81,7 +81,7 @@ def _start_from(network: Network, path: Path) -> None:
 
 
 def _described(shape: Shape) -> tuple[object, ...]:
-    """Return what makes two shapes equal; a skeleton without a name here is built again."""
+    """Return the values that make two shapes equal; unnamed skeletons are rebuilt objects."""
     skeleton = shape.skeleton
     return (
         skeleton.joints,

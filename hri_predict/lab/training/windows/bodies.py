@@ -28,7 +28,7 @@ _AROUND_M = {
     "skull_base": 0.04, "head": 0.06, "elbow": 0.02, "knee": 0.02, "wrist": 0.02, "ankle": 0.02,
     "knuckles": 0.03, "hand": 0.03, "thumb": 0.03, "ball": 0.03, "foot": 0.03,
 }  # fmt: skip
-"""Largest displacement along each of the body's axes otherwise."""
+"""Largest displacement of other joints along each of the body's axes."""
 
 
 class BodySettings(Settings):
@@ -39,7 +39,7 @@ class BodySettings(Settings):
         0.12,
         ge=0,
         le=0.5,
-        description="standard deviation of the logarithm of each bone's length, about its share",
+        description="standard deviation of the logarithm of a bone's length: its relative spread",
     )
     joints: float = Field(
         1.0,
@@ -65,7 +65,7 @@ class DrawnBodies:
     def worn(self, positions: NDArray[np.float32], observed: Bools) -> NDArray[np.float32]:
         """Move windows (B, N, J, 3) of people with z up onto these bodies.
 
-        A person with longer legs also goes further with each step.
+        A person with longer legs also walks further with each step.
         """
         present = observed.any(2, keepdims=True)
         throughout: Bools = np.asarray((observed | ~present).all(1) & observed.any(1))  # (B, J)
