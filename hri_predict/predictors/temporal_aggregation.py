@@ -157,13 +157,13 @@ class Aggregated(Network):
 
 
 class AggregatedPredictor(NeuralPredictor):
-    """Repeats another trained predictor on its own first steps (SINN's temporal aggregation).
+    """Applies another trained predictor repeatedly to its own output (SINN's aggregation in time).
 
     Its weights are those of the inner predictor (the shipped ones by default), or come from
-    training ``aggregated`` itself and state what they wrap. It extends any predictor to any
-    horizon. Within the inner predictor's own horizon it brings no gain, unless the inner predictor
-    was trained for it: on the validation recordings the shipped trajectorycnn has an error of 246
-    mm after 1 s when repeated every 5 steps, and of 188 mm by itself.
+    training ``aggregated`` itself, and then name the inner predictor. It extends any predictor to
+    any horizon. Within the inner predictor's own horizon it brings no gain, unless the inner
+    predictor was trained for it: on the validation recordings the shipped trajectorycnn has an
+    error of 246 mm after 1 s when repeated every 5 steps, and of 188 mm by itself.
     """
 
     method = "aggregated"

@@ -55,7 +55,7 @@ class TrajectoryCNNOptions(NetworkOptions):
 
     Attributes:
         kernel: Table VI: ``1x1`` (w/o C-ST #1) sees one coordinate of one joint, ``1x3`` (#2) one
-            joint; it holds for the whole network.
+            joint; this applies to the whole network.
         layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) has the
             frames as width, the joints as height, the coordinates as channels.
         residual: Table VIII: use the 1x1 branches of the blocks; false is "w/o DLG".

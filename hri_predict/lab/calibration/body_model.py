@@ -36,7 +36,7 @@ RIDGE_M = 0.01
 
 FITTED = ("fit",)
 JUDGED = ("calibration", "validation")
-"""Lists of recordings that give the distribution, and its factors."""
+"""Lists of recordings for the distribution, and for its factors."""
 EVERY_S = 0.12
 _SHORTEST_M = 0.05
 _FEET = [JOINTS.index(name) for name in ("l_ankle", "r_ankle")]

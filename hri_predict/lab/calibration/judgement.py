@@ -183,7 +183,7 @@ def notes(judged: ZoneJudgement) -> list[str]:
     return [
         f"calibrated on {used} recordings; windows by speed: {per}",
         *levels_text(judged.calibration),
-        "coverage of an interval of 40 ms that ends at the horizon, at every capture in it",
+        "coverage during the 40 ms that end at the horizon, at every capture in them",
         "self-check: widens only, or falls back to physical limits",
     ]
 

@@ -131,7 +131,7 @@ class _Judged(NamedTuple):
     whole_body: bool
 
     def held(self, step: int) -> Bools:
-        """Whether each joint, or each body, whose error is known was held at a step."""
+        """Return whether each joint, or each body, with a known error was held at a step."""
         known = np.isfinite(self.error_m[:, step])
         inside = self.error_m[:, step] <= self.radius_m[:, step]
         if self.whole_body:

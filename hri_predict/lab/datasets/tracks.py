@@ -65,9 +65,9 @@ class Track:
 def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, ...]:
     """Read every person of a recording.
 
-    Joints of a CMU skeleton are taken directly. Any other source's go through the canonical
+    Joints of a CMU skeleton are taken directly. Joints of any other source go through the canonical
     skeleton, and joints that it lacks are unobserved. ``joint_map`` is the user's own; by default
-    the joints' names give it.
+    it is found by the joints' names.
 
     Raises:
         RecordingError: the file cannot be read, or its bodies cannot be human.

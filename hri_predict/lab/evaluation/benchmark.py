@@ -72,7 +72,7 @@ class Protocol:
 
     @property
     def readings(self) -> tuple[tuple[int, ...], ...]:
-        """Future frames that tables show; the Euler error is also read where its paper does."""
+        """Future frames that tables show; the Euler error also has those of its paper."""
         frames = tuple(f for f in _FRAMES if f < self.n_out)
         if self.error == "mpjpe":
             return (frames,)

@@ -149,10 +149,10 @@ _OURS: Mapping[str, Benchmark] = {"cmu": Cmu(), "human36m": Human36m()}
 
 
 def benchmark_of(name: str) -> Benchmark:
-    """The benchmark of this name, ours or that of an installed package.
+    """Return the benchmark of this name, from this project or an installed package.
 
     Raises:
-        ConfigError: nothing has this name, or it cannot be imported.
+        ConfigError: no benchmark has this name, or it cannot be imported.
     """
     found: Benchmark = registry.part("benchmarks", name, _OURS)
     return found

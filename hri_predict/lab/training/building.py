@@ -30,7 +30,7 @@ def open_samples(config: TrainingConfig) -> SampleSource:
     source, rate_hz = made.opened(data, **dict(config.shape)), config.shape.rate_hz
     if source.shape.rate_hz != rate_hz:
         raise ConfigError(
-            f"training configuration: shape.rate_hz {rate_hz:g}: the {config.judgement} has "
+            f"training configuration: shape.rate_hz {rate_hz:g}: data set {config.judgement} has "
             f"{source.shape.rate_hz:g}; leave it out"
         )
     return source

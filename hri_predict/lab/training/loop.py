@@ -59,7 +59,7 @@ _MAY_CHANGE_TRAIN = ("stop_after", "patience", "max_minutes", "checkpoint_minute
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Epoch:
-    """Results of an epoch, or of its part if the run ended within it."""
+    """Results of an epoch, or of a part of it if the run ended within it."""
 
     number: int  # from 1
     step: int  # steps taken since the run began
@@ -167,8 +167,8 @@ class Run:
         """Run until one of the endings; ``resume``: from the checkpoint in ``config.out``.
 
         Raises:
-            ConfigError: the folder holds a run already, or no run or another one to resume; or the
-                disk is full.
+            ConfigError: the folder already holds a run, or no matching run to resume; or the disk
+                is full.
             PredictorError: the loss is not finite.
         """
         if resume:

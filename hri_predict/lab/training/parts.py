@@ -63,9 +63,9 @@ _OURS: Mapping[registry.TrainingKind, Mapping[str, Any]] = {
 
 
 def part(kind: registry.TrainingKind, name: str) -> Any:
-    """The part of this name, ours or that of an installed package.
+    """Return the part of this name, from this project or an installed package.
 
     Raises:
-        ConfigError: nothing has this name, or it cannot be imported.
+        ConfigError: no part has this name, or it cannot be imported.
     """
     return registry.part(kind, name, _OURS[kind])

@@ -70,7 +70,7 @@ def trained(
     processes: Processes | None = None,
     command: str | None = None,
 ) -> Result:
-    """Train one configuration to one of its endings; see ``loop.Run``."""
+    """Train one configuration until one of its endings; see ``loop.Run``."""
     source = open_samples(config)
     network = build_network(config, source)
     with training_view(config) as view:

@@ -88,4 +88,4 @@ def from_canonical(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
 EXTRAPOLATED_STEPS = 3
 """Number of steps for which a joint keeps moving after its last observation."""
 LEVEL_M = 1e-3
-"""Minimum length of a line, seen from above, for a heading; below it the person lies sideways."""
+"""Minimum horizontal length of the hip or shoulder line for a heading; less is lying sideways."""

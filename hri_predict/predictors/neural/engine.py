@@ -87,7 +87,7 @@ def _onnxruntime(network: Network, threads: int) -> Engine:
     """Return a copy that agrees with torch. A cached one that does not is exported again, once.
 
     Raises:
-        EngineError: there is none.
+        EngineError: no copy agrees.
     """
     if not network.exportable:
         raise EngineError("this network cannot be exported")
@@ -126,7 +126,7 @@ class _Forward:
 
 
 class _Traced(nn.Module):
-    """A network with tensors as its arguments, as the exporter wants them."""
+    """A network with tensors as its arguments, as the exporter needs them."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()

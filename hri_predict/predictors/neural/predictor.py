@@ -33,9 +33,9 @@ class NeuralPredictor(Forecasting):
     Works on ``CANONICAL``, as the node does, or on ``BODY``. The network does not predict three
     canonical joints: waist, neck and head_top. Each of them starts where it was last observed and
     moves by the mean displacement of the joints that it lies between (hips, shoulders) or on
-    (head); its rotation about those is left out. If it was never observed, it is placed where
-    those joints are. The network guesses all other joints that were never observed from their
-    neighbours. The predictor gives no standard deviation.
+    (head); its rotation about them is ignored. If it was never observed, it is placed where those
+    joints are. The network guesses all other joints that were never observed from their neighbours.
+    The predictor gives no standard deviation.
 
     Attributes:
         network: the network, in inference mode.
@@ -53,7 +53,7 @@ class NeuralPredictor(Forecasting):
         Sets torch's number of threads for the whole process.
 
         Raises:
-            ConfigError: there are no such weights, or their method, rate or skeleton differs.
+            ConfigError: the weights do not exist, or their method, rate or skeleton differs.
             PredictorError: the weights are broken, or their forecast is not finite.
         """
         path = self._path(settings)

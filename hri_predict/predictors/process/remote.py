@@ -190,7 +190,7 @@ class Worker:
         """Start the process; ``begin`` waits until it is ready.
 
         Raises:
-            OSError, AttributeError: the system has no such processes, memory or sockets, or too
+            OSError, AttributeError: the system lacks such processes, memory or sockets, or has too
                 few.
         """
         self._job = job

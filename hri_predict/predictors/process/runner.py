@@ -175,7 +175,7 @@ class ProcessRunner:
             worker = Worker(self._job)
         except (OSError, AttributeError) as error:
             return PredictorError(
-                f"a process of its own cannot be started for the predictor: {error}; set "
+                f"the predictor's own process cannot be started: {error}; set "
                 f"predictor.process to false"
             )
         self._started = worker

@@ -30,7 +30,7 @@ from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS, caution
 from hri_predict.zones.settings import LEVELS
 
 GROW, SHRINK = 15.0, 30.0
-"""Recordings that the base counts as; see the module."""
+"""Number of recordings that the base counts as; see the module."""
 FULL_WINDOWS = 80
 """Minimum number of windows for a part's full weight: ten seconds of one person."""
 _LEAST_SHARE = 1e-6
@@ -136,5 +136,5 @@ def _quantile(base: BaseTail, counts: float, site: Ratios, level: float) -> floa
 
 
 def weights_of(windows: Sequence[int] | Ints) -> Floats:
-    """Return the weights of parts by their number of windows: 1, or less where they show little."""
+    """Return the weights of parts by their number of windows: 1, or less for few windows."""
     return np.minimum(np.asarray(windows, float) / FULL_WINDOWS, 1.0)

@@ -201,7 +201,7 @@ class BenchmarkSamples:
 
 
 class HumanSamples(BenchmarkSamples):
-    """Windows of Human3.6M: subject 11 validates, 5 is the test, a refit takes all others.
+    """Windows of Human3.6M: subject 11 for validation, 5 for the test; a refit uses all others.
 
     Positions are (22, 3) of ``HUMAN22`` in metres, x forward, y left, z up.
     """

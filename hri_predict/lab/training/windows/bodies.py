@@ -1,11 +1,11 @@
 """Other bodies: no two people have the same bones, and no two trackers place joints alike.
 
-Drawn once per window: the length of each bone, and where a tracker puts each joint. Both hold for
-the history and for the future alike, so the target is the true motion of that body.
+Drawn once per window: the length of each bone, and the tracker's displacement of each joint. Both
+apply to the history and to the future, so the target is the true motion of that body.
 
-The ranges are wide on purpose; they are not fitted to any tracker. They cover a known one whose
-shoulders lie 10 cm from the neck where optical motion capture has 20, and whose hips lie 6.5 cm
-from the middle where that has 9.
+The ranges are wide on purpose; they are not fitted to any tracker. They cover a known one with
+shoulders 10 cm from the neck (20 cm in optical motion capture) and hips 6.5 cm from the middle (9
+cm).
 """
 
 from dataclasses import dataclass
@@ -133,10 +133,9 @@ def _kind(joint: str) -> str:
 def _heading(
     positions: NDArray[np.float32], observed: Bools
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(B, N, 3) ahead and to the left, level, by the hips or else by the shoulders.
+    """(B, N, 3) horizontal axes ahead and to the left, from the hips or else the shoulders.
 
-    Where neither pair is seen, the direction is the window's mean one; a person without either has
-    the room's.
+    Where neither pair is seen, the window's mean axes are used; if there are none, the room's.
     """
     count, steps = positions.shape[:2]
     left = np.zeros((count, steps, 3), np.float32)

@@ -41,7 +41,7 @@ class Clips:
         self._seen = np.flatnonzero(self.observed.any(1))
 
     def capture_at(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
-        """(B,) index of the newest capture up to each time that shows anything.
+        """(B,) index of the newest capture with observed joints up to each time.
 
         For a time before a track's first such capture, it is that capture.
         """

@@ -1,7 +1,7 @@
-"""Motion as trackers see it: how often they look, what they lose, and how they err.
+"""Motion as trackers report it: capture rates, lost captures and joints, and errors.
 
-Trackers give captures, not motion. Captures are disturbed before they are resampled, as in the
-node: an error that is correlated in time stays so, and a capture that is lost leaves a gap.
+Trackers deliver captures, not motion. Captures are disturbed before they are resampled, as in the
+node: errors stay correlated in time, and a lost capture leaves a gap.
 """
 
 from functools import cache
@@ -60,7 +60,7 @@ def draw_periods(
 def draw_lost(
     settings: TrackerSettings, rng: np.random.Generator, count: int, captures: int
 ) -> Bools:
-    """(B, M) captures that are lost; never the newest, with which a window ends."""
+    """(B, M) captures that are lost; never the newest, which ends the window."""
     share = settings.dropped_most * rng.random((count, 1))
     share *= rng.random((count, 1)) < settings.dropped
     lost: Bools = rng.random((count, captures)) < share
