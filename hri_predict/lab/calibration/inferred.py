@@ -117,7 +117,7 @@ def recordings(data: Path) -> dict[str, list[Path]]:
 
 
 def shares(rule: Rule, poses: Floats) -> Floats:
-    """(N, 3) where the true joint is in the rule's frame, in bones, of N poses that know it."""
+    """(N, 3) place of the true joint in the rule's frame, in bones, for N poses that have it."""
     known: Bools = np.asarray(np.isfinite(poses).all(-1))
     frame = frame_of(rule, np.where(known[..., None], poses, 0.0), known)
     exists = frame.exists & known[:, JOINTS.index(rule.joint)]

@@ -26,7 +26,7 @@ class Corruption:
 
     Attributes:
         kind: "missing": each joint of each step is independently unobserved with probability
-            ``share``. "limb": one arm or leg of each window, drawn evenly, is unobserved in its
+            ``share``. "limb": one arm or leg of each window, drawn uniformly, is unobserved in its
             newest ``share`` of steps (1: in all of them). "noise": each coordinate has Gaussian
             noise of ``sigma_m`` added, with probability ``share``. "frames": each step but the
             newest, which is the capture itself, is unobserved with probability ``share``.

@@ -53,7 +53,7 @@ class Protocol:
         """Check that the benchmark has such windows and such an error.
 
         Raises:
-            ConfigError: no such benchmark, or none of such windows or such an error.
+            ConfigError: the benchmark does not exist, or has no such windows or error.
         """
         of = self.of
         for flag, value, known in (
@@ -130,7 +130,7 @@ def open_tests(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
     """Yield each action's test windows.
 
     Raises:
-        ConfigError: no such recordings below ``directory``.
+        ConfigError: there are no recordings below ``directory``.
         RecordingError: a recording cannot be read or is too short.
     """
     benchmark = protocol.of

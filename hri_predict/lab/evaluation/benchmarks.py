@@ -80,8 +80,9 @@ class Cmu(Benchmark):
     )
     notes = {
         "mpjpe": (
-            "The benchmark's time and length are nominal: its 25 frames per second are 60, its mm "
-            "are 0.806 true mm. 38 joints are scored, 13 of which copy another or cannot err.",
+            "The benchmark's time and length are nominal: its 25 frames per second are 60 "
+            "true ones, and its mm is 0.806 true mm. Of the 38 scored joints, 13 copy another or "
+            "cannot err.",
             _AVAILABLE,
         ),
         "euler": (

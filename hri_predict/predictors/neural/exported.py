@@ -134,7 +134,7 @@ class ExportedPredictor(Forecasting):
     """The forecasts of a trained predictor, by ONNX Runtime alone.
 
     Attributes:
-        engine: engine that computes it.
+        engine: engine that computes them.
     """
 
     settings_model = NeuralSettings
@@ -173,7 +173,7 @@ def exported(settings: PredictorSettings) -> ExportedPredictor:
     """Build a shipped trained predictor from its exported copy, which is made if missing.
 
     Raises:
-        NoCopyError: it cannot have one.
+        NoCopyError: no copy can be made.
     """
     if type(settings) is not NeuralSettings or settings.engine == "torch":
         raise NoCopyError("torch is requested")

@@ -237,7 +237,7 @@ class SINN(Network):
         return self.critic.parameters()
 
     def _rolled_out(self, window: BodyFrames, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
-        """``_roll``, or the rollout that ``critic_loss`` has already made for this window."""
+        """Return the rollout of ``_roll``; reuse that of ``critic_loss`` for the same window."""
         rolled, self._rolled = self._rolled, None
         if rolled is not None and rolled[0] is window:
             return rolled[1:]

@@ -45,7 +45,7 @@ class SideBySide:
         Args:
             positions: (B, T, J, 3) body frame, filled; the last step is where forecasts start.
             observed: (B, T, J).
-            first: (B, 1, J, 3, 2) the momentum that the forecast carries on; by default the last.
+            first: (B, 1, J, 3, 2) the momentum that the forecast continues; by default the last.
             horizon_steps: H.
         """
         steps, total = self.operator.steps, self.history_steps

@@ -152,7 +152,7 @@ class MotionSamples:
         return (ORIGIN_STEPS - 1 + _LEAST_FUTURE) / self.shape.rate_hz
 
     def _read(self, path: Path) -> tuple[Track, ...]:
-        """Every person of a recording, which must have a window; warn of a short recording."""
+        """Return every person of a recording; warn if it is too short for a window."""
         own = self._settings.joint_map
         tracks = read_tracks(path, None if own is None else load_joint_map(own))
         rate_hz = min((t.rate_hz for t in tracks), default=_LEAST_RATE_HZ)
