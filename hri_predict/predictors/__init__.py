@@ -1,1 +1,1 @@
-"""Human-motion predictors: one file per method, its paper named at the top."""
+"""Human-motion predictors: one file per method, with its paper named at the top."""

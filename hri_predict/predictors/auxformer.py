@@ -1,10 +1,10 @@
 """AuxFormer: a transformer over coordinates that also learns to fill in and to clean its input.
 
 Xu, Tan, Tan, Chen, Wang, Wang: "Auxiliary Tasks Benefit 3D Skeleton-based Human Motion Prediction",
-ICCV 2023. Every coordinate (a joint at a step) is one token. Layers alternate attention among the
-observed tokens with attention among all, each in space (the joints of a step), then in time (the
-steps of a joint). Besides the future, the network learns to recover hidden coordinates and to clean
-noisy ones; prediction uses neither of these tasks.
+ICCV 2023. Every coordinate (a joint at a step) is one token. Layers alternate between attention
+among the observed tokens and attention among all tokens, each in space (the joints of a step), then
+in time (the steps of a joint). Besides the future, the network learns to recover hidden coordinates
+and to clean noisy ones; prediction uses neither of these tasks.
 
 The method's strength is how it treats unobserved joints: their tokens hold a learnt vector instead
 of a coordinate, and observed-only attention skips them. Filled-in values are not read.
@@ -12,7 +12,7 @@ of a coordinate, and observed-only attention skips them. Filled-in values are no
 Where this differs from the paper, and why:
 
 - As printed, the softmax is taken over all keys, multiplied by the mask, and not normalised again.
-  Weights would then no longer sum to one, and hidden tokens would still take weight. Here the
+  Weights would then no longer sum to one, and hidden tokens would still receive weight. Here the
   softmax is taken over the observed keys, and unobserved tokens keep their features.
 - The paper specifies neither normalisation nor activation. Here features are normalised before each
   attention (pre-norm), and the FFN has one hidden layer with ReLU.
@@ -21,12 +21,13 @@ Where this differs from the paper, and why:
   that last pose. The paper's heads return coordinates, and its encoder reads coordinates.
 - The shipped weights were trained with ``velocity: true`` and ``scale: features``, which are not
   the defaults.
-- ``velocity: true`` gives each token its joint's step from the frame before, too; zero where either
-  is hidden, so that nothing hidden is read. The paper does not print this. The authors' code
-  (https://github.com/MediaBrain-SJTU/AuxFormer) has such a switch, ``concat_vel``, but leaves it
-  off for CMU.
-- Attention's products are divided by the square root of F, the width of all features, as printed
-  in section 4.2, with ``scale: features``; by that of a head's width, as is usual, by default.
+- ``velocity: true`` also gives each token its joint's displacement from the previous frame, or zero
+  where either frame is hidden, so no hidden value is read. The paper does not mention this. The
+  authors' code (https://github.com/MediaBrain-SJTU/AuxFormer) has such a switch, ``concat_vel``,
+  but leaves it off for CMU.
+- With ``scale: features``, attention's products are divided by the square root of F, the width of
+  all features, as printed in section 4.2. By default they are divided by the square root of a
+  head's width, as is usual.
 - For speed, ``future_stride`` steps of the future share a token whose head predicts them all. The
   auxiliary tasks leave the future out and use half of each batch. ``future_stride: 1``,
   ``auxiliary_future: true`` and ``auxiliary_share: 1`` give the paper's version.
@@ -89,7 +90,7 @@ class AuxFormer(Network):
         return lean(self)
 
     def forward_filled(self, window: BodyFrames) -> Tensor:
-        """``forward`` of a window that ``enter`` has filled, without filling in again."""
+        """Compute ``forward`` for a window that ``enter`` has filled, without filling it again."""
         tokens = self._features(window.positions, window.observed, future=True)
         return self._future(self.predict, tokens, window.positions)
 
@@ -97,8 +98,8 @@ class AuxFormer(Network):
         """L = L_prediction + alpha_1 L_mask + alpha_2 L_denoise (section 3.3).
 
         Each is a mean distance in metres: over the known future, the hidden coordinates, and all
-        observed past coordinates (some with noise added); the truth is the past without noise, even
-        where the window has some. Draws from torch's global generator.
+        observed past coordinates (some with noise added); the true past has no noise, even where
+        the window has. Draws from torch's global generator.
         """
         options = self.options
         tasks = int(options.masking) + int(options.denoising)
@@ -163,7 +164,7 @@ class AuxFormer(Network):
         return BodyFrames(window.positions + noise * chosen[..., None], window.observed)
 
     def _filled(self, window: BodyFrames) -> Tensor:
-        """(N, T, J, 3) filled in again: values filled in from a hidden coordinate must go, too."""
+        """(N, T, J, 3) filled in again, so that no value depends on a hidden coordinate."""
         clean = torch.where(window.observed[..., None], window.positions, 0.0)
         return fill(clean, window.observed, self.rest, self.nearest)
 
@@ -212,7 +213,7 @@ class AuxFormer(Network):
         return self.ahead_of(head, tokens[:, filled.shape[1] :], filled)
 
     def ahead_of(self, head: nn.Module, future: Tensor, filled: Tensor) -> Tensor:
-        """As ``_future``, from the future tokens alone, (N, future tokens, J, F)."""
+        """Like ``_future``, but from the future tokens alone, (N, future tokens, J, F)."""
         change = head(future).unflatten(3, (self.options.future_stride, 3))
         change = change.transpose(2, 3).flatten(1, 2)[:, : self.shape.horizon_steps]
         return filled[:, -1:] + change / DECIMETRES
@@ -224,7 +225,7 @@ def _dictionary(*shape: int) -> nn.Parameter:
 
 
 def _head(features: int, out: int) -> nn.Linear:
-    """A linear head that gives zero before training."""
+    """A linear head whose output is zero before training."""
     head = nn.Linear(features, out)
     nn.init.zeros_(head.weight)
     nn.init.zeros_(head.bias)

@@ -22,7 +22,8 @@ class AuxFormerOptions(NetworkOptions):
         5, ge=1, le=1000, description="future steps per token; the paper's is 1"
     )
     scale: Literal["head", "features"] = Field(
-        "head", description="width whose root divides attention's products; the paper's is features"
+        "head",
+        description="width whose 1/sqrt scales attention; features in the paper",
     )
     velocity: bool = Field(False, description="tokens also hold their joint's last step")
     observed_attention: bool = Field(True, description="Table 7: false keeps only full attention")
@@ -39,10 +40,10 @@ class AuxFormerOptions(NetworkOptions):
     mask_weight: float = Field(1.0, ge=0, description="alpha_1, of the masking loss")
     denoise_weight: float = Field(1.0, ge=0, description="alpha_2, of the denoising loss")
     auxiliary_share: float = Field(
-        0.5, gt=0, le=1, description="share of a batch in the auxiliary tasks; the paper's is 1"
+        0.5, gt=0, le=1, description="share of a batch used for the auxiliary tasks; 1 in the paper"
     )
     auxiliary_future: bool = Field(
-        False, description="these tasks, too, have future tokens, and masking predicts the future"
+        False, description="these tasks also have future tokens, and masking predicts the future"
     )
 
     @model_validator(mode="after")
@@ -93,7 +94,7 @@ class Attention(nn.Module):
         return x.transpose(1, 2).unbind(3)
 
     def _keys(self, observed: Tensor) -> Tensor:
-        """Key mask that fits ``_split``; without observed keys all are open (queries unused)."""
+        """Key mask for ``_split``; if no key is observed, none is masked (result unused)."""
         if self.over == "joints":
             keys = observed.flatten(0, 1)[:, None, None]
         else:

@@ -1,16 +1,18 @@
-"""AuxFormer's forecast with only the arithmetic that it needs: what engines compute.
+"""AuxFormer's forecast for the engines, with only the arithmetic that it needs.
 
-The same as ``AuxFormer.forward_filled`` except for rounding:
+The result equals that of ``AuxFormer.forward_filled`` except for rounding:
 
-- Observed-only attention sees the joints that at least one person shows, not all. These come first
-  in the order of the joints, which no attention depends on. (A source shows 18 of the body's 28.)
+- Observed-only attention reads only the joints observed for at least one person. These joints are
+  moved to the front; attention does not depend on the order of joints. (A source shows 18 of the
+  body's 28.)
 - The last attention is computed for future tokens alone.
-- Normalisation's factors and attention's scale are part of the projections. What a key's bias adds
-  is the same for all keys, so the softmax takes it out; what a value's bias adds is a constant.
-- Attention's products are bounded (``_bound``), so the exponentials need no largest one taken off.
-  One product then gives the weighted values and their divisor, and hidden keys are left out of the
-  values: no mask of all pairs.
-- Heads have projections of their own, so nothing is split or transposed.
+- Normalisation's factors and attention's scale are part of the projections. A key's bias adds the
+  same amount to the scores of all keys, so it cancels in the softmax; a value's bias adds a
+  constant.
+- Attention's products are bounded (``_bound``), so the softmax need not subtract the largest. One
+  product then gives the weighted values and their divisor. Hidden keys are zeroed in the values, so
+  no mask over all pairs is needed.
+- Each head has its own projections, so nothing is split or transposed.
 """
 
 from collections.abc import Callable, Iterator
@@ -57,14 +59,14 @@ class Parts(Protocol):
 
 
 def lean(network: Parts) -> Callable[[BodyFrames], Tensor]:
-    """The lean forward pass, where attention's products are small enough, or the plain one."""
+    """The lean forward pass if attention's products are small enough, otherwise the plain one."""
     if max(_bound(a) for a in network.modules() if isinstance(a, Attention)) > _LARGEST:
         return network.forward_filled
     return _Lean(network)
 
 
 def _bound(attention: Attention) -> float:
-    """No product of a query and a key is larger: normalised features have the length sqrt(F)."""
+    """Upper bound on query-key products: normalised features have length sqrt(F)."""
     largest = 0.0
     for head in _heads(attention):
         both = torch.linalg.matrix_norm(head.query @ head.key.t(), 2)
@@ -75,9 +77,10 @@ def _bound(attention: Attention) -> float:
 
 
 class _Head:
-    """One head's projections (F, width), of features normalised without factors.
+    """One head's projections (F, width) of features normalised without learnt factors.
 
-    ``value`` has a further column, of ones by its bias: the sum of it is the softmax's divisor.
+    ``value`` has one more column, set to one by its bias: its weighted sum is the softmax's
+    divisor.
     """
 
     def __init__(self, qkv: Tensor, bias: Tensor, scale: float, out: Tensor) -> None:
@@ -117,7 +120,7 @@ class _Attention:
         self.second, self.second_bias = second.weight.t().contiguous(), second.bias
 
     def __call__(self, tokens: Tensor, seen: Tensor | None, past: int = 0) -> Tensor:
-        """The tokens (..., N, F) but the first ``past``, updated by those ``seen`` (..., N, 1)."""
+        """Update the tokens (..., N, F) after the first ``past`` by those ``seen`` (..., N, 1)."""
         features = functional.layer_norm(tokens, self.size, eps=self.eps)
         keys = None
         if seen is not None:
@@ -194,10 +197,10 @@ class _Lean:
 
 
 def _seen_first(observed: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the joints, those that at least one person shows first, each one's place there, and
-    how many are shown.
+    """Return the order of joints, each joint's place in it, and the number of joints shown.
 
-    The first joint counts as shown: attention among none has no meaning.
+    Joints shown by at least one person come first. The first joint always counts as shown, because
+    attention needs at least one key.
     """
     shown = observed.flatten(0, 1).any(0)
     shown = torch.cat([torch.ones_like(shown[:1]), shown[1:]])

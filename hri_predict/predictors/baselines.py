@@ -1,7 +1,8 @@
 """Zero velocity and constant velocity: the baselines every forecast is measured against.
 
-Both extrapolate each joint by itself from its last observed position in the window. A joint never
-observed there moves with the nearest observed joint in the tree; a person without any is at zero.
+Both extrapolate each joint separately from its last observed position in the window. A joint never
+observed there moves with the nearest observed joint in the tree; a person without observed joints
+is placed at zero.
 """
 
 from typing import ClassVar
@@ -34,11 +35,11 @@ class ZeroVelocitySettings(PredictorSettings):
 class ConstantVelocitySettings(ZeroVelocitySettings):
     """Settings of ``constant_velocity``."""
 
-    span_s: float = Field(0.1, ge=0.01, le=5, description="time over which velocity is taken")
+    span_s: float = Field(0.1, ge=0.01, le=5, description="time over which velocity is measured")
 
 
 class ZeroVelocity:
-    """Everything stays where it is."""
+    """Every joint stays at its last observed position."""
 
     settings_model: ClassVar[type[ZeroVelocitySettings]] = ZeroVelocitySettings
 
@@ -69,10 +70,10 @@ class ZeroVelocity:
 
 
 class ConstantVelocity(ZeroVelocity):
-    """Everything moves on as over the last ``span_s``.
+    """Every joint keeps its mean velocity over the last ``span_s``.
 
     Velocity is the difference between a joint's newest observed position and the one ``span_s``
-    before it, or the observed one nearest to that time; zero if there is no other in the window.
+    before it, or the observed one nearest to that time; zero if the window has no second one.
     """
 
     settings_model = ConstantVelocitySettings

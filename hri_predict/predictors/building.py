@@ -11,7 +11,7 @@ from hri_predict.predictors.neural.settings import NeuralSettings
 def predictor_of(settings: PredictorSettings) -> Predictor:
     """Build a predictor from validated settings with resolved paths.
 
-    A shipped network computes without torch where it can be exported; see ``neural.exported``.
+    A shipped network runs without torch if it can be exported; see ``neural.exported``.
 
     Raises:
         HriPredictError: it cannot be built; one line with the remedy.

@@ -1,7 +1,7 @@
-"""The average of several predictors' forecasts: what they err differently in, partly cancels.
+"""The average of several predictors' forecasts: errors in which they differ partly cancel.
 
-Any registered predictors can be members. Each reads as much of the history as it wants; the average
-reaches as far as the shortest of them. For why the average of forecasts is better than most of its
+Any registered predictors can be members. Each reads as much of the history as it needs; the average
+has the shortest horizon among them. For why the average of forecasts is better than most of its
 members: J. Bates, C. Granger, "The Combination of Forecasts", Operational Research Quarterly 20
 (1969) 451; equal weights are hard to beat: R. Clemen, International Journal of Forecasting 5 (1989)
 559.
@@ -35,12 +35,12 @@ class AverageSettings(PredictorSettings):
         if len(set(value)) < len(value):
             raise ValueError("names a predictor twice; name each once")
         if "average" in value:
-            raise ValueError("an average of averages; name their members")
+            raise ValueError("an average cannot be a member; name its members instead")
         return value
 
     @property
     def takes_long(self) -> bool:
-        """Whether a member does."""
+        """Whether any member takes long."""
         return any(member.takes_long for member in self.of_members())
 
     def files(self) -> tuple[Path, ...]:

@@ -8,9 +8,9 @@ The filter runs over the history window alone, from a prior of a body at rest, s
 depends on nothing else. The three axes of a joint share one covariance.
 
 No person keeps the same acceleration for a second. Use this filter for horizons of about 0.3 s; its
-``std`` says how far to trust it. The default jerk was chosen on the CMU training recordings at
-30 fps with 10 mm of noise added: there one ``std`` holds 69, 73 and 79 % of the errors per axis
-at 0.1, 0.2 and 0.4 s (a Gaussian would have 68), two hold 90, 91 and 92 % (95).
+``std`` indicates how reliable it is. The default jerk was chosen on the CMU training recordings at
+30 fps with 10 mm of noise added: there 69, 73 and 79 % of the errors per axis at 0.1, 0.2 and 0.4 s
+are within one ``std`` (68 % for a Gaussian), and 90, 91 and 92 % within two (95 %).
 """
 
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ UNKNOWN_STD_M = 100.0
 class KalmanSettings(PredictorSettings):
     """Settings of ``kalman``."""
 
-    history_s: float = Field(0.5, ge=0.01, le=5, description="time over which the filter runs")
+    history_s: float = Field(0.5, ge=0.01, le=5, description="length of the filtered history")
     measurement_std_m: float = Field(
-        0.01, ge=1e-4, le=1, description="noise of the source's joints, per axis"
+        0.01, ge=1e-4, le=1, description="standard deviation of the joints' noise, per axis"
     )
     jerk_density: float = Field(
         100.0, ge=1e-3, le=1e6, description="power spectral density of jerk, m²/s⁵, per axis"
@@ -61,11 +61,11 @@ class _State:
 
 
 class ConstantAccelerationKalman:
-    """Each joint and axis by itself: constant acceleration disturbed by white jerk.
+    """Each joint and axis separately: constant acceleration disturbed by white jerk.
 
-    ``std`` is that of the true position, without measurement noise. A joint never observed in the
-    window moves with the nearest observed joint in the tree; its ``std`` grows by the longest
-    possible distance between the two.
+    ``std`` is the standard deviation of the true position, without measurement noise. A joint never
+    observed in the window moves with the nearest observed joint in the tree; its ``std`` grows by
+    the longest possible distance between the two.
     """
 
     settings_model = KalmanSettings
@@ -90,7 +90,7 @@ class ConstantAccelerationKalman:
         return self._placed(*self._extrapolated(state), seen)
 
     def _prior(self, history: Floats, observed: Bools, seen: Bools) -> _State:
-        """At rest, centred where the joint is first observed, with an unknown position."""
+        """Prior: at rest, near the joint's first observed position, with a large variance."""
         first = at_step(history, np.argmax(observed, axis=1))
         position = np.where(seen[..., np.newaxis], first, 0.0)
         shape = (*seen.shape, 1)
@@ -108,7 +108,7 @@ class ConstantAccelerationKalman:
         )
 
     def _advance(self, s: _State, t: float) -> None:
-        """Prediction over ``t`` seconds: x = F x, P = F P F' + Q."""
+        """Predict ``t`` seconds ahead: x = F x, P = F P F' + Q."""
         q, half = self._settings.jerk_density, t * t / 2.0
         s.p = s.p + s.v * t + s.a * half
         s.v = s.v + s.a * t

@@ -1,20 +1,20 @@
-"""Mixer: perceptrons over time and over joints that say how each joint's velocity carries on.
+"""Mixer: perceptrons over time and over joints that predict how each joint's velocity continues.
 
-No paper describes this network; it is made for what two cores can train and run. It takes from
+No paper describes this network; it is small enough to train and run on two cores. It builds on
 
 - Guo et al., "Back to MLP: A Simple Baseline for Human Motion Prediction" (siMLPe), WACV 2023:
-  fully connected layers over a cosine transform of time forecast as well as attention does, and
-  errors of velocity belong into the loss;
+  fully connected layers over a cosine transform of time forecast as well as attention does, and the
+  loss should include velocity errors;
 - Tolstikhin et al., "MLP-Mixer", NeurIPS 2021: layers over time and over channels in turn.
 
-What is its own:
+New here:
 
-- The forecast of a joint is its last place, plus its own velocities times factors that the network
-  gives, plus a rest. The velocities are over 1, 3 and 10 steps. A factor of 0 is standing still and
-  a factor of the time ahead is going on, whatever the speed: the network learns *how long* a motion
-  continues, which carries over to motion that is faster than what it was fitted on.
-- Sides: the body and its mirror image are forecast at once and averaged, so that left and right are
-  alike by construction (``mirrored``).
+- A joint's forecast is its last position, plus its own velocities times factors from the network,
+  plus a remainder. The velocities are over 1, 3 and 10 steps. A factor of 0 means standing still,
+  and a factor equal to the time ahead means constant velocity, at any speed: the network learns
+  *how long* a motion continues, which generalises to motion faster than its training data.
+- Symmetry: the forecasts of the body and of its mirror image are averaged, so left and right are
+  treated alike by construction (``mirrored``).
 
 Unobserved joints are filled in and marked, as for every network.
 """
@@ -51,7 +51,7 @@ class MixerOptions(NetworkOptions):
         dropout: share of channels left out in training.
         velocity_weight: weight of the error of velocities in the loss, seconds.
         mirrored: average with the forecast of the mirror image; y must point to the left, as in
-            body frames and in the benchmark's. A skeleton without pairs of joints has none.
+            body frames and in the benchmark's. A skeleton without left-right pairs is not mirrored.
     """
 
     width: int = Field(192, ge=1, le=4096)
@@ -62,7 +62,7 @@ class MixerOptions(NetworkOptions):
 
 
 class Mixer(Network):
-    """Cosine transform, blocks over time and channels, factors and rest of every joint and step."""
+    """Cosine transform, blocks over time and channels, factors and remainder per joint and step."""
 
     options_model = MixerOptions
     exportable = True
@@ -104,7 +104,7 @@ class Mixer(Network):
         return 0.5 * (own + self._mirrored(other))
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
-        """MPJPE, plus that of the velocities."""
+        """MPJPE of the positions, plus that of the velocities."""
         predicted = self(window)
         losses = {"position": mpjpe(predicted, target)}
         if self.options.velocity_weight == 0 or predicted.shape[1] < 2:
@@ -132,13 +132,13 @@ class Mixer(Network):
         return last + change
 
     def _mirrored(self, positions: Tensor) -> Tensor:
-        """(B, T, J, 3) left for right; the body frame's y axis points to the left."""
+        """(B, T, J, 3) left and right exchanged; the body frame's y axis points to the left."""
         swapped = positions[:, :, self.mirror]
         return torch.cat([swapped[..., :1], -swapped[..., 1:2], swapped[..., 2:]], dim=-1)
 
 
 class Block(nn.Module):
-    """A perceptron over time and one over channels, each added to what it reads."""
+    """A perceptron over time and one over channels, each with a residual connection."""
 
     def __init__(self, steps: int, width: int, dropout: float) -> None:
         super().__init__()
@@ -159,7 +159,7 @@ class Block(nn.Module):
 
 
 def cosine_matrix(steps: int) -> Tensor:
-    """(T, T) whose columns are the orthonormal cosines of DCT-II."""
+    """(T, T) matrix with the orthonormal cosines of DCT-II as columns."""
     time = torch.arange(steps, dtype=torch.float64)[:, None] + 0.5
     frequency = torch.arange(steps, dtype=torch.float64)[None]
     matrix = torch.cos(math.pi / steps * time * frequency) * math.sqrt(2 / steps)
@@ -168,7 +168,7 @@ def cosine_matrix(steps: int) -> Tensor:
 
 
 class MixerPredictor(NeuralPredictor):
-    """Perceptrons over time and joints: how each joint's velocity carries on (ours)."""
+    """Perceptrons over time and joints: how each joint's velocity continues (ours)."""
 
     method = "mixer"
     network_class = Mixer

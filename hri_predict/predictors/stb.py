@@ -7,8 +7,8 @@ Where this differs from the paper, or the paper leaves it open:
 
 - Eq. 4's increment x(t+1) - x(t) contains the first future frame at the last observed one. Here
   it is causal: x(t) - x(t-1), 0 at the first frame. Padded frames repeat the last pose, so their
-  increments are 0, too; with ``padding: held`` they repeat the last increment, as the authors' code
-  does with its own, which holds the future's first frame.
+  increments are 0, too; with ``padding: held`` they repeat the last increment, as in the authors'
+  code, where that increment contains the first future frame.
 - Unobserved joints: increments are taken over filled-in values, and the observed mask is a further
   input (0 for padded frames). The loss over the past counts observed joints only.
 - Eqs. 12-15 need one value per joint, but the output has three coordinates. The value is the length
@@ -92,7 +92,7 @@ class STB(Network):
         return last_pose(window) + changes[:, self.shape.history_steps :] / DECIMETRES
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
-        """Eq. 19, brought from decimetres to metres."""
+        """Eq. 19, converted from decimetres to metres."""
         padded = self._padded(window)
         past = target.past_of(window)
         sequence = Target(

@@ -5,8 +5,8 @@ A network that predicts t steps is applied again and again with the same weights
 horizon is covered (Eqs. 8-9); before each time a forget unit drops the t oldest steps of its window
 and appends the t just predicted. It works with any network (the paper's Table 5 wraps six others).
 
-The window is read again each time. A recurrent network could go on from its last state at a fifth
-of the cost, but would then remember steps that the forget unit drops.
+The window is read again each time. A recurrent network could continue from its last state at a
+fifth of the cost, but would then remember steps that the forget unit drops.
 """
 
 from collections.abc import Callable, Iterator
@@ -64,7 +64,7 @@ def aggregate(
 
 
 class AggregatedOptions(NetworkOptions):
-    """Which network is wrapped, and how.
+    """Options: the wrapped network, and how it is trained.
 
     Attributes:
         method: name of the predictor whose network is wrapped.
@@ -111,7 +111,7 @@ class Aggregated(Network):
 
     @classmethod
     def around(cls, inner: LoadedWeights, steps: int, horizon_steps: int) -> "Aggregated":
-        """Wrap a network trained by itself; each time its first ``steps`` are used."""
+        """Wrap a network trained on its own; each application uses its first ``steps``."""
         network = inner.network
         options = AggregatedOptions(
             method=inner.method, steps=steps, options=network.options.model_dump()
@@ -129,7 +129,7 @@ class Aggregated(Network):
         return predicted[:, : self.options.steps]  # a network trained by itself predicts more
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
-        """Return the inner network's losses on its own steps, later the error over all."""
+        """Return the inner network's losses on its own steps, later the error over all steps."""
         if self._pretraining(progress):
             return self.inner.losses(window, self._near(target), self._inner_progress(progress))
         return super().losses(window, target, progress)
@@ -157,13 +157,13 @@ class Aggregated(Network):
 
 
 class AggregatedPredictor(NeuralPredictor):
-    """Repeats another trained predictor on its own first steps (SINN's temporal aggregation).
+    """Applies another trained predictor repeatedly to its own output (SINN's aggregation in time).
 
     Its weights are those of the inner predictor (the shipped ones by default), or come from
-    training ``aggregated`` itself and state what they wrap. It extends any predictor to any
-    horizon. Within the inner predictor's own horizon it brings no gain, unless that was trained for
-    it: on the validation recordings the shipped trajectorycnn has an error of 246 mm after 1 s when
-    repeated every 5 steps, and of 188 mm by itself.
+    training ``aggregated`` itself, and then name the inner predictor. It extends any predictor to
+    any horizon. Within the inner predictor's own horizon it brings no gain, unless the inner
+    predictor was trained for it: on the validation recordings the shipped trajectorycnn has an
+    error of 246 mm after 1 s when repeated every 5 steps, and of 188 mm by itself.
     """
 
     method = "aggregated"
@@ -191,8 +191,8 @@ class AggregatedPredictor(NeuralPredictor):
         reach = inner.network.shape.horizon_steps
         if reach < settings.steps:
             raise ConfigError(
-                f"predictor.steps {settings.steps}: '{settings.inner}' predicts {reach} at a time "
-                f"by its weights {path}; use {reach} at most"
+                f"predictor.steps {settings.steps}: '{settings.inner}' predicts {reach} steps at a "
+                f"time with its weights {path}; use {reach} at most"
             )
         whole = Aggregated.around(inner, settings.steps, horizon_steps)
         return LoadedWeights(whole, self.method, inner.card)

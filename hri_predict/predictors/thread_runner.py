@@ -19,8 +19,8 @@ class Prediction(Protocol):
     """Runs a predictor for the node.
 
     Attributes:
-        predictor: known once it is ready.
-        counters: of predictions that failed, were late, ... since the start.
+        predictor: available once it is ready.
+        counters: numbers of failed, late, ... predictions since the start.
     """
 
     @property
@@ -39,10 +39,10 @@ class Prediction(Protocol):
         """
 
     def start(self) -> None:
-        """Start before the first tick."""
+        """Start the predictor; called before the first tick."""
 
     def stop(self) -> None:
-        """End what was started; safe to call twice."""
+        """Stop the predictor; safe to call twice."""
 
     def run(self, snapshot: PeopleSnapshot) -> tuple[Forecast | None, Reason | None]:
         """Return a forecast for ``snapshot``, or the reason why there is none in this tick."""
@@ -75,16 +75,16 @@ class PredictionRunner:
         return {"predictor_failures": self.failures, "predictor_late": self.late}
 
     def wait_until_ready(self) -> None:
-        """It was ready when it was built."""
+        """Return immediately: the predictor is ready once built."""
 
     def start(self) -> None:
-        """Start the thread, where there is a deadline."""
+        """Start the thread, if there is a deadline."""
         if self._deadline_s is not None:
             self._thread = threading.Thread(target=self._work, name="predictor", daemon=True)
             self._thread.start()
 
     def stop(self) -> None:
-        """End the thread, if it is not stuck in the predictor."""
+        """Stop the thread, unless it is stuck in the predictor."""
         self._stopping = True
         self._wanted.set()
         if self._thread is not None:

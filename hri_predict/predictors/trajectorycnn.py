@@ -17,7 +17,8 @@ Where this differs from the paper, or the paper leaves it open:
   pairs``, is an older reading: around layers 2 and 3, and around 4 and 5.
 - The paper does not give LeakyReLU's slope. The authors' code has TensorFlow's 0.2; the default is
   PyTorch's 0.01.
-- The shipped weights were trained with ``paths: nested`` and ``slope: 0.2``, as the authors' code.
+- The shipped weights were trained with ``paths: nested`` and ``slope: 0.2``, as in the authors'
+  code.
 - The paper does not give the dropout rate. (The authors' code has 0.25 for CMU.)
 - The authors' code trains on each batch a second time, reversed in time: ``data.reverse: 0.5`` of
   the benchmark, ``data.augment.reverse`` of recordings. The paper does not say so.
@@ -54,7 +55,7 @@ class TrajectoryCNNOptions(NetworkOptions):
 
     Attributes:
         kernel: Table VI: ``1x1`` (w/o C-ST #1) sees one coordinate of one joint, ``1x3`` (#2) one
-            joint; it holds for the whole network.
+            joint; this applies to the whole network.
         layout: Table VII: ``trajectory`` has the frames as channels; ``pose`` (w/o GTC) has the
             frames as width, the joints as height, the coordinates as channels.
         residual: Table VIII: use the 1x1 branches of the blocks; false is "w/o DLG".
@@ -129,8 +130,8 @@ class TrajectoryCNN(Network):
     def _by_pose(self, positions: Tensor, observed: Tensor) -> Tensor:
         """The same with an image of joints by frames (Table VII).
 
-        Such a network returns the number of frames that it reads. A history shorter than the
-        horizon is padded with its last frame, and the last H columns are the future.
+        Such a network outputs as many frames as it reads. A history shorter than the horizon is
+        padded with its last frame, and the last H columns are the future.
         """
         image = torch.cat([positions, observed[..., None]], dim=3).permute(0, 3, 2, 1)
         missing = max(0, self.shape.horizon_steps - image.shape[3])
@@ -196,7 +197,7 @@ class NestedBlock(nn.Module):
         return self._joined(features, lower)
 
     def _joined(self, features: Tensor, lower: list[Tensor]) -> Tensor:
-        """The newest of the branches that are still open joins: the innermost first."""
+        """Join the newest open branch, so that the innermost joins first."""
         below = lower.pop()
         if not self.branches:
             return features

@@ -1,13 +1,13 @@
 """Fits the distribution of postures: ``people/body/body_model.py``.
 
-The mean and the covariance are those of largest likelihood for poses of which some joints are not
-known: expectation maximisation (A. Dempster et al., "Maximum likelihood from incomplete data via
-the EM algorithm", JRSS B 39 (1977) 1). Each pose counts mirrored as well. A recording counts by the
-square root of its length, because its poses resemble each other.
+The mean and the covariance maximise the likelihood of poses with unknown joints, by expectation
+maximisation (A. Dempster et al., "Maximum likelihood from incomplete data via the EM algorithm",
+JRSS B 39 (1977) 1). Each pose is also used mirrored. A recording is weighted by the square root of
+its length, because its poses resemble each other.
 
-The factors come from recordings that were not fitted: the share ``HELD`` of the errors over the
-scale, of each joint without its side, recordings with equal weights. The largest over all sets of
-seen joints counts (``HIDDEN`` and ``SEEN``), so that no set is held less often.
+The factors come from recordings that were not fitted: for each joint without its side, the ``HELD``
+quantile of error over scale, with equal weights for recordings. The largest over all sets of seen
+joints (``HIDDEN`` and ``SEEN``) is used, so no set is held less often.
 
 ``hri-predict bench joint-maps --fit ../shared/data --postures body_model.json`` makes the file.
 """
@@ -27,16 +27,16 @@ from hri_predict.recording.opening import opened
 
 HELD = 0.99
 ODD = 0.999
-"""Share of the poses that are completed."""
+"""Share of the poses that are completed; the rest are rejected as odd."""
 ROUNDS = 30
 UNKNOWN = 6.0
 """Factor of joints that no set hides."""
 RIDGE_M = 0.01
-"""Standard deviation that every coordinate has at least: skeletons place joints differently."""
+"""Minimum standard deviation of each coordinate: skeletons place joints differently."""
 
 FITTED = ("fit",)
 JUDGED = ("calibration", "validation")
-"""Lists of recordings that give the distribution, and its factors."""
+"""Lists of recordings for the distribution, and for its factors."""
 EVERY_S = 0.12
 _SHORTEST_M = 0.05
 _FEET = [JOINTS.index(name) for name in ("l_ankle", "r_ankle")]
@@ -69,7 +69,7 @@ SEEN: Mapping[str, Sequence[str]] = {
     "shoulders and hips": ("shoulder", "hip"),
     "shoulders, hips and head": ("shoulder", "hip", "head"),
 }
-"""Joints that alone are seen, where a recording has them all."""
+"""Joints seen without any others, in recordings that have all of them."""
 
 
 def hidden_joints(names: Sequence[str]) -> Bools:
@@ -82,7 +82,7 @@ def read_postures(data: Path, uses: Sequence[str]) -> dict[str, Floats]:
     """(N, J, 3) poses by recording and person, as the node maps them; NaN where not known.
 
     Recordings of arms and of marker clusters are left out: their floor is not known. A crown that
-    no recording marks is ``CROWN_M`` above the head, along the neck.
+    is not recorded is placed ``CROWN_M`` above the head, along the neck.
 
     Args:
         data: the folder of the data pack.
@@ -124,7 +124,8 @@ def fit_body_model(
         others: the same, of recordings that give the factors.
 
     Returns:
-        The model; and by set of seen joints and joint, metres that hold ``HELD`` of ``others``.
+        The model; and, by set of seen joints and joint, the metres that hold ``HELD`` of
+        ``others``.
     """
     mean, covariance = _likeliest(list(poses.values()))
     plain = BodyModel(mean, covariance, np.ones(len(JOINTS)))

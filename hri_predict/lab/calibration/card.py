@@ -12,7 +12,7 @@ HEAD = "## Zones"
 
 
 def write_section(card: Path, judged: ZoneJudgement) -> None:
-    """Write the section at the end of a card, in place of an earlier one.
+    """Write the section at the end of a card, replacing an earlier one.
 
     A missing card is created (the baselines have none).
 

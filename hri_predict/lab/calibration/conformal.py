@@ -10,11 +10,11 @@ units. (The shape is fitted to the same errors as the factors: a few quantiles o
 windows.) A speed class that occurs in fewer than ``LEAST_RECORDINGS`` recordings, and a joint that
 fewer show, are not calibrated; physical limits are used there.
 
-*Limits*: a scale that grows with past errors grows beyond what can happen. Next to a person who
-stops, radii of 4 m at 1 s stood against a largest error of 2.3 m in a whole calibration. So no
-estimated radius is larger than the quantile of the errors themselves, for each joint, speed class
-and step, at a level that misses ``SPARE`` times less than the stated one: at 99 % it is the 99.9 %
-quantile. The limits cost a tenth of what a level may miss, at most (Boole's inequality).
+*Limits*: a scale that grows with past errors can exceed any possible error. When a person stopped,
+radii reached 4 m at 1 s, but the largest error in a whole calibration was 2.3 m. So estimated radii
+are limited, for each joint, speed class and step, to a quantile of the errors themselves. Its level
+allows ``SPARE`` times fewer misses than the stated one: for 99 % it is the 99.9 % quantile. The
+limits cost at most a tenth of the allowed misses (Boole's inequality).
 
 *Guaranteed*: see ``zones.calibration``. Here the body's shape must not come from the
 recordings that are ranked: it is the fixed growth ``body_shape``.
@@ -44,11 +44,11 @@ from hri_predict.zones.settings import LEVELS
 SPARE = 10.0
 SHAPE_LEVEL = 0.97
 _SPREAD = 1.05
-"""Sizes of a scale that differ by less have no shape."""
+"""Minimum ratio between the sizes of a scale for a shape to be fitted."""
 _LEAST_FACTOR = 0.01
-"""People who stand like statues have errors of 0; a scale must stay above 0."""
+"""Minimum factor: a person standing like a statue has errors of 0, but a scale must not be 0."""
 _SOME = 20
-"""Values of a recording in a part of the sizes; fewer say nothing about a tail."""
+"""Minimum number of values of a recording in a size range; fewer show nothing of the tail."""
 
 
 def calibrate(
@@ -68,8 +68,8 @@ def calibrate(
     fit (default: this process).
 
     Raises:
-        ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or they show no joint
-            that often.
+        ConfigError: there are fewer than ``LEAST_RECORDINGS`` recordings, or no joint is seen in
+            that many.
     """
     by_name = units(scores)
     names = list(by_name)
@@ -132,7 +132,7 @@ def calibrate(
 def _calibrated_joints(
     error: Floats, unit: Ints, skeleton: Skeleton
 ) -> tuple[tuple[str, ...], Ints]:
-    """The joints that enough recordings show, without their side, and (J,) their index or -1."""
+    """The joints seen in enough recordings, without their side, and (J,) their index or -1."""
     shown: dict[str, set[int]] = {plain(name): set() for name in skeleton.joints}
     known = np.asarray(np.isfinite(error).any(1))  # (W, J)
     for joint, name in enumerate(skeleton.joints):
@@ -148,11 +148,11 @@ def _calibrated_joints(
 
 
 def shape_of(*, error: Floats, scale_m: Floats, fast: Ints, unit: Ints) -> ScaleShape:
-    """Return the dependence of the quantile of error over scale on the scale's size.
+    """Return how the quantile of error over scale depends on the scale's size.
 
-    The values of a speed class and step are parted by their scale into ``KNOTS`` parts of equal
-    weight, fewer if there are few recordings. In each part the quantile ``SHAPE_LEVEL`` is taken. A
-    higher one would rest on too few errors of a part; the factors state the level.
+    The values of a speed class and step are divided by their scale into ``KNOTS`` parts of equal
+    weight, or fewer if there are few recordings. The quantile ``SHAPE_LEVEL`` of each part is used.
+    A higher one would rest on too few errors per part; the factors provide the stated level.
 
     Args:
         error, scale_m: (W, H, J) metres, NaN where unknown.
@@ -248,14 +248,14 @@ def limits_of(*, error: Floats, fast: Ints, unit: Ints, group: Ints) -> dict[Of,
 
 
 def _growth_for_bodies(own: Sequence[Floats], limit: Floats, rare: float) -> Floats:
-    """(H,) by how much the joints' limits (H, J) must grow to hold whole bodies as often."""
+    """(H,) factors on the joints' limits (H, J) that hold whole bodies equally often."""
     bodies = [_nanmax(error / limit, 2) for error in own]
     factors = [of_equals([b[:, k] for b in bodies], rare) for k in range(len(limit))]
     return np.maximum(1.0, factors)
 
 
 def raised(limit: Floats, error: Floats, fast: Ints, group: Ints) -> Floats:
-    """The limits (L, 3, G, H), as large as the largest of other errors (W, H, J) at least."""
+    """Raise the limits (L, 3, G, H) to at least the largest of other errors (W, H, J)."""
     result = limit.copy()
     steps = min(limit.shape[-1], error.shape[1])
     for c in range(len(SPEED_CLASSES)):
@@ -290,7 +290,7 @@ def guaranteed_radii(
 
 
 def body_shape(times_s: Floats) -> Floats:
-    """(H,) metres: a growth fixed beforehand at 1.6 m/s, the standard's walking speed."""
+    """(H,) metres: a fixed growth of 1.6 m/s, the standard's walking speed."""
     return 1.6 * times_s
 
 

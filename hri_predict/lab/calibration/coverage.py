@@ -27,7 +27,7 @@ INTERVAL = (0.025, 0.975)
 
 
 class Calibrated(NamedTuple):
-    """A predictor, and the calibration of its zones: what a node runs."""
+    """A predictor and the calibration of its zones, as a node runs them."""
 
     predictor: Predictor
     calibration: Calibration
@@ -152,7 +152,7 @@ def run_zones(
     settings: CoverageSettings,
     limits: HumanLimits | None = None,
 ) -> "list[tuple[JointSpheres, Trust]]":
-    """The joints' zones of every window, in order, with what the self-check knew by then."""
+    """The joints' zones of every window, in order, with the self-check's trust at that time."""
     predictor, calibration = calibrated
     rate_hz, steps = predictor.rate_hz, entry.error_m.shape[1]
     skeleton = predictor.skeleton
@@ -189,7 +189,7 @@ def run_zones(
 
 
 def snapshot_of(entry: Scores, window: int, history_steps: int) -> PeopleSnapshot:
-    """Return the node's knowledge in one window: a single person, at the time of the capture."""
+    """Return the node's snapshot in one window: one person, at the time of the capture."""
     now = int(entry.origin_ns[window])
     seen = entry.observed[window, -1]
     at = int(entry.truth.stamps_ns.searchsorted(now))

@@ -1,18 +1,19 @@
 """Presences as the tracker of a live depth camera delivers them.
 
-Optical motion capture errs by less than a millimetre, and noise that is white or normal is kinder
-than a depth camera's. Errors here lie along the ray from the camera, have heavy tails, last, and
-grow with the square of the distance; bones change their length; joints drop out in bursts; and the
-tracker smooths, so that it lags.
+The errors of optical motion capture are below a millimetre, and white or normal noise is milder
+than a depth camera's. Errors here are along the camera's ray, have heavy tails, are correlated in
+time, and grow with the square of the distance. Bone lengths vary, joints drop out in bursts, and
+the tracker's smoothing causes a lag.
 
-The figures of strength 1 at 3 m. Depth: a standard deviation of 17 mm is the limit that Microsoft
+Figures for strength 1 at 3 m. Depth: a standard deviation of 17 mm is the limit that Microsoft
 states for the Azure Kinect; measured and confirmed by M. Tölgyessy et al., "Evaluation of the Azure
 Kinect and Its Comparison to Kinect V1 and Kinect V2", Sensors 21 (2021) 413. Growth with the square
 of the distance: a disparity error d of stereo cameras (ZED) gives z² d / (f b); the random error of
 structured light grows likewise. Heavy tails: Q. Wang et al., "Evaluation of Pose Tracking Accuracy
 in the First and Second Generations of Microsoft Kinect", ICHI 2015, fit joints' offsets by a normal
 and a uniform distribution, whose uniform part holds the outliers. The other figures are
-assumptions, such that a calibration without this noise falls short as it did with live recordings.
+assumptions, chosen so that a calibration without this noise falls short as it did on live
+recordings.
 """
 
 import itertools
@@ -29,22 +30,22 @@ DEPTH_M = 0.017
 """Standard deviation of a joint's depth at ``REFERENCE_M``."""
 REFERENCE_M = 3.0
 ACROSS = 0.35
-"""Standard deviation across the ray over that along it."""
+"""Ratio of the standard deviation across the ray to that along it."""
 TAIL = 3.0
-"""Degrees of freedom of Student's t for each new part of an error; 3 is the heaviest tail whose
-variance is finite at whole degrees."""
+"""Degrees of freedom of Student's t for each new part of an error; 3 is the smallest whole number
+with a finite variance."""
 LASTS_S = (0.1, 0.8)
 """Correlation time of a recording's errors."""
 BONE = 0.03
-"""Standard deviation of a bone's length over its length."""
+"""Standard deviation of a bone's length, relative to the length."""
 BONE_LASTS_S = 1.0
 DROPPED, DROPPED_S = 0.03, 0.25
 """Share of a joint's captures that are not observed, and the mean length of such a burst."""
 POOR, POOR_S, WORSE = 0.1, 0.5, 4.0
-"""Share of a joint's captures in which it is hardly seen, how long that lasts, and the factor on
-its error meanwhile."""
+"""Share of a joint's captures in which it is barely visible, the mean duration, and the factor
+on its error during that time."""
 COMMON, COMMON_LASTS_S = 1.0, 1.0
-"""Error of the whole body's depth over a joint's, and its correlation time."""
+"""Error of the whole body's depth relative to a joint's, and its correlation time."""
 SMOOTHS_S = (0.03, 0.1)
 """Time constant of the tracker's filter."""
 CAMERA_M, CAMERA_HEIGHT_M = (2.0, 4.0), (1.2, 2.4)
@@ -69,7 +70,7 @@ class DepthTracker:
         strength: factor on errors and changes of bones.
         tail: see ``TAIL``; infinite for normal noise.
         lasts_s: see ``LASTS_S``.
-        quantum_m: resolution of depth; 0: it is continuous.
+        quantum_m: resolution of depth; 0: continuous depth.
     """
 
     strength: float = 1.0
@@ -82,7 +83,7 @@ class DepthTracker:
 
         Args:
             presence: as recorded; z is up.
-            seed: decides everything that is drawn.
+            seed: of all random draws.
         """
         rng = np.random.default_rng(seed)
         every = max(1, round(presence.rate_hz / RATE_HZ))
@@ -116,7 +117,7 @@ class DepthTracker:
         return replace(there, positions=np.where(kept[..., None], shown, 0.0), observed=kept)
 
     def _with_bones(self, rng: np.random.Generator, shown: Floats, dt_s: Floats) -> Floats:
-        """The bodies with bones that change their length; what they carry moves with them."""
+        """The bodies with varying bone lengths; joints further out move along."""
         moved = shown.copy()
         for chain in CHAINS:
             at = [JOINTS.index(name) for name in chain]
@@ -130,7 +131,7 @@ class DepthTracker:
 
 
 def _camera(rng: np.random.Generator, presence: Presence) -> Floats:
-    """(3,) its place: somewhere about the middle of the motion."""
+    """(3,) a random position of the camera around the middle of the motion."""
     seen = presence.observed[..., None]
     middle = np.where(seen, presence.positions, 0.0).sum((0, 1)) / max(seen.sum(), 1)
     angle, far_m = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(*CAMERA_M)
@@ -140,7 +141,7 @@ def _camera(rng: np.random.Generator, presence: Presence) -> Floats:
 
 
 def _smoothed(shown: Floats, dt_s: Floats, time_s: float) -> Floats:
-    """Exponential smoothing; it starts again where a joint was not seen."""
+    """Exponential smoothing; it restarts where a joint was not seen."""
     found = shown.copy()
     for i, share in enumerate(1.0 - np.exp(-dt_s / time_s), 1):
         step = found[i - 1] + share * (found[i] - found[i - 1])
@@ -151,7 +152,7 @@ def _smoothed(shown: Floats, dt_s: Floats, time_s: float) -> Floats:
 def _bursts(
     rng: np.random.Generator, dt_s: Floats, shape: tuple[int, int], *, share: float, lasts_s: float
 ) -> Bools:
-    """(F, J) when something is wrong with a joint: a chain of two states, each joint by itself."""
+    """(F, J) true during a joint's bursts: an independent two-state Markov chain per joint."""
     found = np.zeros(shape, np.bool_)
     found[0] = rng.random(shape[1]) < share
     for i, dt in enumerate(dt_s, 1):

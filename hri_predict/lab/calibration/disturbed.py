@@ -2,8 +2,8 @@
 
 The first recording of each action is disturbed as a whole (``disturbances``) and run through the
 zones, with and without the self-check. The zones must hold the body as the sensor places it, but
-without noise: motion does not show a camera that was moved long ago, or a scale that is wrong but
-possible. Those are for ``hri-predict check --touched``.
+without noise: motion cannot reveal a camera that was moved long ago, or a wrong but possible scale.
+``hri-predict check --touched`` detects those.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from hri_predict.lab.evaluation.table import Table, percent
 from hri_predict.zones.settings import CoverageSettings
 
 SHIFT_SHARE = 0.5
-"""The camera is moved half-way through the shortest recording."""
+"""Time of the camera's move, as a share of the shortest recording."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

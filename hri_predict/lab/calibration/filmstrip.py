@@ -189,11 +189,10 @@ def _explain(figure: Figure, axes: Any, predictor: str, what: str) -> None:
         frameon=False,
     )
     figure.supxlabel(
-        "A zone holds the body during the whole step before its moment, counted from the capture; "
-        "what is larger leaves the picture.\nAll to one scale, the room stands still. Windows: the "
+        "A zone holds the body during the whole step that ends at its time after the capture; "
+        "larger zones are cut off.\nAll to one scale, with a fixed view of the room. Windows: the "
         "middle of each action's longest recording, independent of the errors.\nThe robot was "
-        "put to the "
-        "person's left (seen from the right: behind). What was not measured (often the crown) "
-        "widens a zone.",
+        "placed to the person's left (seen from the right: behind). Unmeasured joints (often the "
+        "crown) widen a zone.",
         fontsize=8,
     )

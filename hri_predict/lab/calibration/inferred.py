@@ -1,18 +1,19 @@
 """Fits the rules by which never-delivered joints are inferred: ``people/body/inferred.py``.
 
-For each rule the place and the radius are shares of the person's own bone. The place is the one
-whose radius, the largest over all sets of recordings of the share that holds ``HELD`` of the true
-joints, is smallest. So no set is held less often, however few recordings it has, and a joint that
-data sets place differently gets a radius that spans them.
+A rule's place and radius are shares of the person's own bone. The radius holds ``HELD`` of the true
+joints in every set of recordings, and the place is the one with the smallest such radius. So no set
+is held less often, however few recordings it has, and a joint that data sets place differently gets
+a radius that spans them.
 
-The hand and the foot that a rule states are what the recordings mark, from the knuckles on: the
-radius of their capsules covers fingers and toes beyond (``base.skeleton``). Recorded bodies
-have odd bones (the hand of cmu38 is 0.4 to 0.6 forearms long). So each set counts a second time
-with the recorded direction, and the length that people have from wrist to knuckles, or from ankle
-to ball. No recording marks the crown: it is as far from the ears as people's, along the skull.
+A rule's hand and foot are the points that the recordings mark, at the knuckles and the ball: the
+radius of their capsules covers the fingers and toes beyond (``base.skeleton``). Some recorded bones
+are unrealistic (the hand of cmu38 is 0.4 to 0.6 forearms long). So each set is used a second time
+with the recorded direction, but with the surveyed length from wrist to knuckles, or from ankle to
+ball. No recording marks the crown: it is placed along the skull, at the surveyed distance from the
+ears.
 
 ``hri-predict bench joint-maps --fit ../shared/data`` prints them. It reads the lists *fit* and
-*calibration* of ``configs/training/splits.yaml``, and of ``motion/`` all recordings of people who
+*calibration* of ``configs/training/splits.yaml``, and all recordings of ``motion/`` whose people
 are in no test.
 """
 
@@ -32,7 +33,7 @@ from hri_predict.people.body.inferred import SHAPES, Rule, frame_of
 
 HELD = 0.999
 EVERY_S = 0.1
-"""Poses closer in time than this are nearly the same one."""
+"""Interval between the poses used; closer ones are nearly identical."""
 PALM_PER_FOREARM = 140.0 / 328.0
 """palmlength over radialestylionlength, the survey's maxima."""
 BALL_PER_SHANK = float(np.hypot(0.75 * 323.0 - 78.0, 93.0)) / 524.0
@@ -116,7 +117,7 @@ def recordings(data: Path) -> dict[str, list[Path]]:
 
 
 def shares(rule: Rule, poses: Floats) -> Floats:
-    """(N, 3) where the true joint is in the rule's frame, in bones, of N poses that know it."""
+    """(N, 3) place of the true joint in the rule's frame, in bones, for N poses that have it."""
     known: Bools = np.asarray(np.isfinite(poses).all(-1))
     frame = frame_of(rule, np.where(known[..., None], poses, 0.0), known)
     exists = frame.exists & known[:, JOINTS.index(rule.joint)]
@@ -131,7 +132,7 @@ def fit(rule: Rule, samples: Iterable[Floats]) -> tuple[tuple[float, float, floa
     """The place and the radius of a rule, both in bones; see the module's docstring.
 
     Args:
-        rule: whose.
+        rule: the rule to fit.
         samples: (N, 3) ``shares`` of each set.
     """
     sets = [each for each in samples if len(each)]
@@ -155,7 +156,7 @@ def fit(rule: Rule, samples: Iterable[Floats]) -> tuple[tuple[float, float, floa
 
 
 def samples_of(name: str, poses: Mapping[str, Floats]) -> list[Floats]:
-    """``shares`` of each set for a named rule, of people's length as well where it needs that."""
+    """``shares`` of each set for a named rule; hands and feet also with the surveyed length."""
     rule = SHAPES[name]
     found = []
     for each in poses.values():

@@ -17,7 +17,7 @@ from hri_predict.zones.settings import LEVELS, CoverageSettings
 
 SIZE_MS = (400, 1000)
 WAYS = ("as calibrated", "cut", "cut and self-check")
-"""Radii alone; zones as the node builds them without its self-check; and with it."""
+"""Radii alone; zones as the node builds them, without and with its self-check."""
 DEFAULT_LEVEL = 0.99
 
 
@@ -67,9 +67,9 @@ def judge_zones(
     """Measure everything.
 
     Args:
-        calibrated: the predictor (see ``scores.score_recordings``), and what is measured of it.
+        calibrated: the predictor (see ``scores.score_recordings``) and the calibration to measure.
         scores: its scores of the recordings.
-        beside: other predictors to compare sizes with, and their scores of the same recordings.
+        beside: other predictors for comparing sizes, with their scores of the same recordings.
         on_part: called with the name of the next part, for a progress bar.
     """
     predictor, calibration = calibrated
@@ -183,7 +183,7 @@ def notes(judged: ZoneJudgement) -> list[str]:
     return [
         f"calibrated on {used} recordings; windows by speed: {per}",
         *levels_text(judged.calibration),
-        "coverage of an interval of 40 ms that ends at the horizon, at every capture in it",
+        "coverage during the 40 ms that end at the horizon, at every capture in them",
         "self-check: widens only, or falls back to physical limits",
     ]
 

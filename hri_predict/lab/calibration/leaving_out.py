@@ -1,8 +1,8 @@
-"""Leaving a set out: what zones hold of people, tasks and trackers that the calibration never saw.
+"""Leaving a set out: coverage of people, tasks and trackers that the calibration never saw.
 
 Each set is left out in turn: the calibration is made from the other sets' recordings, and measured
-on all recordings of the set. This is what a new site may expect, where no person is known and the
-tracker places joints in its own way. It is the whole truth only for a predictor that was not fitted
+on all recordings of the set. This estimates the coverage at a new site, with unknown people and a
+tracker that places joints in its own way. The estimate is fair only if the predictor was not fitted
 on the set either.
 """
 
@@ -40,7 +40,7 @@ class LeftOut:
         coverage: (level, question) -> of the radii alone.
         run: zones as the node builds them, with its self-check, at the highest level.
         error_m: (H,) mean error of a joint.
-        standing_m: (H,) of a forecast that stands still.
+        standing_m: (H,) mean error of a forecast that stands still.
     """
 
     name: str
@@ -62,10 +62,10 @@ def leave_out(
     on_part: Callable[[str], None] = lambda _: None,
     workers: Workers | None = None,
 ) -> list[LeftOut]:
-    """Leave each of ``SETS`` out that occurs.
+    """Leave out each of ``SETS`` that occurs.
 
     Args:
-        predictor, settings: whose zones.
+        predictor, settings: of the zones to measure.
         scores: the recordings to calibrate on.
         judged: the recordings to measure, as recorded; may hold those of ``scores``.
         on_part: called with the name of each set.
@@ -112,7 +112,9 @@ def leave_out(
             )
         )
     if not found:
-        raise ConfigError(f"--leave-out: no recording is of a set ({', '.join(SETS)}); name others")
+        raise ConfigError(
+            f"--leave-out: no recording belongs to a set ({', '.join(SETS)}); name others"
+        )
     return found
 
 

@@ -2,10 +2,10 @@
 
 Recordings are scored as recorded and as live depth trackers deliver them (``depth_tracker``). For
 each error e of a noisy window with the radius r, the growth that would have held it is the root of
-e² - r² over the noise. Its quantile at the stated level would be enough if the recordings held as
-often without noise as they state; those that a calibration rests on hold more, and new ones less.
-So the quantile is that of the *aim*: half-way between the level and what is held without noise.
-Recordings have equal weights, as in ``conformal``.
+e² - r² over the noise. Its quantile at the stated level would be enough if the coverage without
+noise were the stated one; it is higher on the recordings that a calibration rests on, and lower on
+new ones. So the quantile at the *aim* is used: half-way between the level and the coverage without
+noise. Recordings have equal weights, as in ``conformal``.
 """
 
 import zlib
@@ -31,15 +31,15 @@ from hri_predict.zones.radii import Radii
 from hri_predict.zones.settings import LEVELS, CoverageSettings
 
 SECONDS = 8.0
-"""Time of each presence that is scored, from its beginning."""
+"""Scored duration of each presence, from its start."""
 EACH = 3
-"""Every third window counts: neighbours are alike."""
+"""Every third window is used, because neighbours are alike."""
 FITTED_TO = (DepthTracker(), DepthTracker(strength=2.0))
 _LEAST_NOISE_M = 1e-4
 _LEAST_WINDOWS = 5
 
 See = Callable[[Presence, int], Presence]
-"""Maps a presence and a seed to what a tracker delivers of it."""
+"""Maps a presence and a seed to the presence that a tracker delivers."""
 
 
 def as_recorded(presence: Presence, seed: int) -> Presence:
@@ -60,13 +60,13 @@ def scores_seen(
 ) -> list[Scores]:
     """Score a predictor on the start of recordings as a tracker sees them.
 
-    The truth is what the tracker delivers later, as in the node: it compares zones with captures.
+    The truth is what the tracker delivers later, because the node compares zones with captures.
 
     Args:
         predictor: on canonical joints.
         recordings: files; those that cannot be used are left out.
         see: the tracker.
-        seed: decides all noise.
+        seed: of all noise.
         joint_map: the user's own for the files' joints; default: found by their names.
         on_recording: called with the name of each recording when it is done.
 
@@ -103,7 +103,7 @@ def with_noise(
     noisy: Sequence[Scores],
     skeleton: Skeleton,
 ) -> Calibration:
-    """Return the calibration, complete with how its radii grow with noise.
+    """Return the calibration, completed by the growth of its radii with noise.
 
     Args:
         calibration: of the predictor that was scored.
@@ -131,7 +131,7 @@ class _Judged(NamedTuple):
     whole_body: bool
 
     def held(self, step: int) -> Bools:
-        """Whether each joint, or each body, whose error is known was held at a step."""
+        """Return whether each joint, or each body, with a known error was held at a step."""
         known = np.isfinite(self.error_m[:, step])
         inside = self.error_m[:, step] <= self.radius_m[:, step]
         if self.whole_body:
@@ -178,7 +178,7 @@ def _judged(
 
 
 def _growth(clean: Sequence[_Judged], noisy: Sequence[_Judged], level: float) -> Floats:
-    """(H,) the quantile of what was needed, at the aim; 0 if too few recordings are noisy."""
+    """(H,) quantile of the needed growth at the aim; 0 if too few recordings are noisy."""
     steps = clean[0].error_m.shape[1]
     knots = sorted({*(k - 1 for k in KNOT_STEPS if k <= steps), steps - 1})
     found = []

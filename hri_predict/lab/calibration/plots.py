@@ -25,7 +25,7 @@ from hri_predict.zones.settings import LEVELS, CoverageSettings, HumanLimits
 
 SHOWN_MS = (200, 400, 1000)
 UNDER_POINTS, OVER_POINTS = 1.0, 3.0
-"""Percentage points that coverage may lie below the stated level, and above it as calibrated."""
+"""Tolerated percentage points below the stated level, and above it (as calibrated)."""
 BALLS_M_S = (1.6, 2.0)
 _Part = Literal["arm", "leg", "trunk"]
 LIMBS: tuple[tuple[str, _Part], ...] = (("hand", "arm"), ("foot", "leg"), ("waist", "trunk"))
@@ -51,7 +51,7 @@ _WALKING = "walking"
 _FILMED = ("walking", "washwindow")
 
 Coverages = Mapping[tuple[float, str, str], Coverage]
-"""(level, question, way) -> what was measured; see ``judgement``."""
+"""(level, question, way) -> measured coverage; see ``judgement``."""
 
 
 def write_pictures(
@@ -165,7 +165,7 @@ def _stretched(axes: Any, lowest: float) -> None:
 
 
 def _stated(axes: Any) -> None:
-    """The stated levels as a staircase, which marks should be near, and the axis below it."""
+    """Draw the stated levels as a staircase that the marks should be near, and the axis below."""
     places = len(SHOWN_MS)
     for group, level in enumerate(LEVELS):
         ends = [group * places - 0.5, (group + 1) * places - 0.5]
@@ -210,7 +210,7 @@ def _explain(figure: Figure, axes: Any, ways: Sequence[str], count: int) -> None
     labels = [
         *(_NAMES[way] for way in ways),
         "stated coverage",
-        f"wanted: down to {UNDER_POINTS:g} point under (as calibrated, up to {OVER_POINTS:g} over)",
+        f"tolerated: {UNDER_POINTS:g} point below (as calibrated, up to {OVER_POINTS:g} above)",
     ]
     handles = [
         axes.plot([], [], marker, color=colour, markersize=5.5)[0]
@@ -238,8 +238,9 @@ def radii(
     Metres, without the limb's thickness.
 
     Args:
-        methods: name -> a predictor's calibration, and its scores of the recordings over whose
-            windows is averaged; the first one is shown with the range of 90 % of them.
+        methods: name -> a predictor's calibration, and its scores of the recordings; radii are
+            means over their windows, and the first method is shown with the range of 90 % of
+            windows.
         data: description of the recordings, for the title ("test recordings of walking").
         limits: see ``HumanLimits``.
         level: of the calibrated radii.
@@ -288,7 +289,7 @@ def _limits(axes: Any, limits: HumanLimits, part: _Part, end_s: float) -> None:
     own = limits.reach[part]
     reach = np.minimum(own.speed_m_s * t, (own.burst_m_s + 0.5 * own.sustained_m_s2 * t) * t)
     axes.plot(
-        1000 * t, reach, "-.", color=_GREY, label="what a body can do at most (the physical cut)"
+        1000 * t, reach, "-.", color=_GREY, label="limits of what a body can do (the physical cut)"
     )
 
 

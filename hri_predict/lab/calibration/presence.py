@@ -1,11 +1,11 @@
 """Presences: the unbroken times that one person was seen in a recording.
 
 **As other trackers would deliver them**: most recordings come from optical motion capture, with 120
-captures a second and noise below a millimetre. Zones that were calibrated on these alone would be
-too small for a camera's tracker, and its every capture would look like a surprise. So a calibration
-also sees each recording once as ``as_tracked`` draws it: slower, noisier, with gaps, and half of
-them with stamps that come late. The truth keeps noise and lateness, because the node compares its
-zones with captures that have them.
+captures a second and noise below a millimetre. Zones calibrated on these alone would be too small
+for a camera's tracker, and all of its captures would seem unlike the calibration. So a calibration
+also uses each recording once as simulated by ``as_tracked``: at a lower rate, noisier, with gaps,
+and half of them with late stamps. The truth keeps the noise and the lateness, because the node
+compares its zones with such captures.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,17 +29,16 @@ LEAST_RATE_HZ = 20.0
 FASTEST_HZ = 35.0
 """Maximum number of captures per second; others are left out before noise is added."""
 EVERY = (1, 1, 2, 3, 4)
-"""The tracker delivers every such capture of those."""
+"""The tracker delivers every n-th of those captures; n is drawn from these."""
 WHITE_M, SLOW_M = (0.0, 0.02), (0.0, 0.02)
-"""Ranges of the standard deviations of each coordinate: of noise that is new in each capture, and
-of noise that wanders."""
+"""Ranges of the standard deviation per coordinate, of white noise and of correlated noise."""
 WANDERS_S = 0.3
-"""Correlation time of the latter."""
+"""Correlation time of the correlated noise."""
 LATE_S = 0.03
-"""Half of the trackers stamp each capture late, by a time drawn evenly up to their own most; this
-is the largest of those."""
+"""Largest lateness of stamps. Half of the trackers stamp each capture late, by a time that is
+uniformly distributed up to the tracker's own maximum."""
 LOST = 0.03
-"""Share of the captures that are not delivered, and of the joints that are not observed in one."""
+"""Share of captures that are not delivered, and of joints that are not observed in a capture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +58,7 @@ class Presence:
     rate_hz: float
 
     def only(self, captures: Ints) -> "Presence":
-        """Some of the captures alone, at their own mean rate."""
+        """Only the chosen captures, at their own mean rate."""
         stamps = self.stamps_ns[captures]
         span_s = float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
         rate_hz = (len(stamps) - 1) / span_s if span_s > 0 else self.rate_hz
@@ -109,11 +108,11 @@ def gap_ns(rate_hz: float) -> int:
 
 
 def as_tracked(presence: Presence, seed: int) -> tuple[Presence, Ints]:
-    """Return the presence with noise, and which of its captures the tracker delivers.
+    """Return the presence with noise, and the indices of the captures that the tracker delivers.
 
     Args:
         presence: as recorded.
-        seed: decides everything that is drawn.
+        seed: of all random draws.
     """
     rng = np.random.default_rng(seed)
     thinned = np.arange(0, len(presence.stamps_ns), max(1, round(presence.rate_hz / FASTEST_HZ)))
@@ -133,7 +132,7 @@ def as_tracked(presence: Presence, seed: int) -> tuple[Presence, Ints]:
 
 
 def _rising(stamps: Ints) -> Ints:
-    """The stamps, each a microsecond after the one before it at least."""
+    """The stamps, each at least a microsecond after the previous one."""
     apart = 1000 * np.arange(len(stamps))
     found: Ints = np.maximum.accumulate(stamps - apart) + apart
     return found
@@ -147,12 +146,12 @@ def ar1(
     *,
     tail: float = np.inf,
 ) -> Floats:
-    """Return noise (F, ...) of standard deviation 1 whose correlation falls by 1/e in a time.
+    """Return correlated noise (F, ...) with standard deviation 1.
 
     Args:
         rng: of the noise.
         dt_s: (F-1,) seconds between captures.
-        lasts_s: that time.
+        lasts_s: correlation time, in which the correlation falls to 1/e.
         shape: F first.
         tail: degrees of freedom of Student's t, above 2; infinite: the normal distribution.
     """
@@ -179,14 +178,14 @@ def of_each(
 
     Args:
         entries: files, or recordings in memory.
-        use: name, recording, presences -> what is used of it; nothing leaves it out.
+        use: name, recording, presences -> the parts to use; an empty list leaves the recording out.
         joint_map: the user's own for the files' joints; default: found by their names.
-        nobody: why a recording of which nothing is used is left out.
+        nobody: the reason given for a recording without any used part.
         on_recording: called with the name of each recording when it is done.
         on_left_out: called with one line for each recording that is left out.
 
     Raises:
-        RecordingError: a file cannot be read, or cannot be true.
+        RecordingError: a file cannot be read, or its content is impossible.
     """
     found: list[Used] = []
     left_out: list[str] = []
@@ -210,7 +209,7 @@ def of_one(
     """Return the used part of one recording, and why it is left out, or ""; see ``of_each``.
 
     Raises:
-        RecordingError: it cannot be read, or cannot be true.
+        RecordingError: it cannot be read, or its content is impossible.
     """
     try:
         recording = opened(entry, joint_map)

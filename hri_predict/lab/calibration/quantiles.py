@@ -14,8 +14,8 @@ _CAUTION = 8.0
 def of_equals(samples: Sequence[Floats], level: float) -> float:
     """The quantile of several samples with equal weights, whatever their sizes.
 
-    Infinite if nothing is known. A quantile of few recordings misses more of new ones than it says:
-    the share that it may miss is cut by ``caution``.
+    Infinite without data. A quantile from few recordings misses a larger share of new ones than
+    stated, so the allowed share of misses is reduced by ``caution``.
     """
     known = [values[np.isfinite(values)] for values in samples]
     known = [values for values in known if values.size]
@@ -30,10 +30,10 @@ def of_equals(samples: Sequence[Floats], level: float) -> float:
 
 
 def caution(recordings: float) -> float:
-    """Return the cut of the share that may be missed: a half for few recordings, less for more.
+    """Return the reduction of the allowed misses: a half for few recordings, less for more.
 
-    Conformal prediction would count one more recording, in which nothing holds. That is right only
-    in the worst case, impossible at 99 % with fewer than 99 recordings, and too much on average:
-    see ``docs/decisions/few-recordings.md``.
+    Conformal prediction would add one recording in which nothing holds. That is right only in the
+    worst case, impossible at 99 % with fewer than 99 recordings, and too cautious on average: see
+    ``docs/decisions/few-recordings.md``.
     """
     return min(0.5, _CAUTION / recordings)

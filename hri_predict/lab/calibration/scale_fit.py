@@ -38,13 +38,13 @@ HIDDEN = 64
 STEPS = 2000
 BATCH = 4096
 WINDOWS = 300
-"""Windows of a recording that are used at most."""
+"""Maximum number of windows used of a recording."""
 _LEAST_ERROR_M = 0.003
 _RATE, _DECAY = 3e-3, 1e-3
 
 
 class _Rows:
-    """Inputs and errors of chosen windows: a row is a window, a knot and a joint."""
+    """Inputs and errors of chosen windows, one row per window, knot and joint."""
 
     def __init__(self, scores: Sequence[Scores], rate_hz: float, skeleton: Skeleton) -> None:
         rng = np.random.default_rng(0)
@@ -71,7 +71,7 @@ class _Rows:
         self.unit: Ints = np.concatenate(unit)
 
     def normal(self, windows: Ints) -> tuple[Floats, Floats]:
-        """Mean and deviation of the inputs of some windows."""
+        """Mean and standard deviation of the inputs of some windows."""
         now, ahead = self.now[windows], self.ahead[windows]
         parts = [now.reshape(-1, len(NOW)), ahead.reshape(-1, len(AHEAD))]
         mean = np.concatenate([p.mean(0).numpy() for p in parts]).astype(np.float64)
@@ -97,10 +97,12 @@ def cross_scales(
     on_fit: Callable[[str], None] = lambda _: None,
     workers: Workers | None = None,
 ) -> tuple[ScaleNetwork, list[Floats]]:
-    """The network fitted to all, and (W, H, J) of each entry by one that has not seen it.
+    """Return the network fitted to all, and each entry's scales (W, H, J).
+
+    An entry's scales come from a network that was not fitted to its recording.
 
     Args:
-        on_fit: called before each fit, which takes a minute or more, with what it is.
+        on_fit: called with a description before each fit, which takes a minute or more.
         workers: workers that fit; default: this process.
         scores, rate_hz, skeleton: see ``conformal.calibrate``.
     """
@@ -132,13 +134,13 @@ def cross_scales(
 
 
 def _mixed(scores: Sequence[Scores]) -> list[str]:
-    """Names of the recordings, ordered by what people do: folds get a part of each."""
+    """Names of the recordings, ordered by action, so that each fold gets a part of each action."""
     action = {entry.name: entry.action for entry in scores}
     return sorted(action, key=lambda name: (action[name], name))
 
 
 def _fitted(rows: _Rows, windows: Ints) -> ScaleNetwork:
-    """The same rows give the same network on the same machine."""
+    """Fit a network; the same rows give the same network on the same machine."""
     mean, deviation = rows.normal(windows)
     centre, spread = (torch.tensor(v, dtype=torch.float32) for v in (mean, deviation))
     generator = torch.Generator().manual_seed(0)

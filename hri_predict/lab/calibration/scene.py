@@ -1,7 +1,7 @@
 """Zones around a recorded person beside a robot at some moments, and the views for pictures.
 
-The choice of windows does not depend on any forecast: it is the middle one of the windows of each
-action's longest recording whose next second is known. Zones are built as the node builds them, from
+The choice of windows does not depend on any forecast: of the windows with a known next second in
+each action's longest recording, it is the middle one. Zones are built as the node builds them, from
 the recording's first window on, so that the self-check has seen what came before.
 """
 
@@ -28,9 +28,9 @@ SHOWN_MS = (0, 200, 400, 600, 1000)
 BALL_M_S = 1.6
 """The standard's walking speed: the growth of the outline drawn for scale."""
 ROBOT, TRAJECTORY, ROBOT_PHASE_S = "ur5e", "pick_and_place", 1.4
-"""The robot beside the person, its trajectory, and its phase at the start: swinging."""
+"""The robot beside the person, its trajectory, and its phase at the start, in mid-swing."""
 _AHEAD_M, _LEFT_M, _TABLE_M = 0.4, 1.25, 0.75
-"""Its place ahead and to the left of the person after a second, and its table's height."""
+"""Position of the robot, ahead and to the left of the person after 1 s, and its table's height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -59,9 +59,9 @@ class ZoneScene:
 
 
 def middle_window(scores: Sequence[Scores], action: str) -> tuple[Scores, int] | None:
-    """The middle one of the windows of an action's longest recording whose next second is known.
+    """The middle window with a known next second in an action's longest recording.
 
-    ``None`` if the window does not exist.
+    ``None`` without such a window.
     """
     found = [(s, _whole(s)) for s in scores if s.action == action]
     entry, windows = max(found, key=lambda pair: len(pair[1]), default=(None, np.zeros(0)))

@@ -33,7 +33,7 @@ from hri_predict.zones.motion_class import RESIDUAL_S, trunk_speed
 from hri_predict.zones.self_check.past_forecasts import forecast_errors, mean_error
 
 HISTORY_STEPS = 15
-"""Steps that windows reach back at least; the oldest ones may be unobserved."""
+"""Minimum number of history steps; the oldest may be unobserved."""
 _BATCH = 128
 _LEAST_WINDOWS = 5
 
@@ -70,14 +70,14 @@ class Scores:
     digest: str | None = None
 
     def only(self, windows: slice) -> "Scores":
-        """Those of some windows; ``truth`` stays whole."""
+        """The scores of some windows; ``truth`` stays complete."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         parts: dict[str, Any] = {k: v[windows] for k, v in own.items() if isinstance(v, np.ndarray)}
         return replace(self, **parts)
 
 
 def evidence_of(entry: Scores) -> Evidence:
-    """Return the node's knowledge at each window."""
+    """Return the evidence that the node has at each window."""
     return Evidence(
         history=entry.history,
         observed=entry.observed,
@@ -136,10 +136,10 @@ def scores_by(
     joint_map: JointMap | None = None,
     tracked: bool = False,
 ) -> list[Scores]:
-    """``score_recordings`` by others: a task is one file, which each worker reads itself.
+    """``score_recordings`` with workers: a task is one file, which a worker reads.
 
     Args:
-        workers: workers that do it.
+        workers: workers that run the tasks.
         settings: of the predictor; each worker builds its own.
         paths, on_recording, on_left_out, joint_map, tracked: see ``score_recordings``.
 
@@ -333,10 +333,10 @@ def along(knots: Floats, steps: Floats) -> Floats:
 
 
 def _residual(presence: Presence, at: NDArray[np.intp], forecast: Floats, rate_hz: float) -> Floats:
-    """(W,) largest value in the last ``RESIDUAL_S`` of the mean error of a forecast that old.
+    """(W,) maximum over the last ``RESIDUAL_S`` of the mean error of forecasts of that age.
 
-    By time, as in the live self-check: where captures are sparse, origins lie farther apart than
-    steps.
+    The age is a time, as in the live self-check: origins are farther apart than steps where
+    captures are sparse.
     """
     stamps, back_ns = presence.stamps_ns[at], round(RESIDUAL_S * 1e9)
     made = nearest(stamps, stamps - back_ns)

@@ -1,9 +1,10 @@
 """Shares of calibrated radii that count towards a robot: ``zones.toward``.
 
-The quantile of e.n over the radius, divided by that of e's length over the radius: what a radius
-holds in all directions, its share holds in a direction of each class. Directions are drawn at
-random, nearly horizontal and steep, and along the forecast's motion, where errors are largest.
-Recordings have equal weights, as in ``conformal``.
+For an error e and a direction n, a share is the quantile of e.n over the radius, divided by that of
+the length of e over the radius. So a radius holds errors in all directions as often as its share
+holds them in a direction of the class. Directions are drawn at random, nearly horizontal and steep,
+and along the forecast's motion, where errors are largest. Recordings have equal weights, as in
+``conformal``.
 """
 
 import itertools
@@ -29,7 +30,7 @@ _FLAT = 0.3
 """Standard deviation of the vertical part of a nearly horizontal direction."""
 _LEAST_SHARE = 0.2
 _SOME = 30
-"""Values of a recording in a class; fewer say nothing about a tail."""
+"""Minimum number of values of a recording in a class; fewer show nothing of the tail."""
 
 
 def with_toward(
@@ -136,11 +137,11 @@ def toward_shares(recordings: Sequence[Missed], seed: int = 0) -> Floats:
 
 
 _ByDirection = tuple[Floats, Floats, Ints]
-"""(L, N) the error's size over the radius; (L, M) its part in a direction; (M,) classes."""
+"""(L, N) error over radius; (L, M) its component in a direction; (M,) direction classes."""
 
 
 def _drawn(of: Missed, step: int, rng: np.random.Generator) -> list[_ByDirection]:
-    """By speed class."""
+    """Return the errors in random directions, by speed class."""
     known = np.isfinite(of.error_m[:, step]).all(-1) & np.isfinite(of.radius_m[:, :, step]).all(0)
     found = []
     for c in range(len(SPEED_CLASSES)):

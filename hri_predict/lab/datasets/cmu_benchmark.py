@@ -113,7 +113,7 @@ def read_clip(root: Path, name: str) -> Clip:
 
 
 def check_values(path: Path, stored: NDArray[Any]) -> None:
-    """Refuse numbers that no recorded pose has.
+    """Reject numbers that no recorded pose can have.
 
     Args:
         path: the file, for the error.
@@ -132,7 +132,7 @@ def check_values(path: Path, stored: NDArray[Any]) -> None:
         )
     if (np.abs(stored.astype(np.float64)) > MAX_MAGNITUDE).any():
         raise RecordingError(
-            f"recording {path}: has values beyond {MAX_MAGNITUDE:g}, as no pose has; copy it again"
+            f"recording {path}: values beyond {MAX_MAGNITUDE:g} are not a pose; copy it again"
         )
 
 
@@ -148,7 +148,7 @@ def all_windows(frames: int, n_in: int, n_out: int) -> NDArray[np.intp]:
 
 
 def seeded_windows(frames: int, n_in: int, count: int) -> NDArray[np.intp]:
-    """First frames of the ``count`` windows that the papers draw, the same ones for every file.
+    """First frames of the ``count`` windows that the papers draw, the same for every file.
 
     Windows are drawn for 50 + 25 frames, however many of them are observed and predicted.
 

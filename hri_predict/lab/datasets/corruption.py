@@ -1,9 +1,9 @@
 """Sensor faults, applied to the windows of the evaluation on recordings.
 
-Windows are disturbed after the ring buffer, so that a share is a share of the predictor's input: no
-gap is bridged beforehand. Everything is drawn from a generator seeded by the corruption, the
-recording and the batch, newest step first: every predictor gets the same disturbance, whatever the
-length of its history.
+Windows are disturbed after the ring buffer, so shares refer to the predictor's input: the buffer
+cannot bridge these gaps. All random numbers come from a generator seeded with the corruption, the
+recording and the batch, newest step first. So every predictor gets the same disturbance, whatever
+the length of its history.
 """
 
 import zlib
@@ -25,8 +25,8 @@ class Corruption:
     """One kind of disturbance.
 
     Attributes:
-        kind: "missing": each joint of each step is unobserved by itself, with probability
-            ``share``. "limb": one arm or leg of each window, drawn evenly, is unobserved in its
+        kind: "missing": each joint of each step is independently unobserved with probability
+            ``share``. "limb": one arm or leg of each window, drawn uniformly, is unobserved in its
             newest ``share`` of steps (1: in all of them). "noise": each coordinate has Gaussian
             noise of ``sigma_m`` added, with probability ``share``. "frames": each step but the
             newest, which is the capture itself, is unobserved with probability ``share``.

@@ -22,9 +22,9 @@ class Disturbance:
 
     Attributes:
         kind: "plain": nothing. "noise": each coordinate of each capture has Gaussian noise of
-            ``amount`` metres added. "scale": the body is ``amount`` times as large, about the point
-            of the floor (z = 0) beneath it. "shift": from ``at_s`` on everything lies ``amount``
-            metres to one side, horizontally.
+            ``amount`` metres added. "scale": the body is scaled by ``amount`` about the point of
+            the floor (z = 0) beneath it. "shift": from ``at_s`` on everything is shifted
+            horizontally by ``amount`` metres.
         amount: see ``kind``.
         at_s: seconds after the first capture.
         seed: random seed of the noise, and of the direction of the shift.
@@ -53,14 +53,14 @@ class Disturbance:
         stamps_ns: NDArray[np.int64],
         trunk: Sequence[int],
     ) -> Floats:
-        """Return disturbed positions; what is observed does not change.
+        """Return disturbed positions; the observed mask does not change.
 
         Args:
             positions: (F, J, 3) metres, z up; anything where not observed.
             observed: (F, J).
             stamps_ns: (F,) capture times.
-            trunk: joints beneath whose mean the body stands; where none of them is observed, the
-                mean of all.
+            trunk: joints whose mean is above the body's point on the floor; the mean of all joints
+                is used where none of them is observed.
         """
         result = positions.copy()
         if self.kind == "noise":

@@ -144,7 +144,7 @@ def read_takes(directory: Path, subjects: Sequence[str] = (TEST_SUBJECT,)) -> di
     """The takes of these subjects by action, in order.
 
     Args:
-        directory: folder of the subjects' folders, or the parent of such a ``dataset``.
+        directory: folder that holds the subjects' folders, itself or in its ``dataset``.
         subjects: names of their folders; some may be missing.
 
     Raises:

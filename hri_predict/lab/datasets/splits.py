@@ -1,4 +1,4 @@
-"""Which recordings of the data pack are used for what: ``configs/training/splits.yaml``."""
+"""Uses of the recordings in the data pack: ``configs/training/splits.yaml``."""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +7,7 @@ from hri_predict.base.errors import ConfigError, nearest
 from hri_predict.base.files import data_path, read_yaml
 
 USES = ("fit", "validation", "calibration", "test", "test_motion")
-"""The lists that a command reads; ``benchmark`` holds two of its own."""
+"""The lists that commands read; ``benchmark`` has two lists of its own."""
 VERSION = 2
 _CMU = "cmu_mocap/"
 
@@ -39,7 +39,7 @@ def benchmark_split(use: str, file: str = "splits.yaml") -> list[str]:
 
 
 def in_pack(root: Path, name: str) -> Path:
-    """The file of a name of ``split``; ``root`` is the pack, or its ``cmu_mocap`` alone.
+    """Return the file of a name from ``split``; ``root`` is the pack, or only its ``cmu_mocap``.
 
     Raises:
         ConfigError: the file does not exist.

@@ -44,7 +44,7 @@ class Track:
 
     @property
     def max_gap_ns(self) -> int:
-        """The same in nanoseconds."""
+        """``max_gap_s`` in nanoseconds."""
         return round(1e9 * self.max_gap_s)
 
     @property
@@ -53,7 +53,7 @@ class Track:
         return round(1e9 / self.rate_hz)
 
     def only(self, captures: NDArray[np.intp] | slice) -> "Track":
-        """Some captures of it."""
+        """Return a track with only these captures."""
         return replace(
             self,
             stamps_ns=self.stamps_ns[captures],
@@ -65,12 +65,12 @@ class Track:
 def read_tracks(path: Path, joint_map: JointMap | None = None) -> tuple[Track, ...]:
     """Read every person of a recording.
 
-    Joints of a CMU skeleton are taken directly. Any other source's go through the canonical
+    Joints of a CMU skeleton are taken directly. Joints of any other source go through the canonical
     skeleton, and joints that it lacks are unobserved. ``joint_map`` is the user's own; by default
-    the joints' names give it.
+    it is found by the joints' names.
 
     Raises:
-        RecordingError: the file cannot be read, or its people cannot be people.
+        RecordingError: the file cannot be read, or its bodies cannot be human.
     """
     return tracks_of(opened(path, joint_map))
 

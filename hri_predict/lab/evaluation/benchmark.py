@@ -25,7 +25,7 @@ from hri_predict.predictors.neural.network import Network
 Forecaster = Callable[[Floats], Floats]
 
 _FRAMES = (1, 3, 7, 9, 13, 24)
-"""Future frames, from 0, behind the papers' columns 80, 160, 320, 400, 560 and 1000 ms."""
+"""Future frames, from 0, in the papers' columns 80, 160, 320, 400, 560 and 1000 ms."""
 _KD_FRAMES = (0, 2, 6, 8, 12, 23)
 """The frames that KD-Former's paper reads under the same headings."""
 _NOMINAL_MS = {1: 80, 3: 160, 7: 320, 9: 400, 13: 560, 24: 1000}
@@ -53,7 +53,7 @@ class Protocol:
         """Check that the benchmark has such windows and such an error.
 
         Raises:
-            ConfigError: no such benchmark, or none of such windows or such an error.
+            ConfigError: the benchmark does not exist, or has no such windows or error.
         """
         of = self.of
         for flag, value, known in (
@@ -72,7 +72,7 @@ class Protocol:
 
     @property
     def readings(self) -> tuple[tuple[int, ...], ...]:
-        """Future frames that tables show; the Euler error is also read where its paper does."""
+        """Future frames that tables show; the Euler error also has those of its paper."""
         frames = tuple(f for f in _FRAMES if f < self.n_out)
         if self.error == "mpjpe":
             return (frames,)
@@ -130,7 +130,7 @@ def open_tests(protocol: Protocol, directory: Path) -> Iterator[ActionTests]:
     """Yield each action's test windows.
 
     Raises:
-        ConfigError: no such recordings below ``directory``.
+        ConfigError: there are no recordings below ``directory``.
         RecordingError: a recording cannot be read or is too short.
     """
     benchmark = protocol.of
@@ -192,7 +192,7 @@ def judge(
     """Evaluate forecasters on the same windows; scores by forecaster and action.
 
     Args:
-        protocol: what is evaluated.
+        protocol: settings of the evaluation.
         directory: folder of the recordings.
         forecasters: by name.
         on_action: called with the name of each action before its evaluation.
@@ -226,7 +226,7 @@ def zero_velocity(n_out: int) -> Forecaster:
 
 
 def constant_velocity(n_out: int) -> Forecaster:
-    """The last observed frame, moved on by the last difference every frame."""
+    """The last observed frame, extrapolated by the last difference."""
 
     def forecast(history: Floats) -> Floats:
         ahead = np.arange(1.0, n_out + 1)[:, None, None]

@@ -52,7 +52,7 @@ def _title(result: BenchmarkResult, action: str, frames: Sequence[int]) -> str:
 def _rows(
     result: BenchmarkResult, action: str, frames: Sequence[int]
 ) -> list[tuple[str, list[float | None]]]:
-    """Name and errors of every method; of printed methods only those with any of these frames."""
+    """Name and errors of every method; printed methods only if they have any of these frames."""
     rows: list[tuple[str, list[float | None]]] = []
     for name, scores in result.scores.items():
         errors = mean_over(result.protocol, scores) if action == MEAN else scores[action].errors
@@ -90,7 +90,7 @@ def notes(result: BenchmarkResult) -> list[str]:
 
 
 def as_markdown(result: BenchmarkResult, command: str) -> str:
-    """All tables, what they mean, and the command that makes them."""
+    """All tables, their explanation, and the command that creates them."""
     name = result.protocol.of.title
     lines = [f"# {', '.join(result.asked)} on the {name} benchmark", "", f"`{command}`", ""]
     lines += [f"- {note}" for note in notes(result)]

@@ -17,8 +17,8 @@ class BenchmarkResult:
     """Measurements under one protocol.
 
     Attributes:
-        scores: by method and action; the methods that were asked for come first.
-        asked: methods that were asked for; the others are baselines.
+        scores: by method and action; the requested methods come first.
+        asked: the requested methods; the others are baselines.
         cards: cards of the evaluated weights by method; baselines have none.
     """
 

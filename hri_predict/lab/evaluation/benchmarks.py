@@ -1,6 +1,6 @@
 """Benchmarks that ``evaluate --benchmark`` names: recordings, windows, joints and printed numbers.
 
-A package adds one by an entry point of the group ``hri_predict.benchmarks``, an object.
+A package adds one, an object, with an entry point in the group ``hri_predict.benchmarks``.
 """
 
 import contextlib
@@ -19,15 +19,15 @@ from hri_predict.lab.datasets import cmu_benchmark, human36m
 from hri_predict.predictors.neural.cmu_skeleton import CMU25, CMU38, MOVING
 
 Takes = tuple[str, str, list[Floats]]
-"""An action, what errors call its recordings, and (n, J, 3) of each at 25 frames per second."""
+"""An action, its recordings' names in errors, and (n, J, 3) of each at 25 frames per second."""
 
 
 class Benchmark(Protocol):
-    """The test recordings of a benchmark, and how its papers count.
+    """The test recordings of a benchmark, and the rules of its papers.
 
     Attributes:
         title: its name for readers.
-        unit: unit of positions; networks read and predict a thousandth of them.
+        unit: unit of positions; networks read and predict positions divided by 1000.
         skeletons: joints that are predicted, by error: ``mpjpe``, and ``euler`` where the
             recordings hold rotations.
         windows: the choices of ``--windows``.
@@ -81,8 +81,9 @@ class Cmu(Benchmark):
     )
     notes = {
         "mpjpe": (
-            "The benchmark's time and length are nominal: its 25 frames per second are 60, its mm "
-            "are 0.806 true mm. 38 joints are scored, 13 of which copy another or cannot err.",
+            "The benchmark's time and length are nominal: its 25 frames per second are 60 "
+            "true ones, and its mm is 0.806 true mm. Of the 38 scored joints, 13 copy another or "
+            "cannot err.",
             _AVAILABLE,
         ),
         "euler": (
@@ -223,10 +224,11 @@ _OURS: Mapping[str, Benchmark] = {"cmu": Cmu(), "human36m": Human36m()}
 
 
 def benchmark_of(name: str) -> Benchmark:
-    """The benchmark of this name, ours or that of an installed package.
+    """Return the benchmark of this name, from this project or an installed package.
 
     Raises:
-        ConfigError: nothing has this name, it cannot be imported, or it is not a ``Benchmark``.
+        ConfigError: no benchmark has this name, it cannot be imported, or it is not a
+            ``Benchmark``.
     """
     found = registry.part("benchmarks", name, _OURS)
     return _OURS[name] if name in _OURS else Brought(name, found)

@@ -1,8 +1,8 @@
 """Shipping a predictor: its weights, without the paths of one machine, and their card.
 
 ``hri-predict card RUN/sinn.safetensors --real real.json --benchmark cmu.json`` copies the weights
-of a run to where the node looks for them, and writes ``sinn.md`` beside them. Both JSON
-files are what ``hri-predict evaluate`` wrote.
+of a run to the folder where the node looks for them, and writes ``sinn.md`` next to them.
+``hri-predict evaluate`` writes both JSON files.
 """
 
 import json
@@ -166,7 +166,7 @@ def _origin(header: Header) -> str:
     lists = "splits `fit` and `validation`" if refit else "split `fit`"
     text = yaml.safe_dump(_portable(config), sort_keys=False) if config else "not known\n"
     tuned = isinstance(config, Mapping) and config.get("initial_weights") is not None
-    began = " Training began with earlier weights of this predictor." if tuned else ""
+    began = " Training started from earlier weights of this predictor." if tuned else ""
     return (
         f"## Data\n\nThe recordings of the {lists} (configs/training/splits.yaml, version "
         f"{VERSION}) of the data pack.{began} {ATTRIBUTION} {SOURCES}\n\n"
@@ -201,10 +201,10 @@ def _real(method: str, real: Mapping[str, Any] | None) -> str:
         for loss in real.get("losses", ())
         if loss["predictor"] == method and loss["overall"] is not None
     ]
-    disturbed = ["", "Error's growth with disturbed input:", "", *losses] if losses else []
+    disturbed = ["", "Growth of the error with disturbed input:", "", *losses] if losses else []
     said = (
-        "Mean joint error in the room, travel included, true millimetres, test recordings; the "
-        f"mean is over {', '.join(own['mean_over'])}."
+        "Mean joint error in the room on test recordings, in true millimetres, travel included; "
+        f"the mean is over {', '.join(own['mean_over'])}."
     )
     return "\n".join([head, said, "", *_table(columns, rows, 0), *disturbed, ""])
 
@@ -221,7 +221,7 @@ def _benchmark(method: str, benchmark: Mapping[str, Any] | None) -> str:
     said = (
         f"{benchmark['benchmark']}, windows: {benchmark['windows']}, {benchmark['n_in']} frames "
         f"to {benchmark['n_out']}, {benchmark['error']} in {benchmark['unit']}, nominal "
-        "milliseconds; by weights of the same method trained for the benchmark, not by these. "
+        "milliseconds; with weights of the same method trained for the benchmark, not these. "
         f"The mean is over {', '.join(benchmark['mean_over'])}."
     )
     digits = 2 if benchmark["unit"] == "rad" else 1
@@ -233,7 +233,7 @@ def _own(results: Sequence[Mapping[str, Any]], key: str, method: str, what: str)
     for result in results:
         if result[key] == method:
             return result
-    raise ConfigError(f"card of {method}: the {what} has no result of it; give one that has")
+    raise ConfigError(f"card of {method}: the {what} has no result for it; give one that has")
 
 
 def _table(

@@ -73,7 +73,7 @@ class Scene:
 def middle(motions: Sequence[Motion], history_steps: int) -> Scene | None:
     """The middle forecast origin of the longest of these motions.
 
-    Neither a good nor a bad moment is picked. ``None`` if no motion has 1 s of known future.
+    The choice favours neither good nor bad moments. ``None`` if no motion has 1 s of known future.
 
     Args:
         motions: of one action; see ``windows.read_motions``.
@@ -159,7 +159,8 @@ def _explain(figure: Figure, axes: Any, name: str) -> None:
 class _View:
     """A camera that looks at the person from the right and somewhat from ahead and above.
 
-    It is level, keeps its direction over a scene, and shows lengths unshortened across the picture.
+    It is level, keeps its direction over a scene, and does not foreshorten lengths across the
+    picture.
     """
 
     def __init__(self, scene: Scene, predicted: Floats) -> None:
@@ -265,9 +266,9 @@ def _body(
 
 
 def bones(seen: Bools) -> list[tuple[int, int, bool]]:
-    """Pairs of seen joints to join by a line, and whether joints between them are not seen.
+    """Pairs of seen joints to connect by a line, and whether joints between them are unseen.
 
-    Trackers lack some of the 28 joints: without these bridges their people would be loose limbs.
+    Trackers lack some of the 28 joints: without these lines a person would be drawn as loose limbs.
 
     Args:
         seen: (28,).

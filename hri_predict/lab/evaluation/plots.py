@@ -97,9 +97,9 @@ def _lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[Float
 
 
 def _limit(results: Sequence[RecordingResult], curves: Sequence[Floats]) -> float:
-    """End of an axis: zero velocity fits, and trained predictors up to three times its error.
+    """End of an axis: it fits zero velocity, and trained predictors up to three times its error.
 
-    A runaway forecast leaves the picture; the tables say how far it goes.
+    A runaway forecast leaves the picture; the tables give its error.
     """
     tops = {
         r.predictor: float(np.nanmax(c, initial=0.0)) for r, c in zip(results, curves, strict=True)
@@ -110,7 +110,7 @@ def _limit(results: Sequence[RecordingResult], curves: Sequence[Floats]) -> floa
 
 
 def _name_lines(axes: Any, results: Sequence[RecordingResult], curves: Sequence[Floats]) -> None:
-    """Name the lines in the order in which they end."""
+    """Label the lines in the order of their last values."""
     handles, labels = axes.get_legend_handles_labels()
     order = np.argsort([-np.nan_to_num(c[-1], nan=np.inf) for c in curves])
     ends = [f"{c[-1]:.0f} mm" if np.isfinite(c[-1]) else "–" for c in curves]

@@ -1,4 +1,4 @@
-"""Evaluation on recordings: forecasts against what people really did, in seconds and metres.
+"""Evaluation on recordings: forecasts against people's true motion, in seconds and metres.
 
 Errors are distances between predicted and true joints in the room, the person's travel included, on
 the pelvis and the 25 joints of the CMU benchmark, wherever the truth is known. A mean is over all
@@ -188,10 +188,10 @@ def judge_by(
     future_steps: int = FUTURE_STEPS,
     on_motion: Callable[[], None] = lambda: None,
 ) -> list[RecordingResult]:
-    """``judge_all`` by others: a task is one motion, which is sent, not read there.
+    """``judge_all`` with workers: a task is one motion, which is sent to the worker.
 
     Args:
-        workers: workers that do it.
+        workers: workers that run the tasks.
         predictors: settings by name; each worker builds its own.
         motions, corruption, future_steps: see ``judge_all``.
         on_motion: called when a motion is done.
@@ -217,7 +217,7 @@ def _by_settings(
 
 
 def built(settings: PredictorSettings) -> Predictor:
-    """A predictor on the joints that are evaluated, built once in each process.
+    """A predictor for the evaluated joints, built once in each process.
 
     Raises:
         PredictorError: it cannot be built, or works at another rate.

@@ -78,7 +78,7 @@ def as_json(results: Sequence[RecordingResult], zones: Sequence[ZoneBasis] = ())
 
     ``results``: per predictor and disturbance the mean and every action by horizon, and the mean
     by joint; ``losses``: as a share of the undisturbed error, at each horizon and over them all;
-    ``zones``: what each asked predictor's zones rest on.
+    ``zones``: the basis of each requested predictor's zones.
     """
     clean = {r.predictor: r for r in undisturbed(results)}
     return {

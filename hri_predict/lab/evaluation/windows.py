@@ -2,10 +2,9 @@
 
 An origin is a capture: a window ends at a person's newest capture. Origins lie on a grid of 25 Hz
 that starts with the recording, each at the capture nearest to its grid position. Each has 15 steps
-of history and as much future as is evaluated. Origins are the same for every predictor: one with a
-longer history finds its earlier steps unobserved where the recording has none. (The oldest of the
-15 steps of a recording's first origin may lie half a capture before its start; it is unobserved
-then.)
+of history and as much future as is evaluated. Origins are the same for every predictor: for one
+with a longer history, steps before the recording's start are unobserved. (The oldest of the 15
+steps of a recording's first origin may lie half a capture before its start; it is unobserved then.)
 
 The history is the node's ring buffer's: captures up to the origin and no later, resampled at 25 Hz.
 The truth is the recording itself, at capture + k/25 s, interpolated between adjacent captures.
@@ -33,7 +32,7 @@ ORIGIN_STEPS = 15
 """Steps of history before every origin, however many a predictor reads."""
 HORIZON_STEPS = tuple(round(ms * RATE_HZ / 1000) for ms in HORIZONS_MS)
 FUTURE_STEPS = 25
-"""Steps evaluated unless more are asked for: one second."""
+"""Default number of evaluated steps: one second."""
 BATCH = 256
 
 LEAST_RATE_HZ = 1000.0 / HORIZONS_MS[0]
@@ -132,7 +131,7 @@ def batches(
     Args:
         motion: see ``read_motions``.
         history_steps: T; the newest steps do not depend on it.
-        future_steps: H; which windows there are depends on it.
+        future_steps: H; the set of windows depends on it.
     """
     times, reach = origins(motion, future_steps)
     for index, start in enumerate(range(0, len(times), BATCH)):

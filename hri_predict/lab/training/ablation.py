@@ -82,7 +82,7 @@ def runs(config: TrainingConfig) -> dict[str, TrainingConfig]:
 
 
 def trained(config: TrainingConfig, stop: Callable[[], bool] = lambda: False) -> Path:
-    """Weights of a finished run; trains them now if they are missing.
+    """Return the weights of a finished run; train them now if they are missing.
 
     Raises:
         KeyboardInterrupt: ``stop`` returned true; the run is saved.
@@ -121,7 +121,7 @@ def configuration(path: Path, data: str, out: str, changes: Sequence[str] = ()) 
         changes: ``key.key=value``, as ``load_training_config`` takes them.
 
     Raises:
-        ConfigError: one of the runs would fail with this.
+        ConfigError: one of the runs would fail with this configuration.
     """
     own = [f"data.root={json.dumps(data)}", f"out={json.dumps(out)}"]
     config = load_training_config(path, [*SMALL, *changes, *own])
@@ -135,7 +135,7 @@ def configuration(path: Path, data: str, out: str, changes: Sequence[str] = ()) 
     if config.shape.rate_hz != RATE_HZ:
         raise ConfigError(
             f"{path}: shape.rate_hz {config.shape.rate_hz:g}: the evaluation on "
-            f"recordings has {RATE_HZ:g} Hz; leave it out"
+            f"recordings runs at {RATE_HZ:g} Hz; leave it out"
         )
     return config
 

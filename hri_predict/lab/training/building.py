@@ -30,7 +30,7 @@ def open_samples(config: TrainingConfig) -> SampleSource:
     source, rate_hz = made.opened(data, **dict(config.shape)), config.shape.rate_hz
     if source.shape.rate_hz != rate_hz:
         raise ConfigError(
-            f"training configuration: shape.rate_hz {rate_hz:g}: the {config.judgement} has "
+            f"training configuration: shape.rate_hz {rate_hz:g}: data set {config.judgement} has "
             f"{source.shape.rate_hz:g}; leave it out"
         )
     return source
@@ -81,7 +81,7 @@ def _start_from(network: Network, path: Path) -> None:
 
 
 def _described(shape: Shape) -> tuple[object, ...]:
-    """Return what makes two shapes equal; a skeleton without a name here is built again."""
+    """Return the values that make two shapes equal; unnamed skeletons are rebuilt objects."""
     skeleton = shape.skeleton
     return (
         skeleton.joints,

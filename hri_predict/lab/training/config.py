@@ -22,7 +22,7 @@ class TrainSettings(Settings):
     """Settings of the training (``train:``)."""
 
     epochs: int = Field(50, ge=1, le=10**9, description="epochs of the learning rate's schedule")
-    stop_after: int | None = Field(None, ge=1, description="end after this many epochs")
+    stop_after: int | None = Field(None, ge=1, description="stop after this many epochs")
     windows_per_epoch: int = Field(4096, ge=1, le=10**9)
     batch: int = Field(64, ge=1, le=2**16, description="windows per step, over all processes")
     learning_rate: float = Field(1e-3, gt=0)
@@ -33,8 +33,8 @@ class TrainSettings(Settings):
     warmup: float = Field(
         0.05, ge=0, le=0.05, description="share of the run's steps in which the learning rate rises"
     )
-    optimiser: str = Field("adamw", description="adamw, adam, or that of an installed package")
-    schedule: str = Field("cosine", description="cosine, constant, steps, or a package's")
+    optimiser: str = Field("adamw", description="adamw, adam, or one from an installed package")
+    schedule: str = Field("cosine", description="cosine, constant, steps, or one from a package")
     decay: float = Field(0.96, gt=0, le=1, description="steps: factor of the learning rate ...")
     decay_epochs: float = Field(2.0, gt=0, description="... after this many epochs")
     ema_decay: float = Field(
@@ -52,12 +52,12 @@ class TrainSettings(Settings):
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = Field(
         "float32",
-        description="precision of products; bfloat16 (3 digits) is faster where processors have it",
+        description="precision of products; bfloat16 (3 digits) is faster on some processors",
     )
     max_minutes: float | None = Field(
         None,
         gt=0,
-        description="longest training, resumed parts included; the schedule ends with it",
+        description="maximum training time, resumed parts included; the schedule ends with it",
     )
     checkpoint_minutes: float = Field(
         5.0, gt=0, description="minutes between checkpoints within an epoch"
@@ -84,7 +84,7 @@ class TrainSettings(Settings):
 
     @property
     def warmup_steps(self) -> float:
-        """Steps over which the learning rate rises: a share, so that a short run has its peak."""
+        """Number of warm-up steps: a share of the run, so a short run also reaches the peak."""
         return self.warmup * self.total_steps
 
 
@@ -92,7 +92,9 @@ class TrainingConfig(Settings):
     """A whole training run."""
 
     predictor: str
-    judgement: str = Field(description="data set: real, benchmark (CMU), human36m, or a package's")
+    judgement: str = Field(
+        description="data set: real, benchmark (CMU), human36m, or one from a package"
+    )
     shape: ShapeSettings
     options: dict[str, Any] = Field({}, description="the network's own sizes and switches")
     data: dict[str, Any] = Field({}, description="see the data set's settings_model")

@@ -59,7 +59,7 @@ _MAY_CHANGE_TRAIN = ("stop_after", "patience", "max_minutes", "checkpoint_minute
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Epoch:
-    """Results of an epoch, or of its part if the run ended within it."""
+    """Results of an epoch, or of a part of it if the run ended within it."""
 
     number: int  # from 1
     step: int  # steps taken since the run began
@@ -164,11 +164,11 @@ class Run:
         self._clock = self._saved = time.monotonic()
 
     def go(self, resume: bool = False) -> Result:
-        """Run to one of the endings; ``resume``: from the checkpoint in ``config.out``.
+        """Run until one of the endings; ``resume``: from the checkpoint in ``config.out``.
 
         Raises:
-            ConfigError: the folder holds a run already, or no run or another one to resume; or the
-                disk is full.
+            ConfigError: the folder already holds a run, or no matching run to resume; or the disk
+                is full.
             PredictorError: the loss is not finite.
         """
         if resume:
@@ -209,9 +209,9 @@ class Run:
         return min(progress.step / (progress.total_steps or self.settings.total_steps), 1.0)
 
     def _foresee(self) -> None:
-        """Let the schedule end with ``max_minutes`` where its epochs would take longer.
+        """Shorten the schedule to ``max_minutes`` if its epochs would take longer.
 
-        Looked at after each epoch alone: a run that has time for them all depends on its steps.
+        Checked only after an epoch; a run with time for all epochs depends on its steps alone.
         """
         limit, progress = self.settings.max_minutes, self.progress
         if limit is not None:
@@ -353,7 +353,7 @@ class Run:
             if old[key] != new[key]:
                 raise ConfigError(
                     f"checkpoint {path}: was trained with {_difference(key, old[key], new[key])}; "
-                    f"put it back, or start another run with --out"
+                    f"restore that, or start another run with --out"
                 )
         if fingerprint != self.fingerprint:
             raise ConfigError(

@@ -60,7 +60,7 @@ class Optimisation:
     ) -> dict[str, float]:
         """Take step ``number`` (from 0) on this process's windows; returns the batch's losses.
 
-        They are those of ``Network.losses``, their sum as ``loss``, and an adversary's as
+        The losses are those of ``Network.losses``, their sum as ``loss``, and an adversary's as
         ``critic``.
 
         Args:
@@ -151,7 +151,7 @@ class Optimisation:
         }
 
     def restore(self, state: dict[str, Any], number: int) -> None:
-        """Go on from what ``state`` gave after ``number`` steps."""
+        """Continue from the ``state`` saved after ``number`` steps."""
         self.averaged.load_state_dict(state["averaged"])
         self.network.load_state_dict(state["network"])
         self._adam.load_state_dict(state["adam"])
@@ -171,7 +171,7 @@ def learning_rate_factor(number: int, settings: TrainSettings, progress: float) 
 
 
 def _averaged(network: Network, most: float) -> AveragedModel:
-    """The running average of a network's weights, its weights as they are now being the first.
+    """The running average of a network's weights, starting with the present ones.
 
     After step n (from 0) the average has seen n + 1 networks.
     """

@@ -2,8 +2,8 @@
 
 ``hri-predict ablate stb --data DIR --out FOLDER`` trains the paper's network
 (``configs/training/papers``) once for each row at a small budget, and shows our validation errors
-next to the paper's. Printed figures are of Human3.6M and of whole trainings: compare the direction
-of an effect, not its digits.
+next to the paper's. The printed figures are for Human3.6M and complete trainings: compare the
+direction of an effect, not its digits.
 """
 
 from collections.abc import Mapping
@@ -31,7 +31,7 @@ class Switches:
     """A paper's tables of ablation.
 
     Attributes:
-        printed: their name, and what the printed figures are.
+        printed: the tables' names, and the meaning of the printed figures.
         rows: name -> options that differ, and the printed figure.
     """
 

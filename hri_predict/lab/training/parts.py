@@ -1,6 +1,6 @@
 """Parts that a training configuration names: data sets, optimisers and schedules.
 
-A package adds one by an entry point of the groups ``hri_predict.data_sets``,
+A package adds one with an entry point in one of the groups ``hri_predict.data_sets``,
 ``hri_predict.optimisers`` and ``hri_predict.schedules``.
 """
 
@@ -43,7 +43,7 @@ def constant(settings: TrainSettings, progress: float) -> float:
 
 
 def steps(settings: TrainSettings, progress: float) -> float:
-    """Times ``decay`` every ``decay_epochs`` epochs."""
+    """Multiply by ``decay`` every ``decay_epochs`` epochs."""
     passed = math.floor(progress * settings.epochs / settings.decay_epochs + 1e-9)
     return float(settings.decay**passed)
 
@@ -63,9 +63,9 @@ _OURS: Mapping[registry.TrainingKind, Mapping[str, Any]] = {
 
 
 def part(kind: registry.TrainingKind, name: str) -> Any:
-    """The part of this name, ours or that of an installed package.
+    """Return the part of this name, from this project or an installed package.
 
     Raises:
-        ConfigError: nothing has this name, or it cannot be imported.
+        ConfigError: no part has this name, or it cannot be imported.
     """
     return registry.part(kind, name, _OURS[kind])

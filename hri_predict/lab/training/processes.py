@@ -37,8 +37,8 @@ class Processes:
                 distributed.init_process_group("gloo")
         except (ValueError, RuntimeError) as error:
             raise ConfigError(
-                f"WORLD_SIZE={os.environ['WORLD_SIZE']}: the processes cannot meet; start them "
-                f"with torchrun ({str(error).splitlines()[0]})"
+                f"WORLD_SIZE={os.environ['WORLD_SIZE']}: the processes cannot connect; "
+                f"start them with torchrun ({str(error).splitlines()[0]})"
             ) from error
         return cls(distributed.get_rank(), distributed.get_world_size())
 
@@ -51,7 +51,7 @@ class Processes:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leave together with the other processes, or at once after an error.
+        """Leave together with the other processes, or immediately after an error.
 
         A process that left early would break the connection of those still communicating.
         """
@@ -89,8 +89,8 @@ class Processes:
     def share(self, batch: Samples) -> tuple[Samples, float]:
         """This process's slice of ``batch`` and its share of the batch's loss.
 
-        Losses are means over the known part of the future. A slice with more of it weighs more, so
-        that the sum over the processes is the mean of the whole batch.
+        Losses are means over the known part of the future. A slice with a larger known part weighs
+        more, so that the sum over the processes is the mean of the whole batch.
         """
         if self.count == 1:
             return batch, 1.0

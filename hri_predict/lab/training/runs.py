@@ -24,14 +24,14 @@ class Planned(Settings):
     """A run of a plan."""
 
     config: str = Field(description="training configuration, in the folder of the plan")
-    set: list[str] = Field([], description="changes of it, key.key=value")
+    set: list[str] = Field([], description="changes to it, key.key=value")
 
 
 def read_plan(path: Path) -> list[Planned] | None:
-    """The runs of a YAML list, in order; ``None`` where the file is none, but a configuration.
+    """Read the runs of a YAML list, in order; ``None`` if the file is a configuration instead.
 
     Raises:
-        ConfigError: the file cannot be read, or lists something else than runs.
+        ConfigError: the file cannot be read, or lists anything other than runs.
     """
     found = None
     with suppress(yaml.YAMLError, RecursionError):  # named where it is read as a configuration
@@ -70,7 +70,7 @@ def trained(
     processes: Processes | None = None,
     command: str | None = None,
 ) -> Result:
-    """Train one configuration to one of its endings; see ``loop.Run``."""
+    """Train one configuration until one of its endings; see ``loop.Run``."""
     source = open_samples(config)
     network = build_network(config, source)
     with training_view(config) as view:

@@ -8,7 +8,7 @@ from types import FrameType
 
 @contextmanager
 def told_to_stop() -> Iterator[Callable[[], bool]]:
-    """Note Ctrl-C and SIGTERM while inside; the second one ends the program at once."""
+    """Note Ctrl-C and SIGTERM while inside; a second one ends the program immediately."""
     told = False
 
     def note(number: int, frame: FrameType | None) -> None:

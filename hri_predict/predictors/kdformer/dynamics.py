@@ -77,10 +77,10 @@ class Dynamics(nn.Module):
     def of_root(self, root: Tensor) -> Tensor:
         """Return the force (B, T, 3) that moves the whole body as one mass, in units of M g.
 
-        It goes with the token of the root's travel, which the paper does not have, as a joint's
-        force goes with its rotation. The root's row of ``forward`` is not this force: the root
-        begins the torso's chain, so its row adds up the joints of that part only (with three
-        parts, of the arms too), in units of M g / J.
+        It is paired with the token of the root's travel (not in the paper), as a joint's force is
+        paired with its rotation. The root's row of ``forward`` is not this force: the root begins
+        the torso's chain, so its row sums only the joints of that part (with three parts, the arms
+        as well), in units of M g / J.
 
         Args:
             root: (B, T, 3) metres.
@@ -131,7 +131,7 @@ def low_pass(steps: int, rate_hz: float, cutoff_hz: float) -> Tensor:
 
 
 def body_parts(skeleton: Skeleton, count: PartCount) -> list[int]:
-    """Part number of each joint; each joint outside all parts is a part of its own."""
+    """Part number of each joint; each joint outside all parts forms its own part."""
     part = [-1] * len(skeleton.joints)
     for i, members in enumerate(skeleton.parts.values()):
         for joint in members:
@@ -149,7 +149,7 @@ def body_parts(skeleton: Skeleton, count: PartCount) -> list[int]:
 
 
 def _below_branch(skeleton: Skeleton, part: list[int], arm: int) -> list[int]:
-    """The joints of an arm past the one where it branches into fingers; none if it does not."""
+    """Joints of an arm beyond the one where it branches into fingers; empty without a branch."""
     inside = [j for j, p in enumerate(part) if p == arm]
     children = {j: [c for c in inside if skeleton.parents[c] == j] for j in inside}
     hand: list[int] = []
@@ -163,7 +163,7 @@ def _below_branch(skeleton: Skeleton, part: list[int], arm: int) -> list[int]:
 
 
 def carried_by(skeleton: Skeleton, part: list[int]) -> Tensor:
-    """(J, J) 1 where the row's joint is the column's, or lies above it in the same part.
+    """(J, J) 1 where the row's joint is the column's, or its ancestor in the same part.
 
     Unrolls the recursion of Eqs. 3 to 5 from the ends of a part to where it begins.
     """

@@ -1,4 +1,4 @@
-"""KD-Former: joint rotations and forces, encoded separately, decoded into the future at once.
+"""KD-Former: joint rotations and forces, encoded separately, decoded in one pass.
 
 Dai, Li, Zeng, Bai, Zhou, Pan, "KD-Former: Kinematic and dynamic coupled transformer network for 3D
 human motion prediction", Pattern Recognition 143, 2023; equation numbers are the paper's.
@@ -15,9 +15,9 @@ Where this differs from the paper, and why:
   account for that.
 - ``space: rotations`` (the benchmark): the window holds exponential maps of the 38 joints of CMU;
   the forces come from its skeleton, which is the same for all people.
-- Quaternions q and -q are the same rotation: Eq. 28 compares with the nearer of the two.
-- Each step's residual has a learnt gain, which starts in proportion to the step's horizon: the
-  next steps are near the last pose from the start.
+- Quaternions q and -q are the same rotation, so Eq. 28 uses the nearer of the two.
+- Each step's residual has a learnt gain, initialised in proportion to the step's horizon, so an
+  untrained network keeps the next steps near the last pose.
 - These layers normalise their input only, so their residual sum is unbounded. It is normalised
   again before the last layer, as is usual today.
 - A joint that was not observed is filled in and marked by a learnt token; a step with no observed
@@ -49,7 +49,7 @@ METRES_PER_UNIT = 0.0254 / 0.45  # true length of the unit of CMU's skeleton fil
 
 
 class KDFormerOptions(NetworkOptions):
-    """Sizes and switches; the defaults are the paper's, except for what the node needs.
+    """Sizes and switches; the defaults are the paper's, except where the node needs others.
 
     Attributes:
         space: content of windows: positions, or exponential maps (CMU's sign, y up).
@@ -128,7 +128,7 @@ class Temporal(nn.Module):
         )
 
     def forward(self, x: Tensor, mask: Tensor | None) -> Tensor:
-        """(B, T, J' d) to the same; ``mask`` (B, T) is true where a step was observed."""
+        """Map (B, T, J' d) to the same shape; ``mask`` (B, T) marks the observed steps."""
         y: Tensor = self.place(x)
         for layer in self.layers:
             y = layer(y, mask)
@@ -171,7 +171,7 @@ class Decoder(nn.Module):
         Args:
             y: the queries, with their places already added.
             memories: (B, T, J' d) each; the one of forces comes first.
-            mask: (B, T) which of their steps count.
+            mask: (B, T) true for the steps to attend to.
         """
         if self.fusion == "serial":
             rounds = [[memory] for memory in memories]
@@ -233,7 +233,7 @@ class KDFormer(Network):
         return self._predict(window)[1]
 
     def losses(self, window: BodyFrames, target: Target, progress: float) -> dict[str, Tensor]:
-        """The quaternion loss (Eq. 28), in position space with the position error beside it."""
+        """The quaternion loss (Eq. 28); in position space, the position error is added."""
         if self.options.space == "rotations":
             rotations = self._predict_rotations(window)
             return {"rotation": self._rotation_loss(rotations, target, target.observed)}
@@ -313,7 +313,7 @@ class KDFormer(Network):
         return self.forward_core(rotations, forces, window.observed)
 
     def _rotation_loss(self, predicted: Tensor, true: Target, known: Tensor) -> Tensor:
-        """Eq. 28 over what is known: L1 between quaternions (exponential maps without QT)."""
+        """Eq. 28 over the known joints: L1 between quaternions (exponential maps without QT)."""
         if self.options.quaternion_loss:
             q, r = quaternion(predicted), quaternion(true.positions)
             r = torch.where((q * r).sum(-1, keepdim=True) < 0, -r, r)

@@ -39,7 +39,7 @@ def expmap(q: Tensor) -> Tensor:
 
 
 def continuous(q: Tensor, dim: int = 1) -> Tensor:
-    """Choose between q and -q (the same rotation) so that the last has w >= 0 and none jumps.
+    """Choose between q and -q (the same rotation) so that the last has w >= 0 and no step jumps.
 
     Exponential maps wrap by 2 pi. Among the maps of the result, the last one is the shortest and
     the earlier ones follow it without a jump, up to three quarters of a turn. Beyond that the
@@ -107,7 +107,7 @@ def between(a: Tensor, b: Tensor, axis: Tensor | None = None) -> Tensor:
 
 
 def _cross(a: Tensor, b: Tensor) -> Tensor:
-    """The vector product, broadcast."""
+    """Cross product with broadcasting."""
     if torch.jit.is_tracing():  # the exporter writes a quarter of the nodes for this
         next_one, one_after = torch.tensor([1, 2, 0]), torch.tensor([2, 0, 1])
         ahead = a.index_select(-1, next_one) * b.index_select(-1, one_after)
@@ -177,7 +177,7 @@ class KinematicTree:
         return torch.where(count[:, 0] == 0, length[:, -1], median)
 
     def known(self, observed: Tensor) -> Tensor:
-        """(B, T, J) true where all joints from the root on, and the root's axes, are known."""
+        """(B, T, J) true where the joint, all its ancestors and the root's axes are observed."""
         lost = (~observed).float() @ self.ancestors.to(observed.device)
         axes = observed[..., list(self._axes or ())].all(-1, keepdim=True)
         return (lost < 0.5) & axes
@@ -189,7 +189,7 @@ class KinematicTree:
         Those of the last step are the shortest.
 
         Args:
-            rest: (J, 3) the rest pose, at any place, in the same axes.
+            rest: (J, 3) the rest pose in the same axes, anywhere.
         """
         toward = _taken(_unit(self.bones(positions)), self._order).split(self._sizes, -2)
         before = _taken(_unit(self.bones(rest)), self._order).split(self._sizes, -2)
@@ -209,7 +209,7 @@ class KinematicTree:
             rotations: (B, H, J, 3) exponential maps, as ``rotations`` gives them.
             rest: (J, 3) the rest pose.
             lengths: (B, J) metres, the person's own bones.
-            root: (B, H, 3) metres, where the root is.
+            root: (B, H, 3) metres, positions of the root.
         """
         world = self._world(quaternion(rotations))
         bones = rotate(world, _unit(self.bones(rest))) * lengths[:, None, :, None]
@@ -229,10 +229,10 @@ class KinematicTree:
         return self._summed(rotate(parent, offsets))
 
     def _world(self, local: Tensor) -> Tensor:
-        """Orientations (B, T, J, 4) of joints turned against their parents by ``local``.
+        """Orientations (B, T, J, 4) from joint rotations ``local``, relative to the parents.
 
-        Each round extends every joint's chain of turns by the equally long chain above it. So a
-        few products over all joints at once cover the whole depth of the tree.
+        Each round extends every joint's chain of rotations by the equally long chain above it, so a
+        few products over all joints cover the whole depth of the tree.
         """
         identity = local.new_tensor([1.0, 0.0, 0.0, 0.0]).expand(*local.shape[:2], 1, 4)
         turned = local
@@ -273,7 +273,7 @@ def _square(x: Tensor, axis: Tensor) -> Tensor:
 
 
 def _jumps(parents: Sequence[int]) -> list[Tensor]:
-    """The ancestors 1, 2, 4 ... above each joint, as far as there are any; J past the root."""
+    """Each joint's ancestors 1, 2, 4, ... levels up; J beyond the root."""
     count = len(parents)
     above = [count if p < 0 else p for p in parents]
     found = []
@@ -284,7 +284,7 @@ def _jumps(parents: Sequence[int]) -> list[Tensor]:
 
 
 def ancestor_matrix(parents: Sequence[int]) -> Tensor:
-    """(J, J) 1 where the row's joint is the column's, or lies between it and the root."""
+    """(J, J) 1 where the row's joint is the column's, or its ancestor."""
     table = torch.zeros(len(parents), len(parents))
     for j in range(len(parents)):
         i = j

@@ -43,8 +43,9 @@ def scalar_attention(q: Tensor, k: Tensor, v: Tensor) -> Tensor:
     """Attention with one number per head, as between the joints: d = 8 with 8 heads.
 
     The softmax over these few keys takes most of a forecast's time, and half of that is the search
-    for the largest score. Here it is known: the largest or the smallest key has it. So one product
-    gives the scores minus the largest, and another gives the weighted sum and its divisor.
+    for the largest score. With one number per head it is always at the largest or the smallest key.
+    So one product gives the scores minus the largest, and another gives the weighted sum and its
+    divisor.
 
     Args:
         q: (B, Q, h) queries.
@@ -131,7 +132,7 @@ def sinusoid(count: int, width: int) -> Tensor:
 
 
 class PositionEmbedding(nn.Module):
-    """Tells tokens apart by their place: learnt, or absolute (Table 3)."""
+    """Position embedding of tokens: learnt, or absolute (Table 3)."""
 
     table: Tensor
 

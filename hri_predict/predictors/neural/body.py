@@ -1,4 +1,4 @@
-"""The skeleton that the trained predictors work on: canonical joints and what data adds to them.
+"""The skeleton of the trained predictors: canonical joints and those that training data adds.
 
 Training data marks more of the body than most sensors: the balls of the feet, the upper spine, the
 knuckles and thumbs. The trained predictors work on all 28 joints that move (the pelvis, the hips
@@ -73,11 +73,11 @@ _SHARED = tuple(
 )
 SHARED_BODY = tuple(pair[0] for pair in _SHARED)
 SHARED_CANONICAL = tuple(pair[1] for pair in _SHARED)
-"""The joints that both skeletons have: their indices in ``BODY`` and in ``CANONICAL``."""
+"""Indices of the shared joints in ``BODY`` and in ``CANONICAL``."""
 
 
 def from_canonical(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
-    """Spread canonical joints (..., 21, 3) over ``BODY`` (..., 28, 3); the rest is unobserved."""
+    """Spread canonical joints (..., 21, 3) over ``BODY`` (..., 28, 3); others are unobserved."""
     body = np.zeros((*positions.shape[:-2], len(BODY.joints), 3))
     seen = np.zeros((*observed.shape[:-1], len(BODY.joints)), dtype=bool)
     body[..., SHARED_BODY, :] = positions[..., SHARED_CANONICAL, :]
@@ -86,6 +86,6 @@ def from_canonical(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
 
 
 EXTRAPOLATED_STEPS = 3
-"""Steps for which a joint moves on after its last observation."""
+"""Number of steps for which a joint keeps moving after its last observation."""
 LEVEL_M = 1e-3
-"""A shorter line, seen from above, gives no heading: the person lies on one side."""
+"""Minimum horizontal length of the hip or shoulder line for a heading; less is lying sideways."""

@@ -66,7 +66,7 @@ def body_frame(positions: Tensor, observed: Tensor, skeleton: Skeleton) -> BodyF
 
 
 def no_frame(positions: Tensor) -> BodyFrame:
-    """A frame that changes nothing."""
+    """The identity frame."""
     eye = torch.eye(3, dtype=positions.dtype).expand(len(positions), 3, 3)
     return BodyFrame(positions.new_zeros(len(positions), 3), eye)
 
@@ -79,7 +79,7 @@ class _Mark:
 
 
 def _pair(positions: Tensor, observed: Tensor, skeleton: Skeleton, name: str) -> _Mark:
-    """The newest step that shows both sides of a pair of joints."""
+    """The newest step in which both joints of a left-right pair were observed."""
     if f"l_{name}" not in skeleton.joints or f"r_{name}" not in skeleton.joints:
         return _nothing(positions)
     left, right = skeleton.joints.index(f"l_{name}"), skeleton.joints.index(f"r_{name}")

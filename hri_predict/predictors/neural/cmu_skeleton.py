@@ -60,7 +60,7 @@ MM_PER_UNIT = 70.0
 
 CONSTANT = (0, 1, 2, 7, 8, 13)
 DUPLICATES = {16: 15, 20: 15, 29: 15, 24: 23, 27: 23, 33: 32, 36: 32}
-"""Among the 38: joints that never move in the benchmark's pose; joints that coincide."""
+"""Indices among the 38: joints fixed in the benchmark's pose, and joints that coincide."""
 
 MOVING = tuple(j for j in range(len(_TABLE)) if j not in CONSTANT and j not in DUPLICATES)
 """Index of each of the 25 predicted joints among the 38."""

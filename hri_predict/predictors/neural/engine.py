@@ -1,8 +1,8 @@
 """Engine of a network: torch itself, or ONNX Runtime with an exported copy of the network.
 
-A copy is a second program, so it is not trusted. It computes only if it agrees with torch on
-windows like those of a cell, each time that a predictor is built. Otherwise torch computes, and
-the log says why. A node builds none of this: ``exported`` has kept the copy and the windows.
+A copy is a second program, so it is verified each time a predictor is built: it is used only if it
+agrees with torch on windows like those of a cell. Otherwise torch is used, and the reason is
+logged. A node need not export: ``exported`` caches the copy and the windows.
 """
 
 import contextlib
@@ -48,8 +48,8 @@ class Engine:
         name: torch or onnxruntime.
         forward: a window of B people to (B, H, J, 3), as ``Network.lean``.
         differs_m: the largest difference from torch on the probes, in metres.
-        why: why it is not ONNX Runtime; one line.
-        model: the exported copy that computes; empty for torch.
+        why: reason not to use ONNX Runtime; one line.
+        model: the exported copy in use; empty for torch.
     """
 
     name: EngineName
@@ -68,7 +68,7 @@ def engine_for(network: Network, wanted: EngineName, threads: int) -> Engine:
         threads: CPU threads that it may use.
 
     Raises:
-        ConfigError: ``onnxruntime`` is wanted by name and cannot be had.
+        ConfigError: ``onnxruntime`` is requested by name and is not available.
     """
     if wanted == "torch" or (wanted == "auto" and not network.exportable):
         return Engine("torch", network.lean())
@@ -79,15 +79,15 @@ def engine_for(network: Network, wanted: EngineName, threads: int) -> Engine:
             raise ConfigError(
                 f"predictor.engine onnxruntime: {error}; set predictor.engine to auto"
             ) from error
-        log.warning("torch computes the network, which may take twice as long: %s", error)
+        log.warning("the network runs in torch, which may take twice as long: %s", error)
         return Engine("torch", network.lean(), why=str(error))
 
 
 def _onnxruntime(network: Network, threads: int) -> Engine:
-    """Return a copy that agrees. One from the cache that does not is made again once.
+    """Return a copy that agrees with torch. A cached one that does not is exported again, once.
 
     Raises:
-        EngineError: there is none.
+        EngineError: no copy agrees.
     """
     if not network.exportable:
         raise EngineError("this network cannot be exported")
@@ -126,7 +126,7 @@ class _Forward:
 
 
 class _Traced(nn.Module):
-    """A network with tensors as its arguments, as the exporter wants them."""
+    """A network with tensors as its arguments, as the exporter needs them."""
 
     def __init__(self, network: Network) -> None:
         super().__init__()
@@ -166,7 +166,7 @@ def _exported(network: Network) -> bytes:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the exporter from warning of what it traces, and from printing graphs on stdout."""
+    """Suppress the exporter's tracing warnings, and the graphs that it prints on stdout."""
     exporter = logging.getLogger("torch.onnx")
     level, said = exporter.level, getattr(torch._C, "_jit_onnx_log", None)
     try:
@@ -198,9 +198,9 @@ class Probe:
 
 
 def probes(network: Network) -> list[Probe]:
-    """Torch's own forecasts: of some people together, of two of them, and one by one.
+    """Torch's own forecasts for several people together, for two of them, and one by one.
 
-    A branch may ask about all people of a window, or how many they are.
+    A branch may depend on all people of a window, or on their number.
     """
     everybody = _probe(network)
     found = []
@@ -219,9 +219,9 @@ def probes(network: Network) -> list[Probe]:
 
 
 def _probe(network: Network) -> BodyFrames:
-    """Windows of people who move at up to some metres a second, seen in several ways.
+    """Windows of people moving at up to a few metres per second, observed in several ways.
 
-    All the time; with gaps; without a joint; not of late; never; and only at first.
+    Always; with gaps; without a joint; not recently; never; only at first.
     """
     rng = np.random.default_rng(0)
     steps, joints = network.shape.history_steps, network.shape.joints
@@ -241,7 +241,7 @@ def _probe(network: Network) -> BodyFrames:
 
 
 def _digest(network: Network) -> str:
-    """Hash of all that an exported copy depends on, except for the code; the probes check that."""
+    """Hash of everything an exported copy depends on, except the code; the probes check that."""
     digest = hashlib.sha256()
     shape, options = network.shape, network.options.model_dump(mode="json")
     about = [

@@ -1,8 +1,8 @@
 """From the room into the networks' window and back, as the node needs it in each tick.
 
-``body_frame`` does the same for batches of training, in sixty small operations that take more than
-a millisecond when caches are cold. Here loops over a few people do it at once. Where numba is
-missing, those operations compute (``entering_arrays``).
+``body_frame`` does the same for training batches, in sixty small operations that take more than a
+millisecond when caches are cold. Here it is one compiled loop over a few people. Without numba,
+torch's operations are used (``entering_arrays``).
 """
 
 import math
@@ -33,7 +33,7 @@ _PELVIS, _L_HIP, _R_HIP, _L_SHOULDER, _R_SHOULDER = (
 
 
 def tables(skeleton: Skeleton, rest: Floats, nearest: Indices) -> Tables:
-    """The tables of ``CANONICAL``, or of ``BODY`` itself."""
+    """The tables for ``CANONICAL``, or for ``BODY`` itself."""
     own = np.arange(len(BODY.joints))
     if skeleton is BODY:
         return Tables(own, np.stack([own, own], 1), np.zeros(len(own), dtype=bool), rest, nearest)
@@ -58,7 +58,7 @@ def _set_frame(
     Args:
         positions: (T, 28, 3) m, room; any value where not observed.
         newest: (28,) the step of each joint's last observation, or -1.
-        hips_and_shoulders: the newest step that shows both of a pair, or -1.
+        hips_and_shoulders: for each pair, the newest step in which both were observed, or -1.
         frame: filled.
     """
     hips, shoulders = hips_and_shoulders

@@ -1,4 +1,4 @@
-"""``entering`` by torch's operations, where numba is missing."""
+"""``entering`` with torch's operations, for use without numba."""
 
 import numpy as np
 import torch

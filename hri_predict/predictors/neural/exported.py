@@ -1,11 +1,12 @@
-"""A trained predictor without torch: its exported network, kept with what its start needs.
+"""A trained predictor without torch: its exported network, cached with the data for a start.
 
-torch takes seconds to import and half a gigabyte. What it must do only once is done in a process of
-its own (``exporting``), which then ends: check the weights, export the network, and forecast some
-windows. The result is kept under a name that covers all that it depends on: weights, settings, and
-the code and versions that made it. At each start the copy still has to give torch's forecasts.
+torch takes seconds to import and half a gigabyte. Everything that needs torch only once runs in a
+separate process (``exporting``), which then exits: check the weights, export the network, and
+forecast some windows. The result is cached under a name that identifies everything it depends on:
+weights, settings, and the code and versions that made it. At each start the copy must still
+reproduce torch's forecasts.
 
-Without numba, torch is imported nevertheless: it brings windows into people's own frames.
+Without numba, torch is imported anyway, to bring windows into people's own frames.
 """
 
 import hashlib
@@ -40,7 +41,7 @@ log = logging.getLogger(__name__)
 
 MAX_BYTES = 2**30
 NOT_EXPORTED = 3
-"""Exit status of the exporting process where torch itself has to say why."""
+"""Exit status of the exporting process without a copy; torch then reports the reason."""
 # Exceptions that damaged content can raise.
 _BROKEN: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, AttributeError, OSError)
 _BROKEN += (EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
@@ -53,12 +54,12 @@ _BEGIN = (
 
 
 class NoCopyError(Exception):
-    """There is no exported copy of this predictor; torch computes, and says why."""
+    """This predictor has no exported copy; torch is used and reports the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stored:
-    """The kept part of a predictor.
+    """The cached part of a predictor.
 
     Attributes:
         model: the exported network.
@@ -96,10 +97,10 @@ class Stored:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "Stored":
-        """Return an object from the bytes that ``packed`` gave.
+        """Restore an object from the bytes of ``packed``.
 
         Raises:
-            NoCopyError: it is something else.
+            NoCopyError: they are not such bytes.
         """
         try:
             with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
@@ -117,7 +118,7 @@ class Stored:
                     warnings=[str(each) for each in about["warnings"]],
                 )
         except _BROKEN as error:
-            raise NoCopyError("what is kept of it is damaged") from error
+            raise NoCopyError("its cached copy is damaged") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,17 +134,17 @@ class ExportedPredictor(Forecasting):
     """The forecasts of a trained predictor, by ONNX Runtime alone.
 
     Attributes:
-        engine: engine that computes it.
+        engine: engine that computes them.
     """
 
     settings_model = NeuralSettings
 
     def __init__(self, settings: NeuralSettings, stored: Stored) -> None:
-        """Take the copy, see that it agrees with torch, and warm it up.
+        """Load the copy, check that it agrees with torch, and warm it up.
 
         Raises:
-            EngineError: ONNX Runtime refuses it, or it does not agree.
-            PredictorError: it gives no finite forecast.
+            EngineError: ONNX Runtime rejects it, or it does not agree.
+            PredictorError: its forecast is not finite.
         """
         self.skeleton = CANONICAL
         self.rate_hz = settings.rate_hz
@@ -169,13 +170,13 @@ class ExportedPredictor(Forecasting):
 
 
 def exported(settings: PredictorSettings) -> ExportedPredictor:
-    """Build a shipped trained predictor from its exported copy, which is made if there is none.
+    """Build a shipped trained predictor from its exported copy, which is made if missing.
 
     Raises:
-        NoCopyError: it cannot have one.
+        NoCopyError: no copy can be made.
     """
     if type(settings) is not NeuralSettings or settings.engine == "torch":
-        raise NoCopyError("torch is asked for")
+        raise NoCopyError("torch is requested")
     name = settings.name
     if not registry.is_ours("predictors", name):
         raise NoCopyError("it is not shipped")
@@ -195,7 +196,7 @@ def exported(settings: PredictorSettings) -> ExportedPredictor:
 
 
 def _key(settings: NeuralSettings) -> str:
-    """Name of the copy, with a hash of all that it depends on.
+    """Name of the copy, with a hash of everything it depends on.
 
     Raises:
         OSError: the weights cannot be read.
@@ -218,10 +219,11 @@ def _key(settings: NeuralSettings) -> str:
 
 
 def _made(settings: NeuralSettings, key: str) -> bytes:
-    """The copy, made in another process, whose memory is free when that has ended.
+    """Make the copy in another process, whose memory is freed when it exits.
 
     Raises:
-        NoCopyError: it cannot be made, and torch says why; or it may not be the one of ``key``.
+        NoCopyError: it cannot be made, and torch reports the reason; or it may not belong to
+            ``key``.
         OSError: the weights cannot be read.
     """
     content = _by_another_process(settings)

@@ -1,4 +1,4 @@
-"""The process that exports a trained predictor: it needs torch, writes the copy, and ends."""
+"""The process that exports a trained predictor: it needs torch, writes the copy, and exits."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""The minimum time that a network's arithmetic can take on a core: products over the core's rate.
+"""Minimum time of a network's arithmetic on one core: number of products over the core's rate.
 
 Only products count: those of matrices and convolutions. Exponentials, sums, normalisation and
 moving data come on top, so no program reaches the floor.
@@ -16,7 +16,7 @@ _TRIALS = 20
 
 
 def products(network: Network, people: int) -> int:
-    """Multiplications and additions, as pairs, of a lean forecast for ``people``."""
+    """Number of multiply-add pairs in a lean forecast for ``people``."""
     steps, joints = network.shape.history_steps, network.shape.joints
     window = BodyFrames(
         torch.zeros(people, steps, joints, 3), torch.ones(people, steps, joints, dtype=torch.bool)
@@ -28,9 +28,9 @@ def products(network: Network, people: int) -> int:
 
 
 def products_per_second() -> float:
-    """Pairs a second of one core in single precision: the best of some products of matrices.
+    """Multiply-add pairs per second of one core, single precision: best of several matrix products.
 
-    Sets the number of threads of torch to one meanwhile.
+    Limits torch to one thread while it measures.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

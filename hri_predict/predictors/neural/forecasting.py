@@ -48,7 +48,7 @@ class Forecasting(ABC):
         """(P, at least ``horizon_steps``, 28, 3) m in the people's own frames."""
 
     def _warm_up(self, method: str, path: Path) -> None:
-        """Predict for one person, two and many, so that no tick is late.
+        """Predict for one person, two and many, so that the first ticks are not late.
 
         Raises:
             PredictorError: a forecast is not finite.

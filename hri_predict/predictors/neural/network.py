@@ -1,8 +1,8 @@
 """The contract of every trained network: input, output and error.
 
-A network sees a window in the person's own frame (``body_frame``), with what was not observed
-filled in and marked, and returns the future joints in that frame, in metres. It knows nothing of
-rooms, recordings or training runs.
+A network sees a window in the person's own frame (``body_frame``), with unobserved positions filled
+in and marked, and returns the future joints in that frame, in metres. It does not depend on rooms,
+recordings or training runs.
 """
 
 from collections.abc import Callable, Iterator
@@ -91,7 +91,7 @@ class NetworkOptions(Settings):
     """Sizes and switches of a network (``options:`` of a training configuration).
 
     Attributes:
-        added: options that only add parts: weights without these may start a training with them.
+        added: options that only add parts; training with them may start from weights without them.
         training: options that change no weight's shape or meaning, only how they are trained.
     """
 
@@ -129,11 +129,10 @@ class Network(nn.Module):
         raise NotImplementedError
 
     def lean(self) -> Callable[[BodyFrames], Tensor]:
-        """Return the engines' result: ``forward`` of a window that ``enter`` has filled, but
-        leaner.
+        """Return the forward pass for engines: ``forward`` for filled windows, with less work.
 
-        Equal to it except for rounding. It may cache what it computes from the weights, so they
-        must not change any more.
+        Its result equals that of ``forward`` except for rounding. It may cache values computed from
+        the weights, which must not change afterwards.
         """
         return self
 
@@ -168,7 +167,7 @@ class Network(nn.Module):
     def enter(self, positions: Tensor, observed: Tensor) -> tuple[BodyFrames, BodyFrame]:
         """Bring histories (B, T, J, 3) in the room, and ``observed`` (B, T, J), into body frames.
 
-        Computed in the type of ``positions``; the window is in the network's.
+        Computed in the dtype of ``positions``; the window has the network's dtype.
         """
         if self.shape.framed:
             frame = no_frame(positions)
@@ -191,12 +190,12 @@ class NetworkClass(Protocol):
         """See ``Network``."""
 
     def __call__(self, shape: Shape, options: Any, /) -> Network:
-        """Make a network with random weights; ``options`` are of its ``options_model``."""
+        """Make a network with random weights; ``options`` is an instance of ``options_model``."""
 
 
 @runtime_checkable
 class Trained(Protocol):
-    """A kind of predictor that has a network, so that it can be trained and takes weights."""
+    """A kind of predictor with a network: it can be trained, and it loads weights."""
 
     @property
     def network_class(self) -> NetworkClass:
@@ -204,7 +203,7 @@ class Trained(Protocol):
 
 
 def network_class_of(predictor: str) -> NetworkClass | None:
-    """The network of the predictor of this name; ``None`` where it has none.
+    """Return the network class of the predictor ``predictor``; ``None`` without a network.
 
     Raises:
         ConfigError: the predictor does not exist.
@@ -214,7 +213,7 @@ def network_class_of(predictor: str) -> NetworkClass | None:
 
 
 DECIMETRES = 10.0
-"""Per metre: networks compute with lengths of about 1, as section 5.2 of AuxFormer's paper."""
+"""Per metre: networks work with lengths of about 1, as in section 5.2 of AuxFormer's paper."""
 
 
 def last_pose(window: BodyFrames) -> Tensor:

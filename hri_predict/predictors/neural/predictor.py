@@ -33,9 +33,9 @@ class NeuralPredictor(Forecasting):
     Works on ``CANONICAL``, as the node does, or on ``BODY``. The network does not predict three
     canonical joints: waist, neck and head_top. Each of them starts where it was last observed and
     moves by the mean displacement of the joints that it lies between (hips, shoulders) or on
-    (head); its rotation about those is left out. If it was never observed, it is placed where
-    those joints are. The network guesses all other joints that were never observed from their
-    neighbours. The predictor gives no standard deviation.
+    (head); its rotation about them is ignored. If it was never observed, it is placed where those
+    joints are. The network guesses all other joints that were never observed from their neighbours.
+    The predictor gives no standard deviation.
 
     Attributes:
         network: the network, in inference mode.
@@ -50,11 +50,11 @@ class NeuralPredictor(Forecasting):
     def __init__(self, settings: NeuralSettings, skeleton: Skeleton = CANONICAL) -> None:
         """Load the weights and warm up the network.
 
-        Sets the number of threads of torch, for the whole process.
+        Sets torch's number of threads for the whole process.
 
         Raises:
-            ConfigError: there are no such weights, or their method, rate or skeleton differs.
-            PredictorError: the weights are broken, or give no finite forecast.
+            ConfigError: the weights do not exist, or their method, rate or skeleton differs.
+            PredictorError: the weights are broken, or their forecast is not finite.
         """
         path = self._path(settings)
         header = read_header(path)
@@ -77,7 +77,7 @@ class NeuralPredictor(Forecasting):
         elif self.horizon_steps > _STRETCH * header.shape.horizon_steps:
             log.warning(
                 "predictor %s: predictor.horizon_s %.3g s is far beyond the %.3g s that its "
-                "weights were trained for; do not rely on what lies there",
+                "weights were trained for; do not rely on forecasts beyond that",
                 self.method,
                 settings.horizon_s,
                 header.shape.horizon_steps / self.rate_hz,
@@ -116,7 +116,7 @@ class NeuralPredictor(Forecasting):
     def _load(
         self, path: Path, header: Header, settings: NeuralSettings, horizon_steps: int
     ) -> LoadedWeights:
-        """The network of a file, with ``horizon_steps`` if its horizon is free."""
+        """Load a file's network, with ``horizon_steps`` if any horizon is possible."""
         any_horizon = self.network_class.any_horizon
         return load_weights(path, horizon_steps=horizon_steps if any_horizon else None)
 
@@ -139,7 +139,7 @@ class NeuralPredictor(Forecasting):
             raise ConfigError(
                 f"predictor {self.method}: weights {path} are for skeleton "
                 f"'{header.shape.skeleton}'{' in a frame of its own' * header.shape.framed}; "
-                f"give some that are for '{BODY.name}' in the room"
+                f"give weights for '{BODY.name}' in the room"
             )
         if header.shape.rate_hz != settings.rate_hz:
             raise ConfigError(

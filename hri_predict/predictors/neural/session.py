@@ -35,7 +35,7 @@ def runtime() -> Any:
 
 
 class Session:
-    """An ONNX Runtime session that takes a window: (B, T, J, 3) m, and observed (B, T, J).
+    """An ONNX Runtime session for windows: (B, T, J, 3) m, and observed (B, T, J).
 
     Args:
         model: the exported network.
@@ -43,7 +43,7 @@ class Session:
         threads: CPU threads that it may use.
 
     Raises:
-        EngineError: ONNX Runtime is not there, or refuses the model.
+        EngineError: ONNX Runtime is missing, or rejects the model.
     """
 
     def __init__(self, model: bytes, shape: tuple[int, int, int], threads: int) -> None:
@@ -58,7 +58,7 @@ class Session:
                 model, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # its errors share no base but this
-            raise EngineError(f"ONNX Runtime refuses the network: {line_of(error)}") from error
+            raise EngineError(f"ONNX Runtime rejects the network: {line_of(error)}") from error
         self._shape = shape
         # a network that does not read the mask has no such input
         self._inputs = frozenset(entry.name for entry in self._session.get_inputs())
@@ -67,7 +67,7 @@ class Session:
         """(B, H, J, 3) m.
 
         Raises:
-            PredictorError: it gives something else.
+            PredictorError: the result has another shape or type.
         """
         inputs = {"positions": positions, "observed": observed}
         read = {name: array for name, array in inputs.items() if name in self._inputs}
@@ -89,7 +89,7 @@ class Session:
         try:
             apart = float(np.abs(self(positions, observed) - wanted).max())
         except Exception as error:  # the runtime's errors share no base but this
-            raise EngineError(f"ONNX Runtime cannot compute it: {line_of(error)}") from error
+            raise EngineError(f"ONNX Runtime cannot run it: {line_of(error)}") from error
         return apart if np.isfinite(apart) else np.inf
 
 

@@ -26,7 +26,7 @@ class NeuralSettings(PredictorSettings):
 
     @property
     def takes_long(self) -> bool:
-        """A network takes milliseconds."""
+        """True: a network takes milliseconds."""
         return True
 
     def resolved(self, base_dir: Path) -> Self:
@@ -36,18 +36,20 @@ class NeuralSettings(PredictorSettings):
         return self.model_copy(update={"weights": str(base_dir / self.weights)})
 
     def files(self) -> tuple[Path, ...]:
-        """Its weights."""
+        """The weights file."""
         return (shipped_weights(self.name) if self.weights is None else Path(self.weights),)
 
 
 class AggregatedSettings(NeuralSettings):
     """Settings of the aggregated predictor."""
 
-    inner: str = Field("trajectorycnn", description="trained predictor whose network is repeated")
-    steps: int = Field(5, ge=1, le=1000, description="steps used from each repetition")
+    inner: str = Field(
+        "trajectorycnn", description="trained predictor whose network is applied repeatedly"
+    )
+    steps: int = Field(5, ge=1, le=1000, description="steps used from each application")
 
     def files(self) -> tuple[Path, ...]:
-        """The inner predictor's weights, unless others are named."""
+        """The inner predictor's weights, unless ``weights`` names others."""
         return (shipped_weights(self.inner) if self.weights is None else Path(self.weights),)
 
 

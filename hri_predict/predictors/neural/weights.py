@@ -128,7 +128,7 @@ def read_header(path: Path) -> Header:
     except (SafetensorError, OSError) as error:
         raise _broken(path, f"not a whole safetensors file ({_line(error)})") from error
     if _KEY not in metadata:
-        raise _broken(path, "not weights of hri-predict: its header does not describe them")
+        raise _broken(path, "not weights of hri-predict: the header lacks their description")
     try:
         data = json.loads(metadata[_KEY])
     except (ValueError, RecursionError) as error:
@@ -145,7 +145,8 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
             whose parameters do not depend on it.
 
     Raises:
-        ConfigError: the file does not exist, no such method, or a wrong key in the header.
+        ConfigError: the file does not exist, or its header names an unknown method or has a wrong
+            key.
         PredictorError: the file is broken, foreign, or does not fit its method's network.
     """
     header = read_header(path)
@@ -158,17 +159,17 @@ def load_weights(path: Path, horizon_steps: int | None = None) -> LoadedWeights:
         tensors = _tensors(path, planned)
         network = network_class(shape, options)
     except (ValueError, TypeError, RuntimeError, ArithmeticError, LookupError) as error:
-        why = f"no {header.method} can be built as it says ({_line(error)})"
+        why = f"no {header.method} can be built from its header ({_line(error)})"
         raise _broken(path, why) from error
     network.load_state_dict(tensors, strict=False)  # only the adversary is missing
     return LoadedWeights(network.eval().requires_grad_(False), header.method, header.card)
 
 
 class _LayersUnallocated(TorchFunctionMode):
-    """Layers that are built inside get weights without memory (torch's device "meta").
+    """Context in which new layers get weights without memory (torch's device "meta").
 
-    The device as a whole would be simpler, but its ``arange`` is written in Python and imports
-    torch's compiler: two seconds.
+    Switching the default device would be simpler, but its ``arange`` is written in Python and
+    imports torch's compiler, which takes two seconds.
     """
 
     def __torch_function__(
@@ -189,14 +190,14 @@ def _check_file(path: Path) -> None:
     if not path.is_file():
         raise ConfigError(f"weights {path}: the file does not exist; train them, or check the path")
     if path.stat().st_size > MAX_BYTES:
-        raise _broken(path, f"larger than {MAX_BYTES // 2**20} MiB, as no weights are")
+        raise _broken(path, f"larger than {MAX_BYTES // 2**20} MiB, too large for weights")
 
 
 def _network_class(method: str, path: Path) -> NetworkClass:
     if method not in registry.names("predictors"):
         raise ConfigError(
-            f"weights {path}: of '{method}', a predictor that there is not; "
-            f"install the package that brings it"
+            f"weights {path}: of the unknown predictor '{method}'; "
+            f"install the package that provides it"
         )
     network_class = network_class_of(method)
     if network_class is None:
@@ -255,7 +256,7 @@ def _rebuilt(stored: StoredShape, path: Path) -> Skeleton:
 
 
 def _tensors(path: Path, planned: Network) -> dict[str, Tensor]:
-    """Read the tensors of ``planned``, which is on no device; check all of them first."""
+    """Check and then read the tensors for ``planned``, a network without memory."""
     critic = {id(parameter) for parameter in planned.critic_parameters()}
     optional = {name for name, p in planned.named_parameters() if id(p) in critic}
     wanted = {n: tuple(t.shape) for n, t in planned.state_dict().items() if n not in optional}
@@ -278,14 +279,14 @@ def _difference(stored: dict[str, tuple[int, ...]], wanted: dict[str, tuple[int,
         if name not in stored:
             return f"it lacks '{name}'"
         if name not in wanted:
-            return f"it has '{name}', which its network has not"
+            return f"it has '{name}', which its network lacks"
         if stored[name] != wanted[name]:
             return f"'{name}' has shape {stored[name]}, its network's has {wanted[name]}"
     raise AssertionError("they do not differ")
 
 
 def _check_kinds(planned: Network, kinds: dict[str, str], path: Path) -> None:
-    """Refuse what would be converted with a loss: torch takes a complex weight's real part."""
+    """Reject types whose conversion loses data: torch would drop a weight's imaginary part."""
     state = planned.state_dict()
     for name, kind in kinds.items():
         taken = _FLOATS if state[name].is_floating_point() else _INTEGERS

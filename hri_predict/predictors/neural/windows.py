@@ -1,4 +1,4 @@
-"""Data on the way from the room into a network's window and back, and the constants used."""
+"""Data passed from the room to a network's window and back, and its constants."""
 
 from typing import NamedTuple
 
@@ -12,12 +12,13 @@ Indices = NDArray[np.int64]
 
 
 class Tables(NamedTuple):
-    """Constants: how the K joints of a skeleton are the 28 of ``BODY``, and its pose.
+    """Constants that map the K joints of a skeleton to the 28 of ``BODY``, and the rest pose.
 
     Attributes:
-        given: (28,) which joint of the skeleton each of the body's is, or -1.
-        taken: (K, 2) the body's joints in whose middle each joint moves; its own twice.
-        carried: (K,) the body lacks it: it keeps its place relative to ``taken``.
+        given: (28,) the skeleton's joint for each joint of ``BODY``, or -1.
+        taken: (K, 2) the pair of ``BODY``'s joints whose midpoint each joint follows; its own joint
+            twice if ``BODY`` has it.
+        carried: (K,) true where ``BODY`` lacks the joint: it keeps its place relative to ``taken``.
         rest: (28, 3) the rest pose in the body frame, m.
         nearest: (28, 28) as ``neighbour_table`` gives it.
     """
@@ -42,8 +43,8 @@ class Entered(NamedTuple):
     Attributes:
         window: (P, T, 28, 3) m, filled everywhere.
         observed: (P, T, 28).
-        frames: (P, 5) each frame's origin in the room, and the x and y of its y axis, which is
-            level.
+        frames: (P, 5) each frame's origin in the room, and x and y of its y axis, which is
+            horizontal.
     """
 
     window: Singles

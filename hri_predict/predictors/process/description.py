@@ -16,8 +16,8 @@ class Description:
     """The attributes of a predictor; see ``contracts.predictor.Predictor``.
 
     Attributes:
-        digest: of the files that its forecasts depend on: a worker that is restarted must have
-            read the same ones.
+        digest: of the files that its forecasts depend on; a restarted worker must have read the
+            same files.
     """
 
     skeleton: Skeleton
@@ -55,7 +55,7 @@ class Description:
         """The description that ``as_data`` gave. The canonical skeleton is the node's own object.
 
         Raises:
-            KeyError, TypeError, ValueError: it is not such data.
+            KeyError, TypeError, ValueError: the data is not a description.
         """
         return cls(
             _skeleton(data["skeleton"]),
@@ -66,7 +66,7 @@ class Description:
         )
 
     def is_like(self, other: "Description") -> bool:
-        """Whether another worker's forecasts can take the place of this one's."""
+        """Whether another worker's forecasts can replace this worker's."""
         return json.dumps(self.as_data()) == json.dumps(other.as_data())
 
 

@@ -34,12 +34,12 @@ MAX_STEP_S = 0.5  # of one look: where the node itself was stopped, the time is 
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """Work of a process since it began.
+    """Work of a process since its start.
 
     Attributes:
-        cpu_s: time on processors, all threads.
-        read: bytes that it read from files, and pages of them.
-        stopped: a signal or a debugger stops it at the moment.
+        cpu_s: CPU time of all threads.
+        read: number of bytes read from files, plus that of pages read.
+        stopped: a signal or a debugger has stopped it.
     """
 
     cpu_s: float = 0.0
@@ -48,8 +48,7 @@ class Work:
 
 
 def work_of(pid: int) -> Work | None:
-    """Return the work of the process ``pid``, and of those that it started, while it waits for
-    them or has; ``None``: this system does not report it.
+    """Return the work of the process ``pid`` and its children; ``None`` if not reported.
 
     Source: proc_pid_stat(5), proc_pid_io(5) and proc_tid_children(5).
     """
@@ -79,7 +78,7 @@ def _own_work(pid: int) -> Work:
 
 
 class Progress:
-    """Watches one process that starts."""
+    """Watches a process while it starts."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
@@ -89,16 +88,16 @@ class Progress:
 
     @property
     def cpu_s(self) -> float:
-        """Its time on processors when ``look`` looked last."""
+        """Its CPU time at the last call of ``look``."""
         return self._last.cpu_s
 
     @property
     def stopped(self) -> bool:
-        """Whether it was stopped by a signal when ``look`` looked last."""
+        """Whether a signal had stopped it at the last call of ``look``."""
         return self._last.stopped
 
     def look(self) -> None:
-        """See what it did; call this a few times a second."""
+        """Check its progress; call this a few times per second."""
         now = time.monotonic()
         self.idle_s += min(now - self._looked, MAX_STEP_S)
         self._looked = now
@@ -159,9 +158,9 @@ class Patience:
     """Time limits of a process's start.
 
     Attributes:
-        limit_s: in all.
-        idle_s: without doing anything.
-        cpu_s: on processors.
+        limit_s: total time.
+        idle_s: time without progress.
+        cpu_s: CPU time.
     """
 
     limit_s: float
@@ -169,12 +168,12 @@ class Patience:
     cpu_s: float
 
     def ended(self, took_s: float, progress: Progress) -> str | None:
-        """Why it ended after ``took_s``; ``None``: it has not."""
+        """Return why the patience has ended after ``took_s``; ``None`` if it has not."""
         if progress.idle_s > self.idle_s:
             why = " (a signal stopped it)" if progress.stopped else ""
             return f"it did nothing for {progress.idle_s:.1f} s while it started{why}"
         if progress.cpu_s > self.cpu_s:
-            return f"it computed for {progress.cpu_s:.1f} s without getting ready"
+            return f"it computed for {progress.cpu_s:.1f} s without becoming ready"
         if took_s > self.limit_s:
             return f"it took longer than {self.limit_s:g} s"
         return None
@@ -191,7 +190,7 @@ class Worker:
         """Start the process; ``begin`` waits until it is ready.
 
         Raises:
-            OSError, AttributeError: the system has no such processes, memory or sockets, or too
+            OSError, AttributeError: the system lacks such processes, memory or sockets, or has too
                 few.
         """
         self._job = job
@@ -211,11 +210,11 @@ class Worker:
         self._readable.register(self._link, select.POLLIN)
 
     def begin(self, patience: "Patience") -> Description:
-        """Wait until the predictor is built, and let the worker begin.
+        """Wait until the predictor is built, then let the worker start.
 
         Raises:
             PredictorError: it cannot be built, or ``patience`` ended.
-            WorkerEndedError: the process ended before.
+            WorkerEndedError: the process exited before that.
         """
         try:
             self._link.send(self._job.text())
@@ -234,8 +233,8 @@ class Worker:
             self._link.send(b"begin")
         except OSError as error:
             raise WorkerEndedError(
-                f"predictor '{self._job.settings.name}': its own process ended before it was ready "
-                f"({error.strerror}); see what it printed above, check that enough memory is free, "
+                f"predictor '{self._job.settings.name}': its own process exited before it was "
+                f"ready ({error.strerror}); see its output above, check that memory is free, "
                 f"or set predictor.process to false"
             ) from error
         finally:
@@ -265,8 +264,8 @@ class Worker:
             if took_s > told_s + TELL_S:
                 told_s = took_s
                 log.warning(
-                    "predictor '%s': its own process still starts after %.0f s (it computed for "
-                    "%.1f s so far)", self._job.settings.name, took_s, progress.cpu_s
+                    "predictor '%s': its own process is still starting after %.0f s (CPU time: "
+                    "%.1f s)", self._job.settings.name, took_s, progress.cpu_s
                 )  # fmt: skip
         self.start_cpu_s = progress.cpu_s
         return message
@@ -274,8 +273,8 @@ class Worker:
     def forecast(self, history: Floats, observed: Bools, wait_s: float) -> Forecast | None:
         """Ask for the forecast of a window; ``None``: it did not come within ``wait_s``.
 
-        A worker that still owes more than the window before gets the window but no time: a tick is
-        not to wait for what will hardly come.
+        If more than one earlier window is still unanswered, this does not wait: an answer within
+        the tick is unlikely.
 
         Raises:
             PredictorError: the predictor failed.
@@ -306,11 +305,11 @@ class Worker:
 
     @property
     def silent_s(self) -> float:
-        """Time in seconds for which an answer has been due."""
+        """Seconds for which an answer has been outstanding."""
         return 0.0 if self._owed_since is None else time.perf_counter() - self._owed_since
 
     def end(self) -> None:
-        """Let the process end by itself: it does when the socket's other end is closed."""
+        """Close the node's end of the socket, which lets the process exit by itself."""
         with contextlib.suppress(OSError):
             self._link.shutdown(socket.SHUT_RDWR)
 
@@ -319,7 +318,7 @@ class Worker:
         return self.process.wait()
 
     def kill(self) -> None:
-        """Kill the process at once, if it still runs."""
+        """Kill the process if it still runs."""
         self.process.kill()
 
     def _message(self, wait_s: float) -> bytes | None:
@@ -340,7 +339,7 @@ class Worker:
 
 
 def _started(own: list[int]) -> subprocess.Popen[bytes]:
-    """The process, which inherits the descriptors ``own``."""
+    """Start the process, which inherits the descriptors ``own``."""
     path = json.dumps(sys.path)  # third parties' predictors lie where the node finds them
     return subprocess.Popen(
         [sys.executable, "-P", "-c", _BEGIN, path, *map(str, own), str(os.getpid())],

@@ -42,7 +42,7 @@ class RemotePredictor:
         self.rate_hz = described.rate_hz
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Predict in the worker; see ``Predictor.predict``. Not while the loop runs.
+        """Predict in the worker; see ``Predictor.predict``. Must not be called while the loop runs.
 
         Raises:
             PredictorError: it failed, or took longer than ten seconds.
@@ -54,13 +54,11 @@ class RemotePredictor:
 
 
 class ProcessRunner:
-    """Does what ``PredictionRunner`` does, with a predictor that another process runs.
+    """Runs a predictor in another process; otherwise like ``PredictionRunner``.
 
-    A worker that dies, or hangs, is restarted, after a pause that grows while that continues.
-    Meanwhile each tick gets the reason at once. ``failures`` and ``late`` count since the start,
-    ``restarts`` workers after the first.
-
-    Code that makes one must ``stop`` it.
+    A worker that dies or hangs is restarted after a pause, which grows with repeated failures.
+    During a restart each tick gets the reason immediately. ``failures`` and ``late`` count since
+    the start; ``restarts`` counts the workers after the first. The owner must call ``stop``.
     """
 
     def __init__(self, job: Job, deadline_s: float) -> None:
@@ -103,10 +101,10 @@ class ProcessRunner:
         }
 
     def start(self) -> None:
-        """There is nothing to start: the worker waits."""
+        """Do nothing: the worker is already waiting."""
 
     def stop(self) -> None:
-        """End the worker; safe to call twice."""
+        """Stop the worker; safe to call twice."""
         self._stopping.set()
         worker = self._started
         if worker is not None:
@@ -150,7 +148,7 @@ class ProcessRunner:
             raise
         if forecast is None and worker.silent_s > self._hang_s:
             self._worker = None
-            log.error("predictor: no answer for %.3g s; its process is killed", worker.silent_s)
+            log.error("predictor: no answer for %.3g s; killing its process", worker.silent_s)
             worker.kill()
         return forecast
 
@@ -172,12 +170,12 @@ class ProcessRunner:
             self.restarts += 1
 
     def _one_life(self) -> HriPredictError:
-        """Start a worker, and return why it ended when it has."""
+        """Run a worker until it ends, and return the reason."""
         try:
             worker = Worker(self._job)
         except (OSError, AttributeError) as error:
             return PredictorError(
-                f"a process of its own cannot be started for the predictor: {error}; set "
+                f"the predictor's own process cannot be started: {error}; set "
                 f"predictor.process to false"
             )
         self._started = worker
@@ -191,13 +189,11 @@ class ProcessRunner:
                 cpu_s = CPU_FACTOR * worker.start_cpu_s + CPU_MORE_S
                 self._patience = Patience(limit_s=FIRST_START.limit_s, idle_s=IDLE_S, cpu_s=cpu_s)
             if not described.is_like(self._described):
-                raise PredictorError(
-                    "it is not what it was: its files have changed; restart the node"
-                )
+                raise PredictorError("its files have changed since the start; restart the node")
             self._worker = worker
             if self._ready.is_set():
                 log.warning(
-                    "predictor: its new process is ready after %.1f s; there are forecasts again",
+                    "predictor: its new process is ready after %.1f s; forecasts resume",
                     time.monotonic() - began,
                 )
             self._ready.set()

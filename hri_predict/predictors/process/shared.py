@@ -1,10 +1,9 @@
 """The memory that the node and the predictor's process share: one window in, one forecast out.
 
-It has no name in the file system, so nothing of it is left behind, however the processes end. Its
-size is fixed from the start, for the most people that there can be.
-
-The newest window replaces the one before, read or not. Each side writes a number before and after
-what it writes; a reader takes only what stands between two equal numbers.
+It has no name in the file system, so nothing is left behind, however the processes exit. Its size
+is fixed at the start, for the maximum number of people. A new window replaces the previous one,
+even if that is unread. Each side writes a number before and after its data; a reader accepts only
+data between two equal numbers.
 """
 
 import fcntl
@@ -28,7 +27,7 @@ _MEAN, _MEAN_AND_STD, _ERROR = 0, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """P most people, T steps of history, H steps of forecast, J joints."""
+    """Maximum P people, T steps of history, H steps of forecast, J joints."""
 
     people: int
     history: int
@@ -63,7 +62,7 @@ class SharedWindows:
         """Write the window ``number``: (P, T, J, 3) and (P, T, J).
 
         Raises:
-            PredictorError: there is no room for this number of people, or it is of another shape.
+            PredictorError: the window has too many people or another shape.
         """
         people = len(history)
         if people > self.sizes.people or history.shape[1:] != self._history.shape[1:]:
@@ -77,7 +76,7 @@ class SharedWindows:
         self._asked[1] = number
 
     def take(self, after: int) -> tuple[int, Floats, Bools] | None:
-        """The newest window and its number; ``None`` if none is newer than ``after``, or whole."""
+        """The newest window and its number; ``None`` without a complete one after ``after``."""
         number = int(self._asked[1])
         people = int(self._people[0])
         if number <= after or not 0 <= people <= self.sizes.people:
@@ -109,7 +108,7 @@ class SharedWindows:
         return int(self._given[1])
 
     def answer(self, number: int) -> Forecast | PredictorError | None:
-        """The answer to the window ``number``; ``None``: there is none, or it is not whole."""
+        """The answer to the window ``number``; ``None`` if it is missing or incomplete."""
         if int(self._given[1]) != number:
             return None
         kind, count = int(self._kind[0]), int(self._kind[1])
@@ -135,7 +134,7 @@ def bytes_of(sizes: Sizes) -> int:
 
 
 def create() -> int:
-    """A descriptor of new memory, still without a size.
+    """Create memory without a size yet, and return its descriptor.
 
     Raises:
         OSError, AttributeError: this system has no such memory.

@@ -1,8 +1,8 @@
-"""The predictor's process: builds the predictor, then answers windows until the node ends.
+"""The predictor's process: builds the predictor, then answers windows until the node exits.
 
-``Worker`` in ``remote.py`` starts it, with two descriptors and the node's process id. Over the
-socket come one job and the word to begin; from then on a byte says that a window is in the memory,
-or that an answer is. Settings come as JSON and are validated again; nothing that comes in is code.
+``Worker`` in ``remote.py`` starts it, with two descriptors and the node's process id. The socket
+carries one job and the signal to start; after that, each byte announces a window or an answer in
+the memory. Settings arrive as JSON and are validated again; no code is received.
 """
 
 import contextlib
@@ -55,7 +55,7 @@ def main(arguments: list[str]) -> int:
 
 
 def _serve(link: socket.socket, memory: int, job: dict[str, Any]) -> None:
-    """Build the predictor, describe it, and answer until the socket ends.
+    """Build the predictor, describe it, and answer until the socket closes.
 
     Raises:
         HriPredictError: it cannot be built.
@@ -111,14 +111,14 @@ def _tell(link: socket.socket, what: dict[str, Any]) -> None:
 
 
 class _ToNode(logging.Handler):
-    """Hands log lines to the node, which writes them where its own go."""
+    """Sends log lines to the node, which writes them to its own log."""
 
     def __init__(self, link: socket.socket) -> None:
         super().__init__()
         self._link = link
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Send one line; it is lost if the node does not listen."""
+        """Send one line; it is lost if the node does not read it."""
         line = json.dumps([record.name, record.levelno, record.getMessage()[:2000]])
         with contextlib.suppress(OSError):
             self._link.send(LOG + line.encode(), socket.MSG_DONTWAIT)

@@ -1,4 +1,4 @@
-"""SINN: short GRU predictions of how joints move, direction by direction, chained to long ones.
+"""SINN: short GRU predictions of how joints move, direction by direction, chained into long ones.
 
 Source: Chen, Lyu, Liu, Yin, Yang and Lyu, "Rethinking Human Motion Prediction with Symplectic
 Integral", CVPR 2024.
@@ -21,8 +21,8 @@ Where this differs from the paper, or the paper leaves it open:
   gated (``start_frames``, ``gate``; see ``start``). The paper's first momentum is the difference of
   the last two frames (``start_frames: 0``).
 - Errors in momentum (Eqs. 10-11) are means over joints and channels, magnitudes in m/s. MPJPE is
-  added, because evaluations measure it and it weighs angles by how far they move a joint. A weight
-  of zero leaves either out.
+  added, because evaluations measure it and it weights angles by how far they move a joint. A weight
+  of zero disables the respective term.
 - The critic is kept Lipschitz by a gradient penalty (Gulrajani et al., NeurIPS 2017). By Eq. 12 its
   score is low for real motion, so the operator learns to lower the score of its forecasts.
 - The network is trained on all actions together and pre-trained on windows that start anywhere.
@@ -75,7 +75,7 @@ class SINNOptions(NetworkOptions):
         aggregation: Table 4, without STA: one GRU predicts the whole horizon directly.
         representation: Table 4, without SRE: ``displacement`` or ``position`` instead.
         splitting: Eq. 3 by ``direction``; by ``joint`` as well; or ``none``, one GRU for all.
-        shared: use one GRU for all three directions, not one for each.
+        shared: use one GRU for all three directions instead of one for each.
         pose: feed joints relative to the pelvis, in that ``direction``, in ``all``, or not.
         start_frames: frames from which the first momentum and the last pose are filtered; 0: the
             paper's difference of the last two.
@@ -117,7 +117,7 @@ class SINNOptions(NetworkOptions):
         if self.start_frames and self.representation == "position":
             raise ValueError("start_frames: positions have no first velocity; use 0")
         if self.gate and not self.start_frames:
-            raise ValueError("gate: reads the last frames; give start_frames (7)")
+            raise ValueError("gate: needs the last frames; set start_frames (7)")
         return self
 
 
@@ -155,7 +155,7 @@ class SINN(Network):
         return self._roll(window, self.shape.horizon_steps)[0]
 
     def lean(self) -> Callable[[BodyFrames], Tensor]:
-        """The readings side by side, where the options allow that."""
+        """The forward pass with side-by-side readings, if the options allow it."""
         if not fits(self.operator, self.options.representation, self.shape.history_steps):
             return self
         root = None if self.shape.framed else self.shape.skeleton.parents.index(-1)
@@ -237,7 +237,7 @@ class SINN(Network):
         return self.critic.parameters()
 
     def _rolled_out(self, window: BodyFrames, horizon_steps: int) -> tuple[Tensor, Tensor, Tensor]:
-        """``_roll``, or the rollout that ``critic_loss`` has already made for this window."""
+        """Return the rollout of ``_roll``; reuse that of ``critic_loss`` for the same window."""
         rolled, self._rolled = self._rolled, None
         if rolled is not None and rolled[0] is window:
             return rolled[1:]
@@ -283,7 +283,7 @@ def _generator(progress: float) -> torch.Generator:
 
 
 class SINNPredictor(NeuralPredictor):
-    """Short GRU predictions of how joints move, chained to long ones (SINN)."""
+    """Short GRU predictions of how joints move, chained into long ones (SINN)."""
 
     method = "sinn"
     network_class = SINN

@@ -1,10 +1,10 @@
-"""SINN's forecast with its readings side by side, and each product once: what engines compute.
+"""SINN's forecast for the engines: readings side by side, and each product computed once.
 
 The plain network (``model``) reads a window for every few steps that it predicts, one window after
-the other. The windows overlap, and a window's reading can begin long before its last frames are
+another. The windows overlap, and a window's reading can begin long before its last frames are
 predicted. Here all readings go through the frames together: 45 steps instead of 125 for a history
-and a horizon of 25. What a frame adds to the gates is the same for all readings but the one that
-begins there, so it is computed once; and what is the same for the three directions, too.
+and a horizon of 25. A frame's contribution to the gates is the same for all readings except the one
+that begins there, so it is computed once. So is everything that the three directions share.
 
 Sums are taken in another order, so results differ by rounding.
 """
@@ -21,13 +21,13 @@ _PER_JOINT = 6  # columns of a joint: magnitude, angle, mask, and its place in t
 
 
 class SideBySide:
-    """Rolls an operator out, whose weights do not change any more.
+    """Rolls out an operator with fixed weights.
 
     Args:
-        operator: ``fits`` it.
+        operator: one that ``fits`` accepts.
         history_steps: T.
         rate_hz: steps per second.
-        root: the joint that poses are relative to; ``None``: they are as they come.
+        root: the joint that poses are relative to; ``None``: they are not shifted.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class SideBySide:
         Args:
             positions: (B, T, J, 3) body frame, filled; the last step is where forecasts start.
             observed: (B, T, J).
-            first: (B, 1, J, 3, 2) the momentum that the forecast carries on; by default the last.
+            first: (B, 1, J, 3, 2) the momentum that the forecast continues; by default the last.
             horizon_steps: H.
         """
         steps, total = self.operator.steps, self.history_steps
@@ -80,7 +80,7 @@ class SideBySide:
         return torch.cat(parts, 1)[:, :horizon_steps]
 
     def _read(self, positions: Tensor, both: Tensor) -> tuple[list[tuple[Tensor, Tensor]], Tensor]:
-        """Return what each frame but the first adds to the gates, and the last's momentum."""
+        """Return the later frames' contributions to the gates, and the last frame's momentum."""
         zeta = momentum((positions[:, 1:] - positions[:, :-1]) * self.rate_hz)
         pose = self._pose(positions[:, 1:])
         alike = torch.cat([zeta[..., :1, 0], both[..., None], pose], -1)
@@ -88,7 +88,7 @@ class SideBySide:
         return list(zip(opening.split(1), new.split(1), strict=True)), zeta[:, -1:]
 
     def _begun(self, positions: Tensor) -> list[Tensor]:
-        """States (1, 3, B, hidden) after a first frame: no motion is known, and no state."""
+        """States (1, 3, B, hidden) after a first frame, without known motion or state."""
         return list(self.gates.begun(self._pose(positions)).split(1))
 
     def _pose(self, positions: Tensor) -> Tensor:
@@ -115,7 +115,7 @@ def fits(operator: Operator, kind: str, history_steps: int) -> bool:
 
 
 class _Gates:
-    """The GRU's products, split into what frames, directions and states add to its gates."""
+    """The GRU's products, split into the contributions of frames, directions and states."""
 
     def __init__(self, operator: Operator) -> None:
         gru = operator.grus[0]
@@ -144,7 +144,7 @@ class _Gates:
         return opening, new
 
     def begun(self, pose: Tensor) -> Tensor:
-        """(N, 3, B, hidden) states after one frame of poses (B, N, J, 3), from none."""
+        """(N, 3, B, hidden) states after one frame of poses (B, N, J, 3), from zero states."""
         added = (pose.flatten(2).transpose(0, 1) @ self.place)[:, None] + self.at_rest
         opening, new = added.split([2 * self.hidden, self.hidden], -1)
         reset, keep = opening.sigmoid().split(self.hidden, -1)
@@ -152,7 +152,7 @@ class _Gates:
         return state - keep * state
 
     def step(self, before: Tensor, fresh: Tensor, state: Tensor) -> Tensor:
-        """The next states (R, 3, B, hidden) of R readings by what a frame adds to their gates."""
+        """The next states (R, 3, B, hidden) of R readings, given a frame's contribution."""
         opening = (before + state @ self.opening).sigmoid()
         reset, keep = opening.split(self.hidden, -1)
         new = (fresh + reset * (state @ self.new + self.inside)).tanh()
@@ -160,5 +160,5 @@ class _Gates:
 
 
 def _begins(start: int, end: int, steps: int, readings: int) -> list[int]:
-    """The frames from ``start`` to before ``end`` at which a reading begins."""
+    """Frames in ``start`` to ``end`` - 1 at which a reading begins."""
     return [f for f in range(start, end) if f % steps == 0 and f // steps < readings]

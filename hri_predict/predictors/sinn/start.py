@@ -4,8 +4,8 @@ This is not in the paper, whose first momentum is the difference of the last two
 cm on each is an error of 0.7 m/s at 25 frames a second, carried on through the whole forecast.
 
 One small network, shared by all joints, reads how a joint moved over its last frames and gives the
-filters' weights: a clean joint is taken as it is, a noisy one is smoothed. It reads only what no
-axis and no body changes: lengths of velocities and angles between them, and which joint it is.
+filters' weights: a clean joint is taken as it is, a noisy one is smoothed. Its inputs do not depend
+on axes or body: lengths of velocities, angles between them, and the joint's index.
 """
 
 import torch
@@ -90,7 +90,8 @@ class Start(nn.Module):
 def gated(last: Tensor, positions: Tensor, logits: Tensor) -> Tensor:
     """Last pose + gate x change (B, H, J, 3): a person who moves to and fro stays in place.
 
-    The gate is drawn between two logits (B, J, 2): of the first step, and of step 25 and later.
+    The gate's logit moves from the first of two (B, J, 2) at the first step to the second at step
+    25.
     """
     steps = torch.arange(1, positions.shape[1] + 1).to(positions) / _GATED_STEPS
     far = steps.clamp(max=1.0)[None, :, None]

@@ -1,6 +1,6 @@
 """The parts of SINN: momentum by direction, the recurrent operator, and the critic.
 
-Section and equation numbers are of Chen et al., CVPR 2024; see ``sinn``.
+Section and equation numbers refer to Chen et al., CVPR 2024; see ``sinn``.
 """
 
 import math
@@ -133,7 +133,7 @@ class Operator(nn.Module):
     ) -> Tensor:
         """Predict (B, t, J, 3, C) from (B, T, J, 3, C), (B, T, J) and poses (B, T, J, 3), m.
 
-        ``first`` (B, 1, J, 3, C) is carried on instead of the last of ``zeta``.
+        It continues from ``first`` (B, 1, J, 3, C), if given, instead of the last of ``zeta``.
         """
         both = observed & F.pad(observed[:, :-1], (0, 0, 1, 0))
         mask = both.to(zeta.dtype)[..., None]
@@ -182,7 +182,7 @@ class Critic(nn.Module):
         self.third = nn.Linear(hidden, 1)
 
     def forward(self, motion: Tensor, frozen: bool = False) -> Tensor:
-        """Score (B,) of motions (B, inputs); ``frozen`` leaves the critic itself no gradient."""
+        """Score (B,) of motions (B, inputs); ``frozen`` blocks gradients to the critic."""
         value = motion / math.sqrt(self.inputs)
         for layer in (self.first, self.second, self.third):
             if layer is not self.first:

@@ -59,7 +59,7 @@ def test_all_weights_decide_which_calibration_is_its_own():
     [
         (["sinn"], "members"),
         (["sinn", "sinn"], "names a predictor twice; name each once"),
-        (["average", "sinn"], "an average of averages; name their members"),
+        (["average", "sinn"], "an average cannot be a member; name its members instead"),
         (["sinn", "nobody"], "nobody"),
     ],
 )

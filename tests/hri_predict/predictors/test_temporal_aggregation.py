@@ -219,7 +219,7 @@ def test_takes_weights_trained_through_the_aggregation(tmp_path, random_network)
         ({"inner": "kalman"}, r"predictor\.inner 'kalman': no network; name a trained"),
         ({"inner": "trajectorycn"}, "unknown predictor 'trajectorycn'; did you mean"),
         ({"inner": "stb"}, "are for 'trajectorycnn'; give the file of 'stb'"),
-        ({"steps": 13}, r"predictor\.steps 13: .* predicts 12 at a time .* use 12 at most"),
+        ({"steps": 13}, r"predictor\.steps 13: .* predicts 12 steps at a time .* use 12 at most"),
     ],
 )
 def test_settings_that_cannot_be(inner_weights, settings, message):

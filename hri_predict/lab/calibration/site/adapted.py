@@ -1,10 +1,10 @@
 """A calibration whose factors are moved towards a site's parts; see ``mixing`` for the rule.
 
 The scale stays the base's. Guaranteed radii stay those of the base, which hold for people like
-those it was made of; where the parts show larger ones, these count. (Parts of one night are not
+those in its data; larger ones that the parts show replace them. (Parts of one night are not
 independent, so they support no guarantee of their own.) Limits of radii rise to the largest error
-of the parts. What counts as unlike the calibration
-widens to the site's fastest motions.
+of the parts. The range of motion considered like the calibration is widened to the site's fastest
+motions.
 """
 
 from collections.abc import Sequence
@@ -36,10 +36,10 @@ def adapted(
 
     Args:
         base: the calibration that the parts were scored with.
-        base_digest: of its file, kept in the result.
+        base_digest: of the base's file, kept in the result.
         parts: of the site's recordings.
         skeleton: of the parts' joints.
-        made: the day, kept in the result.
+        made: the current day, kept in the result.
     """
     group = groups(base, skeleton)
     pooled = _Pooled(parts, group)
@@ -143,7 +143,7 @@ def _ranges(
     factors: Floats,
     limit: Floats,
 ) -> dict[str, Any]:
-    """The base's, as wide as the parts need.
+    """The base's ranges, widened as far as the parts need.
 
     Args:
         factors, limit: (3, H) and (3, G, H) of the highest level, of each joint.

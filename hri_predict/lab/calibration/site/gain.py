@@ -21,13 +21,13 @@ from hri_predict.zones.settings import LEVELS
 
 FOLDS = 5
 WALK_M_S, BODY_M = 1.6, 0.08
-"""Sizes are compared with a ball that grows at walking speed; the body adds this to both."""
+"""Growth of the ball that sizes are compared with, and the body's size, added to both."""
 BEFORE, AFTER = "before", "after"
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Gain:
-    """L levels, H steps.
+    """Coverage and sizes before and after the move. L levels, H steps.
 
     Attributes:
         parts: number of parts.
@@ -46,7 +46,7 @@ class Gain:
 
 
 def measured_gain(base: Calibration, parts: Sequence[Part], skeleton: Skeleton) -> Gain:
-    """Measure the base and what it becomes; of a single part only the base (NaN for the rest)."""
+    """Measure the base before and after the move; from a single part only before (else NaN)."""
     calibrated = groups(base, skeleton) >= 0
     sums: dict[tuple[Of, str], list[Floats]] = {}
     blocks = np.array_split(np.arange(len(parts)), min(FOLDS, len(parts)))

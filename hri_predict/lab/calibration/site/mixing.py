@@ -1,23 +1,22 @@
 """Effect of a site's own recordings on the factors of a calibration.
 
-**Rule.** A factor is a quantile of errors over the learned scale. The base knows how such ratios
-are distributed among the people it was made of, the site's parts how they are here. The new
-distribution is a mixture: the base counts as a fixed number of recordings, each part of the
-site as one. The new factor is the mixture's quantile. So no part changes little alone, and many
-outweigh the base; and what is asked of the tail is answered by shares of windows, which averaged
-factors would not do.
+**Rule.** A factor is a quantile of errors over the learned scale. The base gives the distribution
+of these ratios among its own people, and the site's parts give the distribution at the site. The
+new distribution is a mixture: the base counts as a fixed number of recordings, each part of the
+site as one. The new factor is the mixture's quantile. So a single part changes little, and many
+outweigh the base. The tail follows shares of windows, which averaged factors would not do.
 
 - The base counts as ``GROW`` recordings where the site needs larger factors and as ``SHRINK``
   where smaller ones would do: a zone too small may hurt a person, one too large costs time.
 - A factor that shrinks stays at least the site's own quantile.
 - A part in which a speed class occurs for less than ``FULL_WINDOWS`` counts in proportion.
-- As in every calibration, the share that the site's parts may miss is cut where they are few
+- As in every calibration, the share that the site's parts may miss is reduced if they are few
   (``conformal.caution``).
-- Where the base knows nothing, the site's quantile alone counts, from ``LEAST_RECORDINGS`` on.
+- Where the base has no data, the site's quantile alone is used, from ``LEAST_RECORDINGS`` on.
 
-Of the base only the factors at three levels are known. Between them the logarithm of the share
-above is linear in the logarithm of the ratio, and beyond them it goes on as it was there (a Pareto
-tail, heavier than that of bodies, whose speed is bounded: it errs towards larger factors).
+The base provides its factors at three levels only. Between them the logarithm of the share above a
+ratio is linear in the logarithm of the ratio, and beyond them this line is extended. (Such a Pareto
+tail is heavier than that of bodies, whose speed is bounded: it errs towards larger factors.)
 """
 
 from bisect import bisect_left
@@ -31,9 +30,9 @@ from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS, caution
 from hri_predict.zones.settings import LEVELS
 
 GROW, SHRINK = 15.0, 30.0
-"""Recordings that the base counts as; see the module."""
+"""Number of recordings that the base counts as; see the module."""
 FULL_WINDOWS = 80
-"""Windows from which on a part counts fully: ten seconds of one person."""
+"""Minimum number of windows for a part's full weight: ten seconds of one person."""
 _LEAST_SHARE = 1e-6
 _ABOVE = 1.0 - np.array(LEVELS)
 
@@ -45,7 +44,7 @@ class Ratios:
     Attributes:
         values: (n,) ascending.
         above: (n,) weight of the ratios that are larger than each.
-        weight: of all: how many parts they count as.
+        weight: of all ratios: the number of parts that they count as.
     """
 
     values: Floats
@@ -64,7 +63,7 @@ class Ratios:
         return Ratios(values[order], np.maximum(total - np.cumsum(each[order]), 0.0), total)
 
     def own(self, level: float) -> float:
-        """Their quantile; infinite if there are none."""
+        """Quantile of the site's ratios; infinite without any."""
         if not len(self.values):
             return np.inf
         missed = (1.0 - level) * self.weight - self.cut(level)
@@ -72,14 +71,14 @@ class Ratios:
         return float(self.values[min(at, len(self.values) - 1)])
 
     def cut(self, level: float) -> float:
-        """The weight by which what may be missed is cut."""
+        """The weight by which the allowed misses are reduced."""
         if self.weight <= 0:
             return 0.0
         return (1.0 - level) * self.weight * caution(self.weight)
 
 
 class BaseTail:
-    """The share of the base's ratios above a value, from its factors (L,) at ``LEVELS``."""
+    """The tail of the base's ratios, from its factors (L,) at ``LEVELS``."""
 
     def __init__(self, factors: Floats) -> None:
         ratio = np.log(np.maximum.accumulate(factors))
@@ -92,11 +91,11 @@ class BaseTail:
         self._share = np.concatenate([ends[:1], share, ends[1:]])
 
     def above(self, ratio: float) -> float:
-        """Share above a ratio."""
+        """Share of the base's ratios above ``ratio``."""
         return float(np.exp(np.interp(np.log(max(ratio, 1e-9)), self._ratio, self._share)))
 
     def ratio(self, share: float) -> float:
-        """The ratio that such a share is above; infinite for none."""
+        """The ratio that ``share`` of the ratios exceed; infinite for a share of nearly 0."""
         if share <= _LEAST_SHARE:
             return np.inf
         return float(np.exp(np.interp(-np.log(min(share, 1.0)), -self._share, self._ratio)))
@@ -121,7 +120,7 @@ def moved(base: Floats, site: Ratios) -> Floats:
 
 
 def _quantile(base: BaseTail, counts: float, site: Ratios, level: float) -> float:
-    """The smallest ratio that at most 1 - level of the mixture is above."""
+    """The smallest ratio that at most 1 - level of the mixture exceeds."""
     budget = (counts + site.weight) * (1.0 - level) - site.cut(level)
     values, above = site.values, site.above
     at = bisect_left(
@@ -137,5 +136,5 @@ def _quantile(base: BaseTail, counts: float, site: Ratios, level: float) -> floa
 
 
 def weights_of(windows: Sequence[int] | Ints) -> Floats:
-    """Return the weights of parts by their number of windows: 1, or less where they show little."""
+    """Return the weights of parts by their number of windows: 1, or less for few windows."""
     return np.minimum(np.asarray(windows, float) / FULL_WINDOWS, 1.0)

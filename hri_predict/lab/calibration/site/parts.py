@@ -1,4 +1,4 @@
-"""A site's recordings as units: parts of ten minutes, and what is kept of each.
+"""A site's recordings as units: parts of ten minutes, and the data kept of each.
 
 Windows of one stay resemble each other: the same person, the same work, the same light. So
 recordings are cut into parts of ``PART_S`` from their first scene on, and each part with a person

@@ -1,4 +1,4 @@
-"""Augmentation of training windows: a few minutes of motion stand for more people and sensors.
+"""Augmentation of training windows: a few minutes of motion represent more people and sensors.
 
 Everything is drawn per window from one generator, in the room's frame. Speed and direction in time
 are drawn before the window is cut (``motion``). Geometry (mirror, scale, yaw) changes history and
@@ -32,7 +32,7 @@ class AugmentSettings(Settings):
         0.15,
         ge=0,
         le=1,
-        description="share slowed down, to a speed drawn evenly between full and zero",
+        description="share slowed down, to a speed drawn uniformly between full and zero",
     )
     reverse: float = Field(
         0.12, ge=0, le=1, description="share played backwards: people step back from a robot"
@@ -49,8 +49,8 @@ class AugmentSettings(Settings):
     missing: float = Field(0.2, ge=0, le=1, description="share with joint-frames missing at random")
     limb: float = Field(0.08, ge=0, le=1, description="share with a limb occluded")
     frames: float = Field(0.08, ge=0, le=1, description="share with whole frames dropped")
-    sparse: float = Field(0.2, ge=0, le=1, description="share with the canonical joints alone")
-    arms: float = Field(0.05, ge=0, le=1, description="share with nothing but the arms seen")
+    sparse: float = Field(0.2, ge=0, le=1, description="share with only the canonical joints")
+    arms: float = Field(0.05, ge=0, le=1, description="share with only the arms seen")
 
 
 def move(

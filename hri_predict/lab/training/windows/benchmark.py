@@ -2,8 +2,8 @@
 
 All windows of stride 1 of every train file, as in the papers. But 70 % of them belong to two
 actions, while the benchmark's mean weighs actions equally, so batches may draw the action first.
-The pack's ``walking_extra`` is not used. Nothing is augmented unless ``reverse`` or ``mirror`` say
-so: not all papers do.
+The pack's ``walking_extra`` is not used. Nothing is augmented unless ``reverse`` or ``mirror`` is
+set: not all papers augment.
 """
 
 import logging
@@ -63,13 +63,13 @@ class WindowData(Settings):
     space: Literal["positions", "rotations"] = Field(
         "positions", description="joints in metres, or exponential maps where the set has them"
     )
-    actions: list[str] = Field([], description="these actions alone; default: all")
+    actions: list[str] = Field([], description="only these actions; default: all")
     balanced: bool = Field(True, description="draw the action first, then a window of it")
     validation_windows: int = Field(64, ge=1, description="number per action, evenly spread")
     reverse: float = Field(
-        0.0, ge=0, le=1, description="share of fitted windows played backwards; papers do or do not"
+        0.0, ge=0, le=1, description="share of fitted windows played backwards; papers differ"
     )
-    mirror: float = Field(0.0, ge=0, le=1, description="share mirrored; positions alone")
+    mirror: float = Field(0.0, ge=0, le=1, description="share mirrored; only for positions")
 
     @model_validator(mode="after")
     def _positions_are_mirrored(self) -> Self:
@@ -95,7 +95,7 @@ class BenchmarkSamples:
 
     Positions are (25, 3) of ``CMU25`` in benchmark metres (its mm / 1000), x forward, y left, z up;
     rotations are (38, 3) exponential maps of ``CMU38`` as stored, radians, the root's included and
-    its translation dropped. Either comes in the body's frame already: ``shape.framed``.
+    its translation dropped. Both are already in the body's frame: ``shape.framed``.
 
     A refit on all recordings has no validation windows: all windows are fitted.
 
@@ -201,7 +201,7 @@ class BenchmarkSamples:
 
 
 class HumanSamples(BenchmarkSamples):
-    """Windows of Human3.6M: subject 11 validates, 5 is the test, a refit takes all others.
+    """Windows of Human3.6M: subject 11 for validation, 5 for the test; a refit uses all others.
 
     Positions are (22, 3) of ``HUMAN22`` in metres, x forward, y left, z up.
     """

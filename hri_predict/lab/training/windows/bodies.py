@@ -1,11 +1,11 @@
 """Other bodies: no two people have the same bones, and no two trackers place joints alike.
 
-Drawn once per window: the length of each bone, and where a tracker puts each joint. Both hold for
-the history and for the future alike, so the target is the true motion of that body.
+Drawn once per window: the length of each bone, and the tracker's displacement of each joint. Both
+apply to the history and to the future, so the target is the true motion of that body.
 
-The ranges are wide on purpose; they are not fitted to any tracker. They cover a known one whose
-shoulders lie 10 cm from the neck where optical motion capture has 20, and whose hips lie 6.5 cm
-from the middle where that has 9.
+The ranges are wide on purpose; they are not fitted to any tracker. They cover a known one with
+shoulders 10 cm from the neck (20 cm in optical motion capture) and hips 6.5 cm from the middle (9
+cm).
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _AROUND_M = {
     "skull_base": 0.04, "head": 0.06, "elbow": 0.02, "knee": 0.02, "wrist": 0.02, "ankle": 0.02,
     "knuckles": 0.03, "hand": 0.03, "thumb": 0.03, "ball": 0.03, "foot": 0.03,
 }  # fmt: skip
-"""Largest displacement along each of the body's axes otherwise."""
+"""Largest displacement of other joints along each of the body's axes."""
 
 
 class BodySettings(Settings):
@@ -39,7 +39,7 @@ class BodySettings(Settings):
         0.12,
         ge=0,
         le=0.5,
-        description="standard deviation of the logarithm of each bone's length, about its share",
+        description="standard deviation of the logarithm of a bone's length: its relative spread",
     )
     joints: float = Field(
         1.0,
@@ -65,7 +65,7 @@ class DrawnBodies:
     def worn(self, positions: NDArray[np.float32], observed: Bools) -> NDArray[np.float32]:
         """Move windows (B, N, J, 3) of people with z up onto these bodies.
 
-        A person with longer legs also goes further with each step.
+        A person with longer legs also walks further with each step.
         """
         present = observed.any(2, keepdims=True)
         throughout: Bools = np.asarray((observed | ~present).all(1) & observed.any(1))  # (B, J)
@@ -133,10 +133,9 @@ def _kind(joint: str) -> str:
 def _heading(
     positions: NDArray[np.float32], observed: Bools
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(B, N, 3) ahead and to the left, level, by the hips or else by the shoulders.
+    """(B, N, 3) horizontal axes ahead and to the left, from the hips or else the shoulders.
 
-    Where neither pair is seen, the direction is the window's mean one; a person without either has
-    the room's.
+    Where neither pair is seen, the window's mean axes are used; if there are none, the room's.
     """
     count, steps = positions.shape[:2]
     left = np.zeros((count, steps, 3), np.float32)

@@ -41,9 +41,9 @@ class Clips:
         self._seen = np.flatnonzero(self.observed.any(1))
 
     def capture_at(self, times: NDArray[np.float64]) -> NDArray[np.intp]:
-        """(B,) index of the newest capture up to each time that shows anything.
+        """(B,) index of the newest capture with observed joints up to each time.
 
-        Of a time before a track's first such capture, that capture: the next one.
+        For a time before a track's first such capture, it is that capture.
         """
         seen = self.stamps[self._seen]
         newest = np.searchsorted(seen, times + 1e-9, side="right") - 1
@@ -58,7 +58,7 @@ class Clips:
 
         Returns:
             Times (B, M), positions (B, M, J, 3), and whether each joint is observed (B, M, J);
-            nothing is outside its track ``chosen`` (B,).
+            nothing outside the track ``chosen`` (B,) is observed.
         """
         low, high = self._begin[chosen][:, None], self._last[chosen][:, None]
         inside = (index >= low) & (index <= high)

@@ -48,10 +48,10 @@ _USES = ("fit", "validation")
 
 
 class RecordingsSettings(Settings):
-    """Which recordings are fitted, and which are for validation.
+    """The recordings to fit, and those for validation.
 
-    By default the committed split of the data pack below ``root``. With ``fit`` and ``validation``
-    the user's own recordings: paths or patterns below ``root``.
+    By default the committed split of the data pack below ``root``. ``fit`` and ``validation`` name
+    the user's own recordings instead: paths or patterns below ``root``.
     """
 
     root: Path = Field(Path("../shared/data"), description="folder of the recordings")
@@ -152,14 +152,14 @@ class MotionSamples:
         return (ORIGIN_STEPS - 1 + _LEAST_FUTURE) / self.shape.rate_hz
 
     def _read(self, path: Path) -> tuple[Track, ...]:
-        """Every person of a recording; it must have a window, and a short one gives a warning."""
+        """Return every person of a recording; warn if it is too short for a window."""
         own = self._settings.joint_map
         tracks = read_tracks(path, None if own is None else load_joint_map(own))
         rate_hz = min((t.rate_hz for t in tracks), default=_LEAST_RATE_HZ)
         if rate_hz < _LEAST_RATE_HZ:
             raise RecordingError(
                 f"recording {path}: {rate_hz:g} frames per second say too little about motion; "
-                f"give one of {_LEAST_RATE_HZ:g} at least, or leave it out"
+                f"give one of at least {_LEAST_RATE_HZ:g}, or leave it out"
             )
         if not any(self._usable_s(t) > 0 for t in tracks):
             if not tracks or max(map(_span_s, tracks)) > self._least_s:
@@ -172,7 +172,7 @@ class MotionSamples:
         return tracks
 
     def _usable_s(self, track: Track) -> float:
-        """Return the total time (s) at which a window may end that holds observed joints.
+        """Return the total time (s) in which a window with observed joints may end.
 
         A time is observed if it lies between adjacent captures of one joint. A window bridges a
         pause shorter than itself, so only longer pauses are left out.
@@ -268,7 +268,7 @@ class MotionSamples:
         speed: NDArray[np.float64],
         backwards: Bools,
     ) -> NDArray[np.intp]:
-        """(B,) captures with some steps of history before, and of future behind them."""
+        """(B,) captures with some steps of history before them, and of future after them."""
         first, last = self._clips.first_s[chosen], self._clips.last_s[chosen]
         before, after = (
             np.where(backwards, reversed_, usual) / self.shape.rate_hz * speed
@@ -337,7 +337,7 @@ def _span_s(track: Track) -> float:
 
 
 def _refuse_in_both(settings: DataSettings) -> None:
-    """A recording that was fitted says nothing in validation."""
+    """Refuse a recording that is both fitted and used for validation."""
     fit, validation = ({f.resolve() for f in settings.files(use)} for use in _USES)
     for path in sorted(fit & validation):
         raise ConfigError(

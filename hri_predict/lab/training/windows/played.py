@@ -15,12 +15,12 @@ _MAX_GAP_S = 0.1  # as the node's people stage bridges it
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """Windows of played recordings; times are those of the playing, 0 at the origin.
+    """Windows of played recordings; times are playback times, 0 at the origin.
 
     Attributes:
         chosen: (B,) number of the recording.
         origin: (B,) index of the capture at which the history ends.
-        speed: (B,) of playing; negative: backwards.
+        speed: (B,) playback speed; negative: backwards.
         period_s: (B,) time between the captures that are used.
     """
 

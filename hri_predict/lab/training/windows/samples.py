@@ -64,7 +64,7 @@ class SampleSource(Protocol):
 
 
 class SampleSourceClass(Protocol):
-    """A data set to train on, which ``judgement:`` names.
+    """A data set for training, named by ``judgement:``.
 
     Attributes:
         settings_model: the model that validates ``data:`` of a training configuration.
@@ -75,7 +75,7 @@ class SampleSourceClass(Protocol):
     def opened(
         self, data: Any, *, history_steps: int, horizon_steps: int, rate_hz: float
     ) -> SampleSource:
-        """Open it as ``data``, of its ``settings_model``, says.
+        """Open it with the settings ``data``, an instance of its ``settings_model``.
 
         Raises:
             ConfigError: there is nothing to train on.

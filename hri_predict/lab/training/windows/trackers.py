@@ -1,7 +1,7 @@
-"""Motion as trackers see it: how often they look, what they lose, and how they err.
+"""Motion as trackers report it: capture rates, lost captures and joints, and errors.
 
-Trackers give captures, not motion. Captures are disturbed before they are resampled, as in the
-node: an error that is correlated in time stays so, and a capture that is lost leaves a gap.
+Trackers deliver captures, not motion. Captures are disturbed before they are resampled, as in the
+node: errors stay correlated in time, and a lost capture leaves a gap.
 """
 
 from functools import cache
@@ -18,9 +18,9 @@ from hri_predict.predictors.neural.body import BODY, SHARED_BODY, SHARED_CANONIC
 CONVENTIONS = (
     "assembly_arms", "azure_kinect32", "coco17", "mediapipe33", "smpl22", "xsens23", "zed34",
 )  # fmt: skip
-"""Joint maps whose joints are left over in the share ``convention``."""
+"""Joint maps; the share ``convention`` of windows keeps only the joints of one of them."""
 FASTEST_HZ = 60.0
-"""Captures that come more often are thinned: between steps of 40 ms nothing is lost by it."""
+"""Maximum rate: more frequent captures are thinned, which loses nothing at steps of 40 ms."""
 
 
 class TrackerSettings(Settings):
@@ -28,10 +28,10 @@ class TrackerSettings(Settings):
 
     rate: float = Field(0.35, ge=0, le=1, description="share at another capture rate")
     slowest_hz: float = Field(8.0, ge=5, le=60, description="lowest such rate; the highest is 60")
-    dropped: float = Field(0.15, ge=0, le=1, description="share that lose whole captures")
+    dropped: float = Field(0.15, ge=0, le=1, description="share that loses whole captures")
     dropped_most: float = Field(0.3, ge=0, lt=1, description="largest share of captures lost")
     noise: float = Field(0.3, ge=0, le=1, description="share with noise on every joint")
-    noise_m: float = Field(0.03, ge=0, le=1, description="its largest standard deviation")
+    noise_m: float = Field(0.03, ge=0, le=1, description="largest standard deviation of that noise")
     correlated: float = Field(
         0.5, ge=0, le=1, description="share of noisy windows whose noise is correlated in time"
     )
@@ -42,7 +42,7 @@ class TrackerSettings(Settings):
         description="longest time constant of correlated noise (the shortest is a tenth)",
     )
     convention: float = Field(
-        0.25, ge=0, le=1, description="share with the joints alone that some tracker delivers"
+        0.25, ge=0, le=1, description="share with only the joints that some tracker delivers"
     )
 
 
@@ -60,7 +60,7 @@ def draw_periods(
 def draw_lost(
     settings: TrackerSettings, rng: np.random.Generator, count: int, captures: int
 ) -> Bools:
-    """(B, M) captures that never come. The newest comes: a window ends with it."""
+    """(B, M) captures that are lost; never the newest, which ends the window."""
     share = settings.dropped_most * rng.random((count, 1))
     share *= rng.random((count, 1)) < settings.dropped
     lost: Bools = rng.random((count, captures)) < share
@@ -99,7 +99,7 @@ def draw_noise(
 def hide_by_convention(
     settings: TrackerSettings, rng: np.random.Generator, observed: Bools
 ) -> None:
-    """Leave some windows (B, T, J) only the joints of one tracker's convention, in place."""
+    """Hide all but one tracker convention's joints in some windows (B, T, J), in place."""
     count = len(observed)
     which = rng.integers(len(CONVENTIONS), size=count)
     hit = np.flatnonzero(rng.random(count) < settings.convention)

@@ -81,6 +81,6 @@ def test_tables_and_json_tell_the_same(found):
 
 def test_without_a_set_there_is_nothing_to_leave_out():
     walking = walks("walking", [0.5, 0.6])
-    with pytest.raises(ConfigError, match="--leave-out: no recording is of a set"):
+    with pytest.raises(ConfigError, match="--leave-out: no recording belongs to a set"):
         leave_out(predictor=PREDICTOR, settings=SETTINGS, scores=walking, judged=walking)
     assert "arms" in leaving_out.SETS

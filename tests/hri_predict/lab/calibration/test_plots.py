@@ -183,7 +183,7 @@ def test_balls_and_limits_are_drawn_beside_the_radii(make_recording):
     found = lines(hand)
     assert found["ball growing at 1.6 m/s"][-1] == pytest.approx([1000, 1.6])
     # an arm within 1 s: min(15 m, 4.5 + 8.3 / 2); the trunk: min(10 m, 2 + 8.3 / 2)
-    cut = "what a body can do at most (the physical cut)"
+    cut = "limits of what a body can do (the physical cut)"
     assert found[cut][-1] == pytest.approx([1000, 8.65])
     assert lines(trunk)[cut][-1] == pytest.approx([1000, 6.15])
     assert found["kalman, 99 % of whole body"][0, 0] == pytest.approx(40)

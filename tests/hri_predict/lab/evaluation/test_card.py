@@ -87,7 +87,7 @@ def test_says_all_that_it_must(weights, real, benchmark):
         "| walking (12 windows) | 50 |",
         "+20.0 %",
         "| mean: trajectorycnn | 2.0 | 4.0 | 8.0 | 10.0 | 14.0 | 25.0 |",  # frames 1, 3, ... 24
-        "not by these",
+        "not these",
     ):
         assert said in text
 
@@ -116,7 +116,7 @@ def test_judgements_not_done_are_said_to_be(weights):
 
 def test_a_judgement_of_another_predictor_is_refused(weights, real):
     real["results"] = [r for r in real["results"] if r["predictor"] != "trajectorycnn"]
-    with pytest.raises(ConfigError, match="the evaluation on recordings has no result of it"):
+    with pytest.raises(ConfigError, match="the evaluation on recordings has no result for it"):
         card_of(weights, real, None)
 
 
@@ -172,5 +172,5 @@ def test_a_card_says_where_training_began(tmp_path, weights):
     card = loaded.card | {"config": CONFIG | {"initial_weights": "/somebody/s/runs/old"}}
     save_weights(weights, loaded.method, loaded.network, card)
     text = card_of(weights, None, None)
-    assert "Training began with earlier weights of this predictor." in text
+    assert "Training started from earlier weights of this predictor." in text
     assert "somebody" not in text

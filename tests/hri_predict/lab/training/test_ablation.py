@@ -142,7 +142,7 @@ def test_a_table_that_cannot_be_written_is_told(tmp_path):
         ("predictor=sinn", "is for 'sinn', but the ablation trains trajectorycnn"),
         (
             "shape.rate_hz=50",
-            "shape.rate_hz 50: the evaluation on recordings has 25 Hz",
+            "shape.rate_hz 50: the evaluation on recordings runs at 25 Hz",
         ),
     ],
 )

@@ -91,7 +91,7 @@ def test_a_copy_fails_as_any_predictor_does(made, monkeypatch):
 def test_probes_of_another_shape_do_not_end_the_start(monkeypatch, made, stored):
     short = [(p, o, w[:, :-1]) for p, o, w in stored.probes]
     counted(monkeypatch, replace(stored, probes=short).packed())
-    with pytest.raises(NoCopyError, match="cannot compute it"):
+    with pytest.raises(NoCopyError, match="cannot run it"):
         exported.exported(settings_of())
 
 

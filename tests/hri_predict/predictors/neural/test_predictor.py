@@ -244,7 +244,7 @@ def test_weights_of_the_benchmark_do_not_serve_the_node(tmp_path, framed):
         NetworkOptions(),
     )
     save_weights(tmp_path / "b.safetensors", "drift", network, {})
-    with pytest.raises(ConfigError, match="give some that are for 'body28' in the room"):
+    with pytest.raises(ConfigError, match="give weights for 'body28' in the room"):
         drift(tmp_path / "b.safetensors")
 
 

@@ -146,7 +146,7 @@ def test_a_worker_that_is_killed_between_ticks_is_started_anew(started):
 
 @pytest.mark.parametrize(
     ("does", "said"),
-    [("start hangs", "did nothing for"), ("start spins", "without getting ready")],
+    [("start hangs", "did nothing for"), ("start spins", "without becoming ready")],
 )
 def test_a_new_worker_that_freezes_while_it_starts_is_given_up_in_seconds(
     started, does, said, tmp_path, monkeypatch, caplog
@@ -162,7 +162,7 @@ def test_a_new_worker_that_freezes_while_it_starts_is_given_up_in_seconds(
     assert runner.run(snapshot(1)) == (None, Reason.PREDICTOR_FAILED)
     once.unlink()
     recovers(runner)
-    assert "there are forecasts again" in caplog.text
+    assert "forecasts resume" in caplog.text
 
 
 def test_a_new_worker_that_a_signal_stops_is_given_up_and_said_to_be_stopped(
