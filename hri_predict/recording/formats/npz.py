@@ -264,7 +264,7 @@ def write_pack(path: Path, recording: Recording) -> Written:
     if not names:
         raise ConfigError(
             "the data pack's layouts hold the 38 joints of cmu38 or the 6 of assembly_arms, not "
-            f"{', '.join(frames.joints[:4])}, ...; take --to amass, which holds any"
+            f"{', '.join(frames.joints[:4])}, ...; use --to amass, which holds any joints"
         )
     joint_map = load_joint_map(names[0])
     order = [frames.joints.index(joint) for joint in joint_map.source_joints]
