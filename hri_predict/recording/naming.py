@@ -1,4 +1,4 @@
-"""From the joint names of a file to the canonical skeleton.
+"""Maps the joint names of a file to the canonical skeleton.
 
 Names alone decide, with and without what a tracker writes before or after them all
 (``shared_affix``). All joints of one of the shipped maps, as the map writes them or in another
@@ -59,12 +59,12 @@ def _reading(names: Sequence[str]) -> JointMap:
 
 
 def unknown_map(names: Sequence[str]) -> JointMap:
-    """A map that gives no canonical joint."""
+    """Return a map without any canonical joint."""
     return _map(UNKNOWN, names, np.zeros((len(JOINTS), len(names))))
 
 
 def check_known(joint_map: JointMap) -> None:
-    """Refuse a map of ``unknown_map``.
+    """Reject a map from ``unknown_map``.
 
     Raises:
         ConfigError: the names give no canonical joint; the error lists the missing ones.

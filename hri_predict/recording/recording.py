@@ -123,7 +123,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 
 def check_rate(path: Path, what: str, rate_hz: float) -> None:
-    """Refuse a rate at which people are not recorded.
+    """Reject an implausible recording rate.
 
     Raises:
         RecordingError: ``what`` in the file gives a rate out of range, or NaN.
@@ -136,7 +136,7 @@ def check_rate(path: Path, what: str, rate_hz: float) -> None:
 
 
 def check_gaps(path: Path, arrivals: Sequence[int]) -> None:
-    """Refuse scenes that a replay would never reach, or would give in another order.
+    """Reject scenes that a replay would never reach, or would give in a different order.
 
     Raises:
         RecordingError: two arrivals (ns) are more than ``MAX_GAP_S`` apart, or go back.
@@ -192,7 +192,7 @@ def recording_of(
     whole = kind == "bvh"
     good = observed.all(axis=(1, 2)) if whole else observed.any(axis=(1, 2))
     poor = int(np.count_nonzero(~good))
-    what = "some joint is not a sane number" if whole else "no joint is known"
+    what = "some joint is not a valid number" if whole else "no joint is known"
     note = f"in {poor} of {len(scenes)} frames {what}" if poor else ""
     times = [scene.stamp_ns for scene in scenes]
     return Recording(
@@ -207,9 +207,9 @@ def recording_of(
 
 
 def converted_by(path: Path, options: str) -> str:
-    """Return the remedy for a file that does not state what these options of ``convert`` state."""
+    """Return the remedy for a file without the information in these options of ``convert``."""
     names = shlex.quote(str(path)), shlex.quote(f"{path.stem}_right.mcap")
-    return f"this makes a right file of it: hri-predict convert {' '.join(names)} {options}"
+    return f"this writes a correct file: hri-predict convert {' '.join(names)} {options}"
 
 
 def noted(recording: Recording, note: str) -> Recording:
@@ -315,7 +315,7 @@ def _middle(joints: Floats, seen: Bools) -> Floats | None:
 
 
 def _facing(joints: Floats, seen: Bools) -> float:
-    """Direction a body faces: ahead of the line through its hips, or else shoulders, ..."""
+    """Return the direction a body faces: perpendicular to the line of hips, or shoulders, ..."""
     for part in ("hip", "shoulder", "elbow", "wrist"):
         left, right = JOINTS.index(f"l_{part}"), JOINTS.index(f"r_{part}")
         if seen[left] and seen[right]:

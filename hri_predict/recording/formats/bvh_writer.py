@@ -1,7 +1,7 @@
-"""Writes BVH: the canonical skeleton under the names that rigs use, with rigid bones.
+"""Writes BVH: the canonical skeleton under common rig names, with rigid bones.
 
-A BVH file holds rotations of one hierarchy for one person. So the joints become the canonical
-ones, bone lengths become constant, and an unobserved joint stays where it was last seen.
+A BVH file holds rotations of one hierarchy for one person. So only canonical joints are written,
+bone lengths are constant, and an unobserved joint stays where it was last seen.
 """
 
 from collections.abc import Sequence
@@ -161,13 +161,13 @@ def write_bvh(path: Path, recording: Recording) -> Written:
 
     used = sorted(set(joints))
     written = replace(frames.written, joints=len(used))
-    written.dropped["joints that are none of the canonical ones"] += int(
+    written.dropped["joints that are not canonical"] += int(
         np.count_nonzero(~recording.joint_map.used)
     )
     unseen = int(np.count_nonzero(~seen[:, used]))
     written.dropped["joint positions that were not observed"] += unseen
     if unseen:
-        written.notes.append("a BVH knows no missing joints: they stay where they were seen last")
+        written.notes.append("BVH cannot store missing joints: they stay where they were last seen")
     _measure(written, bones.positions, held[:, joints], seen[:, joints])
     return written
 

@@ -40,7 +40,7 @@ _BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 _KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
 _KEYS |= {"positions", "joint_names", "parents", "valid", "jump"}
 RATES = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate", "rate_hz")
-"""Names of the frames per second; a file may have several, which then say the same."""
+"""Names of the frame rate; a file may have several, which must agree."""
 _KEYS |= set(RATES)
 MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
@@ -99,7 +99,7 @@ def _unpacked(path: Path, archive: Any, keys: Collection[str]) -> dict[str, Any]
 
 
 def _check_size(path: Path, archive: zipfile.ZipFile | None, keys: Collection[str]) -> None:
-    """Refuse an archive that would fill the memory; arrays that are not read do not count."""
+    """Reject an archive that would fill the memory, counting only the arrays that are read."""
     entries = [] if archive is None else archive.infolist()
     size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in keys)
     if size > MAX_BYTES:

@@ -28,7 +28,7 @@ _LATIN = "latin1"
 
 
 class _Opaque:
-    """A value that is not needed, such as a scalar of NumPy."""
+    """A value that is ignored, such as a NumPy scalar."""
 
 
 @dataclass
@@ -242,10 +242,10 @@ _Reader.dispatch = {step[0]: _BASE[step[0]] for step in _TAKEN} | {
 
 
 def read_pickle(data: bytes) -> Any:
-    """Return the object of a pickle: dictionaries, lists, tuples, text, numbers, and ``Array``.
+    """Return a pickle's object: dictionaries, lists, tuples, text, numbers and ``Array``.
 
     Raises:
-        ValueError: it is damaged, or holds other things than data.
+        ValueError: it is damaged, or contains more than data.
     """
     try:
         return _Reader(io.BytesIO(data), encoding=_LATIN).run()

@@ -26,7 +26,7 @@ from hri_predict.recording.wanted import Wanted
 KEY = "jointPositions"
 RATE_HZ = 30.0
 AXES = ("x", "-z", "y")
-"""Forward, left and up where people do not say otherwise: y is up."""
+"""Default for the axes that are forward, left and up: y is up."""
 MOST_PEOPLE = 20
 
 

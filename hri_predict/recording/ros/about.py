@@ -11,7 +11,7 @@ from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.ros.bag import Bag, open_bag
 
 PREFIX = "/recorded"
-"""Before the names of all topics that this node writes into a bag."""
+"""Prefix of all topics that this node writes into a bag."""
 ABOUT, PEOPLE = f"{PREFIX}/about", f"{PREFIX}/people"
 STRING = "std_msgs/msg/String"
 MAX_BYTES = 4 * 1024 * 1024

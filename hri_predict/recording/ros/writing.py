@@ -33,7 +33,7 @@ from hri_predict.recording.ros.outputs import Outputs
 ROOM, OWN = "room", "recording"
 """Frames of scenes in the room, and of those in a motion file's own frame."""
 BEGIN_NS = 86_400 * 10**9
-"""A bag without UTC begins here: stamps of zero would mean that there are none."""
+"""Start time of a bag without UTC: stamps of zero would mean missing stamps."""
 _TOPICS = Topics("/hri", {})
 
 
@@ -172,10 +172,10 @@ def _say(recording: Recording, outputs: Outputs, written: Written) -> None:
     if recording.kind != "mcap":
         return
     if recording.outputs_ns is None:
-        written.notes.append("what the node said was for all people, and is left out")
+        written.notes.append("the node's output was for all people, and is left out")
     elif outputs.full_speed_m_s is None:
         written.notes.append(
-            "its configuration states no full speed, so what the node said is left out"
+            "its configuration states no full speed, so the node's output is left out"
         )
     else:
         written.notes.append(f"speed fractions are of {outputs.full_speed_m_s:g} m/s")

@@ -118,9 +118,9 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
     assert "cannot be written: not a file" in mistake("two.csv", "pipe.csv", "--force")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
-    assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")
+    assert "is the input recording" in mistake("two.csv", "two.csv", "--force")
     Path("link.csv").symlink_to("two.csv")
-    assert "is the recording that is read" in mistake("two.csv", "link.csv", "--force")
+    assert "is the input recording" in mistake("two.csv", "link.csv", "--force")
 
 
 @pytest.mark.parametrize("ending", OF_ANY_JOINTS)
