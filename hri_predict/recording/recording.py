@@ -89,7 +89,7 @@ class Recording:
 
     @property
     def digest(self) -> str | None:
-        """SHA-256 of its files in hexadecimal digits; ``None`` without a file."""
+        """SHA-256 of its files, hexadecimal; ``None`` without a file."""
         if not self.path.is_file():
             return None
         found = hashlib.sha256()
@@ -300,7 +300,7 @@ def start_of(recording: Recording) -> tuple[Floats, float]:
 
 
 def _middle(joints: Floats, seen: Bools) -> Floats | None:
-    """The waist on the floor, or else the middle of the shoulders, or of all joints seen."""
+    """Return the waist on the floor, or the middle of the shoulders or of all joints seen."""
     waist, left, right = (JOINTS.index(n) for n in ("waist", "l_shoulder", "r_shoulder"))
     if seen[waist]:
         chosen = joints[[waist]]

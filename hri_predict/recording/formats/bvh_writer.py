@@ -135,7 +135,8 @@ HELPERS = {
     "torso": "LowerBack", "head": "Neck1", "l_shoulder": "LeftShoulder",
     "r_shoulder": "RightShoulder", "l_hip": "LHipJoint", "r_hip": "RHipJoint",
 }  # fmt: skip
-"""A joint with several bones has a helper for each bone; the helper turns only that bone."""
+"""Names of the helpers: with several bones, a joint has one per bone, which turns only that
+bone."""
 _REST = {"knee": (0, -1, 0), "ankle": (0, -1, 0), "foot": (0, 0, 1)}  # y up, left is +x
 _SIDE = {"l_": (1, 0, 0), "r_": (-1, 0, 0)}
 

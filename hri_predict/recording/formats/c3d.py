@@ -1,6 +1,6 @@
 """C3D files of optical motion capture: their 3D points; the residual marks unseen points.
 
-After the C3D User Guide (Motion Lab Systems, c3d.org): blocks of 512 bytes; a header; parameters
+Based on the C3D User Guide (Motion Lab Systems, c3d.org): blocks of 512 bytes; a header; parameters
 in groups; then for each frame the points (x, y, z and a word of cameras and residual, below 0 where
 the point was not reconstructed) and the analog samples, which are skipped. Numbers are integers or
 floats of Intel, DEC (VAX F_floating) or MIPS machines.
@@ -69,8 +69,8 @@ class _Layout:
 def read_c3d(path: Path, wanted: Wanted) -> Recording:
     """Read the points of a C3D file; ``Anna:LWrist`` is a marker of the person Anna.
 
-    ``wanted.person`` is the first id for people whose labels give no number. Without a wish, units
-    are POINT:UNITS, and up is POINT:Y_SCREEN, or z if the file does not state it.
+    ``wanted.person`` is the first id for people whose labels give no number. By default, units are
+    POINT:UNITS, and up is POINT:Y_SCREEN, or z if the file does not state it.
 
     Raises:
         RecordingError: the file is not C3D, is truncated or damaged, or has no points.

@@ -211,7 +211,7 @@ def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float) -> 
 
 
 def single_number(array: Any) -> float:
-    """The number of an array of one element, whatever its shape; NaN where it is not that."""
+    """Return the number in an array of one element of any shape; NaN for other arrays."""
     flat = np.asarray(array).ravel()
     try:
         return float(flat[0]) if flat.size == 1 else math.nan
@@ -254,7 +254,7 @@ def texts(array: Any) -> list[str]:
 
 
 def write_pack(path: Path, recording: Recording) -> Written:
-    """Write one person in the layout of cmu_mocap or of assembly, by the joints' names.
+    """Write one person in the layout of cmu_mocap or assembly, depending on the joints' names.
 
     Raises:
         ConfigError: the joints fit neither.

@@ -100,7 +100,7 @@ def _body(path: Path, each: Any, most: int) -> Floats:
 
 
 def _placed(path: Path, content: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
-    """(F, P) whether a person is placed; all where the file does not say."""
+    """(F, P) whether a person is placed; all are if the file does not state it."""
     flags = content.get("campose_valid")
     if flags is None:
         return np.ones(shape, np.bool_)

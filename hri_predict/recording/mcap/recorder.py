@@ -32,7 +32,7 @@ GATHER_S = 0.05
 item."""
 CLOSE_TIMEOUT_S = 10.0
 FLUSH_NS = 500_000_000
-"""Maximum loss of a killed writer, besides the content of the queue."""
+"""Maximum time span lost by a killed writer, in addition to the queue's content."""
 LOOK_NS = 1_000_000_000
 """Interval at which the clocks are compared and the free disk space is checked."""
 RETRY_NS = 2_000_000_000
@@ -149,7 +149,7 @@ class Recorder(Items):
         self.close()
 
     def take(self, item: Item) -> None:
-        """Queue it, or write it at once; what cannot be written is counted."""
+        """Queue it, or write it immediately; messages that fail are counted."""
         if self._closed:
             self._drop()
         elif self._thread is None:

@@ -18,7 +18,7 @@ MAX_BYTES = 4 * 1024 * 1024
 
 
 def is_in_room(path: Path) -> bool:
-    """Whether a bag was made of a recording of this node, whose people are in the room already.
+    """Whether a bag was made from a recording of this node, with people in the room's frame.
 
     Raises:
         RecordingError: it cannot be read.

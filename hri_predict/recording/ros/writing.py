@@ -1,7 +1,7 @@
-"""Writes a recording as a bag of ROS 2: the people, and what the node said.
+"""Writes a recording as a ROS 2 bag: the people and the node's output.
 
-Topics are those of the ROS 2 link with ``/recorded`` before them, so that a bag that is played
-near a live cell reaches no robot that listens to the link: a recorded *clear* is not advice.
+Topics are those of the ROS 2 link with ``/recorded`` before them, so a bag played near a live cell
+does not reach robots that listen to the link: a recorded *clear* is not advice.
 """
 
 import heapq
@@ -86,7 +86,7 @@ def write_bag(path: Path, recording: Recording, storage: str) -> Written:
 
 
 class _Clock:
-    """Times of a recording as times of the bag: UTC, where that is known."""
+    """Converts times of a recording to times of the bag: UTC if known."""
 
     def __init__(self, recording: Recording) -> None:
         self._utc = bool(recording.utc_ns)
