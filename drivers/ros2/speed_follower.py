@@ -16,7 +16,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 
 SILENCE_S = 0.2  # silence_timeout_s of the link
-OLDEST_S = 0.5  # of `hri-predict check`: refuse advice older than
+OLDEST_S = 0.5  # of `hri-predict check`: reject advice older than
 
 
 class SpeedFollower(Node):

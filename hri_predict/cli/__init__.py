@@ -1,4 +1,4 @@
-"""The entry point of the command line: the ways a command can end, and their exit statuses."""
+"""Entry point of the command line: how errors are reported, and with which exit status."""
 
 import errno
 import io
@@ -13,9 +13,9 @@ _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main() -> None:
-    """Run the command; report a user's mistakes, a line each on standard error, exit status 2.
+    """Run the command; print each user error as one line on standard error and exit with status 2.
 
-    The exit status is 130 after Ctrl-C. Otherwise the command sets it (1: a person was touched).
+    The exit status is 130 after Ctrl-C. Otherwise it is the command's (1: a person was touched).
     """
     _stand_in()
     logs.set_up()
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def _reason(error: Exception) -> str | None:
-    """One line about what the machine, not the program, refuses; ``None``: a fault of ours."""
+    """Return one line for an error of the system or its disk; ``None`` for a bug."""
     if isinstance(error, UnicodeEncodeError):
         text = str(error.object)[max(0, error.start - 20) : error.end + 20]
         return (
@@ -68,11 +68,11 @@ def _reason(error: Exception) -> str | None:
 
 
 def _stand_in() -> None:
-    """Give a closed standard file a stand-in, and let no character stop an output.
+    """Replace closed standard streams, and make every character printable.
 
-    The next file that is opened, a serial port perhaps, would otherwise take its number, and get
-    what libraries print. What an encoding lacks (``LC_ALL=C``, a file name that is not UTF-8) is
-    written as its number, such as ``\\u2265``.
+    Otherwise the next file opened, such as a serial port, would get the closed stream's descriptor
+    and receive what libraries print. A character that the encoding lacks (``LC_ALL=C``, a file name
+    that is not UTF-8) is printed as an escape such as ``\\u2265``.
     """
     for number in range(3):
         try:
@@ -91,10 +91,10 @@ def _stand_in() -> None:
 
 
 def _run() -> object:
-    """Run the command that ``sys.argv`` names, and return its exit status.
+    """Run the command named in ``sys.argv``, and return its exit status.
 
-    The commands are imported here because that takes most of a second, and Ctrl-C during the
-    import must end the program quietly, too.
+    The commands are imported here because the import takes most of a second, and Ctrl-C during that
+    time must also exit quietly.
     """
     from hri_predict.cli.commands import app
 
@@ -107,7 +107,7 @@ def _run() -> object:
 
 
 def _misused(error: Exception, message: str) -> NoReturn:
-    """Report a wrong command line. Without arguments the help has already been printed."""
+    """Report an invalid command line. Without arguments, the help has already been printed."""
     context = getattr(error, "ctx", None)
     command = "hri-predict" if context is None else context.command_path
     message = " ".join(message.split()).rstrip(".")

@@ -1,4 +1,4 @@
-"""``alerts``: show where alerts go, and try each way."""
+"""``alerts``: show the configured alert hooks, and test each one."""
 
 import json
 import threading
@@ -20,7 +20,7 @@ from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 
 SLACK_S = 2.0
-"""An attempt may take longer than its time limit: looking up a name, TLS."""
+"""Extra time allowed beyond the hook's own limit, for name lookup and TLS."""
 
 
 def alerts(
@@ -30,9 +30,9 @@ def alerts(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the hooks that alerts go through; with --test, try each and say what came back.
+    """Show the configured alert hooks; with --test, try each one and print its response.
 
-    Exit status 1 if one fails. A test alert says nothing about any robot and is marked as a test.
+    Exit status 1 if one fails. A test alert is marked as a test and does not refer to any robot.
 
     Example: hri-predict alerts cell.yaml --test
     """
@@ -51,7 +51,7 @@ def alerts(
 
 
 def hook_facts(config: Config) -> list[dict[str, Any]]:
-    """Name, kind and warnings of each hook; builds each, but opens no connection.
+    """Return the name, kind and warnings of each hook. Each is built, but no connection is opened.
 
     Raises:
         ConfigError: a secret, a certificate or a package is missing.
@@ -65,7 +65,7 @@ def hook_facts(config: Config) -> list[dict[str, Any]]:
 
 
 def try_hooks(config: Config) -> list[dict[str, Any]]:
-    """Send a test alert through each hook, all at once; ``ok`` and ``answer`` say what came back.
+    """Send a test alert through all hooks in parallel; ``ok`` and ``answer`` hold each result.
 
     Raises:
         ConfigError: a secret, a certificate or a package is missing.
@@ -79,7 +79,7 @@ def try_hooks(config: Config) -> list[dict[str, Any]]:
 
 
 class _Trying(threading.Thread):
-    """One attempt, which never takes longer than its time limit."""
+    """One attempt, limited in time."""
 
     def __init__(self, hook: HookSettings, sender: Sender) -> None:
         super().__init__(daemon=True)

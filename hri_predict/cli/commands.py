@@ -1,8 +1,8 @@
 """The commands, each found by its name in the entry-point group ``hri_predict.commands``.
 
-A command's module is imported when the command is called, and no sooner: ``--help`` and
-``--version`` take no library that they do not show. What ``--help`` says of a command is read from
-its source file: the first line of its function's docstring, or of its module's for a group.
+A command's module is imported only when the command is called, so ``--help`` and ``--version`` load
+no libraries that they do not need. The text that ``--help`` shows for a command is read from its
+source file: the first line of its function's docstring, or of its module's for a group.
 """
 
 import ast
@@ -23,24 +23,24 @@ ORDER = (
     "evidence", "service", "discover", "predictors", "conformance", "train", "ablate", "evaluate",
     "card", "calibrate", "simulate", "convert", "topics", "urdf", "bench", "config", "protocol",
 )  # fmt: skip
-"""In this order ``--help`` lists the commands; those of other packages follow by name."""
+"""Order of the commands in ``--help``; those of other packages follow by name."""
 
 
 class Commands(TyperGroup):
     """The registered commands."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return all names, in the order of the list."""
+        """Return all names, in the order of ``--help``."""
         points = _points()
         return [*(n for n in ORDER if n in points), *sorted(set(points) - set(ORDER))]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command for a list of commands: its name and text, nothing to run."""
+        """Return a command for the list: its name and text, without code to run."""
         point = _points().get(cmd_name)
         return None if point is None else TyperCommand(cmd_name, help=_summary(point))
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Import the command that the first argument names."""
+        """Import the command named by the first argument."""
         name, _, rest = super().resolve_command(ctx, args)
         if name is None:
             return None, None, rest
@@ -61,7 +61,7 @@ def _points() -> dict[str, metadata.EntryPoint]:
 
 @lru_cache(maxsize=1)
 def _scanned(_path: tuple[str, ...]) -> dict[str, metadata.EntryPoint]:
-    """Return the commands of all packages on the path: a scan reads all of their files."""
+    """Return the commands of all packages on the path; the scan reads all entry-point files."""
     return {point.name: point for point in metadata.entry_points(group="hri_predict.commands")}
 
 
@@ -104,4 +104,4 @@ def options(
         bool, typer.Option("--version", callback=_print_version, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Take the options that come before a command's name; the app holds the help text."""
+    """Accept the options before a command's name; the app holds the help text."""

@@ -1,4 +1,4 @@
-"""Shared by several commands: recordings by option, files of a report, tables on the screen."""
+"""Helpers for several commands: options for recordings, report files, tables on the screen."""
 
 import contextlib
 import hashlib
@@ -43,7 +43,7 @@ JointMapOption = Annotated[
     typer.Option(
         "--joint-map",
         help="Joint map for the recordings' joints: a YAML file of your own, or a shipped name. "
-        "Default: found by the joints' names.",
+        "Default: chosen by the joints' names.",
     ),
 ]
 TopicOption = Annotated[
@@ -57,14 +57,14 @@ TopicOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print only JSON.")]
 JobsOption = Annotated[
     int | None,
-    typer.Option("--jobs", min=1, max=256, help="Number of processes of this machine."),
+    typer.Option("--jobs", min=1, max=256, help="Number of processes on this machine."),
 ]
 ClusterOption = Annotated[
     str | None,
     typer.Option(
         "--cluster",
         metavar="ADDRESS",
-        help="Let the workers of this Dask scheduler do the work, such as tcp://127.0.0.1:8786. "
+        help="Use the workers of this Dask scheduler, such as tcp://127.0.0.1:8786. "
         "Connect only to a scheduler of your own: any program that reaches it can run code.",
     ),
 ]
@@ -72,14 +72,14 @@ CalibrationsOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--calibration",
-        help="Calibration of a predictor: it is used for the one that it was made for. Repeatable.",
+        help="Calibration of a predictor, used for the predictor that it was made for. Repeatable.",
         show_default="the shipped ones",
     ),
 ]
 
 
 def without_effect(flags: Mapping[str, Any], where: str) -> None:
-    """Refuse flags that would be ignored: the user would get other results than asked for."""
+    """Reject flags that would be ignored, because the user expects an effect."""
     given = [flag for flag, value in flags.items() if value is not None]
     if len(given) == 1:
         raise ConfigError(f"{given[0]}: has no effect {where}; leave it out")
@@ -88,7 +88,7 @@ def without_effect(flags: Mapping[str, Any], where: str) -> None:
 
 
 def processes(jobs: int | None, cluster: str | None, default: int = 1) -> int:
-    """Number of working processes on this machine; with a cluster, its workers do the work."""
+    """Number of worker processes on this machine; with a cluster, its workers are used instead."""
     if cluster is not None:
         without_effect({"--jobs": jobs}, "with --cluster")
     return default if jobs is None else jobs
@@ -102,10 +102,10 @@ def predictor_settings(
     *,
     changes: Mapping[str, Any] | None = None,
 ) -> "PredictorSettings":
-    """Settings of a predictor from ``--predictor``, ``--weights`` and other ``changes``.
+    """Return a predictor's settings from ``--predictor``, ``--weights`` and other ``changes``.
 
     Raises:
-        ConfigError: the predictor does not exist, it has no weights, or does not reach so far.
+        ConfigError: the predictor does not exist, it has no weights, or its horizon is too short.
     """
     model = registry.predictor_settings(name)
     asked: dict[str, Any] = {"name": name, "rate_hz": rate_hz, "horizon_s": horizon_s}
@@ -127,13 +127,13 @@ def own_map(joint_map: str | None) -> JointMap | None:
 
 
 def map_path(joint_map: str) -> str:
-    """A joint map's name or file for a configuration: as an absolute path."""
+    """Return a joint map's name, or its file's absolute path, for a configuration."""
     own_map(joint_map)  # tell a mistake in the flag's own words
     return str(Path(joint_map).absolute()) if joint_map.endswith(YAML_ENDINGS) else joint_map
 
 
 def check_writable(out: Path) -> None:
-    """Fail now, not after minutes of evaluation."""
+    """Fail now rather than after minutes of evaluation."""
     with writing(f"--out {out}", "name another folder"):
         out.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=out).close()
@@ -141,7 +141,7 @@ def check_writable(out: Path) -> None:
 
 @contextlib.contextmanager
 def writing(what: str, remedy: str) -> Iterator[None]:
-    """Say in one line that what the user named cannot be written.
+    """Report in one line that a file or folder named by the user cannot be written.
 
     Raises:
         ConfigError: the body raised ``OSError``.
@@ -153,7 +153,7 @@ def writing(what: str, remedy: str) -> Iterator[None]:
 
 
 def need_plots() -> None:
-    """Fail before a long calculation, not after it, if its plots cannot be made.
+    """Fail before a long calculation if its plots could not be drawn.
 
     Raises:
         ConfigError: matplotlib is not installed.
@@ -162,7 +162,7 @@ def need_plots() -> None:
 
 
 def need_extra(package: str, extra: str) -> None:
-    """Refuse a command whose package is not installed.
+    """Fail if a command's optional package is not installed.
 
     Raises:
         ConfigError: names the extra that brings the package.
@@ -177,7 +177,7 @@ def need_extra(package: str, extra: str) -> None:
 def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path]:
     """The recordings that ``--data`` names: a file, a split of the data pack, or a whole folder.
 
-    With a split, a folder of the pack gives the recordings of the split that lie in it.
+    With a split, a folder inside the pack gives the recordings of the split in that folder.
 
     Raises:
         ConfigError: the file does not exist, or the folder has no recording.
@@ -201,7 +201,7 @@ def recordings(entry: Path, use: str | None, default: str = "test") -> list[Path
 
 
 def _is_recording(path: Path) -> bool:
-    """Whether a file of a folder is a recording: most .csv and .pkl are others, and say so."""
+    """Whether a file in a folder is a recording; the content of .csv and .pkl files decides."""
     try:
         return counts_in_folder(path)
     except RecordingError as error:
@@ -220,16 +220,16 @@ def _below(entry: Path, pack: Path, use: str) -> list[Path]:
 
 
 def _pack_around(entry: Path) -> Path | None:
-    """The data pack that a folder lies in."""
+    """Return the data pack that contains a folder."""
     around = entry.resolve().parents
     return next((folder for folder in around if (folder / "cmu_mocap" / "test").is_dir()), None)
 
 
 def files(data: Sequence[Path], use: str | None, default: str = "test") -> list[Path]:
-    """All recordings that the user asked for, each once; from the data pack those of a split.
+    """Return all recordings that the user named, each once; from a data pack, those of a split.
 
     Raises:
-        ConfigError: see ``recordings``; or one is named twice, or no ``--data`` has splits.
+        ConfigError: see ``recordings``; one is named twice, or no ``--data`` has splits.
     """
     found = [path for entry in data for path in recordings(entry, use, default)]
     known: set[Path] = set()
@@ -251,7 +251,7 @@ def _has_splits(entry: Path) -> bool:
 
 
 def _refuse_copies(found: Sequence[Path]) -> None:
-    """A copy of a recording does not count as a second recording."""
+    """Reject a copy of a recording, which must not count as a second one."""
     seen: dict[str, Path] = {}
     for path in found:
         digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else str(path)
@@ -261,7 +261,7 @@ def _refuse_copies(found: Sequence[Path]) -> None:
 
 
 def progress() -> Progress:
-    """A progress bar on standard error; nothing where that is not a terminal."""
+    """A progress bar on standard error; nothing if that is not a terminal."""
     console = Console(stderr=True)
     return Progress(
         TextColumn("{task.description}"),
@@ -275,7 +275,7 @@ def progress() -> Progress:
 
 
 def stage(bar: Progress, task: TaskID, what: str) -> None:
-    """Name the stage of a long command: on the bar, or in a line where there is no terminal."""
+    """Name the stage of a long command, on the bar or, without a terminal, in a line."""
     bar.update(task, description=what)
     if bar.disable:
         print(what, file=sys.stderr, flush=True)
@@ -283,7 +283,7 @@ def stage(bar: Progress, task: TaskID, what: str) -> None:
 
 @contextlib.contextmanager
 def counting(what: str) -> Iterator[Callable[[int, int], None]]:
-    """Show a bar; yield what takes the number done, and that of all."""
+    """Show a bar; yield a function of the number done and the total."""
     with progress() as bar:
         task = bar.add_task(what, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
@@ -309,7 +309,7 @@ def show(tables: "Sequence[Table]", notes: Sequence[str]) -> None:
 
 
 def _fitting(table: "Table", console: Console) -> ScreenTable:
-    """The table as it reads best at this width: unchanged, transposed, or wrapped at words."""
+    """Return the table in the best form for the width: unchanged, transposed or wrapped."""
     rows = (table.columns, *table.rows)
     for turned in (rows, tuple(zip(*rows, strict=True))):
         needed = [max(map(len, column)) for column in zip(*turned, strict=True)]
@@ -320,14 +320,14 @@ def _fitting(table: "Table", console: Console) -> ScreenTable:
 
 
 def _room(console: Console, columns: int) -> int:
-    """Width left for text: two characters per column and one more go to spaces and the box."""
+    """Width left for text: padding and borders take two characters per column, plus one."""
     return console.width - 2 * columns - 1
 
 
 def wrapped_widths(rows: Sequence[Sequence[str]], room: int) -> list[int | None]:
-    """A width for each column, together no more than ``room`` (``None``: as rich can do it).
+    """Return a width for each column, at most ``room`` in total (``None``: left to rich).
 
-    No word is broken while every column's longest word fits; spare width goes to the longest texts.
+    No word is broken if every column's longest word fits; spare width goes to the longest texts.
     """
     columns = list(zip(*rows, strict=True))
     least = [max(len(word) for cell in c for word in cell.split() or [""]) for c in columns]
@@ -352,7 +352,7 @@ def _screen_table(
 
 
 def tell(files: Sequence[Path]) -> None:
-    """Report which files were written."""
+    """Report the files written."""
     print("written: " + ", ".join(map(str, files)), file=sys.stderr)
 
 
@@ -362,12 +362,12 @@ def warn(line: str) -> None:
 
 
 def command() -> str:
-    """The command line as the user gave it, for the report."""
+    """Return the command line as given by the user, for the report."""
     return shlex.join(["hri-predict", *sys.argv[1:]])
 
 
 def one_of(flag: str, value: str, known: Sequence[str]) -> Any:
-    """Return ``value`` if it is known; otherwise fail with the known ones."""
+    """Return ``value`` if it is known; otherwise fail with the list of known values."""
     if value not in known:
         raise ConfigError(f"{flag} {value}: unknown{nearest(value, known)} ({', '.join(known)})")
     return value

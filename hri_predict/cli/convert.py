@@ -1,4 +1,4 @@
-"""``convert``: converts a recording from one format to another."""
+"""``convert``: convert a recording from one format to another."""
 
 import json
 import math
@@ -42,7 +42,7 @@ def convert(
     output: Annotated[Path, typer.Argument(help="The file to write; its ending gives the format.")],
     to: Annotated[
         str | None,
-        typer.Option(help=f"Write this format: {', '.join(BY_NAME)} (amass and pack are .npz)."),
+        typer.Option(help=f"Output format: {', '.join(BY_NAME)} (amass and pack are .npz)."),
     ] = None,
     person: Annotated[
         int | None,
@@ -51,13 +51,13 @@ def convert(
         ),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(help="Drop frames, down to this many per second.")
+        float | None, typer.Option(help="Drop frames to this rate, per second.")
     ] = None,
     start: Annotated[
-        float, typer.Option(help="Skip what comes before this time, seconds.", min=0)
+        float, typer.Option(help="Skip everything before this time, seconds.", min=0)
     ] = 0.0,
     end: Annotated[
-        float | None, typer.Option(help="Skip what comes after this time, seconds.")
+        float | None, typer.Option(help="Skip everything after this time, seconds.")
     ] = None,
     units: Annotated[
         str | None, typer.Option(help="Unit of INPUT: m, cm, mm, inch, ft, or metres per unit.")
@@ -68,7 +68,7 @@ def convert(
     ] = None,
     left_handed: Annotated[
         bool,
-        typer.Option("--left-handed", help="INPUT's own axes are left-handed; give --axes too."),
+        typer.Option("--left-handed", help="INPUT's axes are left-handed; requires --axes."),
     ] = False,
     fps: Annotated[
         float | None,
@@ -79,10 +79,10 @@ def convert(
     force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Convert a recording to another format, and report what that format cannot hold.
+    """Convert a recording to another format, and report data that the format cannot hold.
 
-    OUTPUT is in metres, z up; but c3d in millimetres, trc in millimetres, y up, and
-    bvh in centimetres, y up. mcap is for replay.
+    OUTPUT is in metres, z up, except for c3d (millimetres), trc (millimetres, y up) and bvh
+    (centimetres, y up). mcap is for replay.
 
     Example: hri-predict convert walk.c3d walk.csv --rate 30 --person 1
     """
@@ -129,7 +129,7 @@ def convert(
 
 @contextmanager
 def _watched(source: Path) -> Iterator[None]:
-    """Show on a terminal how much of a long file is read and written."""
+    """Show the progress of reading and writing a long file, on a terminal."""
     with progress() as bar:
         task = bar.add_task(f"reading {source.name}", total=None)
         with watching(
@@ -141,7 +141,7 @@ def _watched(source: Path) -> Iterator[None]:
 
 
 def _doubt(recording: Recording, reopened: Callable[[float], Recording]) -> str:
-    """Why people cannot be as the file says, with the remedy; "" if they can."""
+    """Return why the file's people are implausible, with the remedy; "" if they are plausible."""
     try:
         check_possible(recording, reopened)
     except RecordingError as error:
@@ -158,12 +158,12 @@ def _format(output: Path, to: str | None) -> str:
             raise ConfigError(
                 f"{output}: --to {to} writes '{chosen.ending}' files, and '{output.suffix}' means"
                 f" {'another' if same else 'no'} format; name it {output.stem}{chosen.ending}"
-                + (f", or take --to {possible[0].name}" if possible else "")
+                + (f", or use --to {possible[0].name}" if possible else "")
             )
         return chosen.name
     if not possible:
         endings = dict.fromkeys(each.ending for each in BY_NAME.values())
-        why = "only read, never written: ending" if same else "unknown ending"
+        why = "can be read but not written: ending" if same else "unknown ending"
         raise ConfigError(f"{output}: {why} '{output.suffix}'; use {', '.join(endings)}")
     return possible[0].name
 
@@ -183,7 +183,7 @@ def _unit(text: str) -> float:
 def _chosen(
     *, recording: Recording, person: int | None, rate: float | None, start: float, end: float | None
 ) -> tuple[Recording, int]:
-    """The part that the user asked for, and how many people it leaves out."""
+    """Return the requested part, and the number of people left out."""
     if start > _MAX_START_S:
         raise ConfigError(f"--start {start:g}: must be 0 to {_MAX_START_S:g} s")
     if end is not None and not end > start:
@@ -208,7 +208,9 @@ def _summary(recording: Recording, output: Path, kind: str, written: Written) ->
     if line := unused(recording.joint_map):
         notes.append(line)
     if not recording.joint_map.mapped.any():
-        notes.append("no canonical joint follows from the joints' names, so it cannot be replayed")
+        notes.append(
+            "no canonical joint can be found from the joints' names, so it cannot be replayed"
+        )
     return {
         "input": str(recording.path),
         "from": recording.kind,

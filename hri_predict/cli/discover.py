@@ -27,9 +27,9 @@ def discover(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List the nodes, sources and controllers that announce themselves on the network.
+    """List the nodes, sources and controllers announced on the network.
 
-    This is only a hint: an announcement does not prove that a device is alive, its data do.
+    This is only a hint: an announcement does not prove that a device is alive; only its data do.
 
     Example: hri-predict discover --seconds 3
     """
@@ -45,7 +45,7 @@ def discover(
     console = Console()
     if not services:
         where = ", ".join(settings.interfaces)
-        console.print(f"nothing announces itself on {where}; see docs/guides/discover.md")
+        console.print(f"no announcement received on {where}; see docs/guides/discover.md")
         return
     console.print(_table(services))
     console.print(

@@ -1,6 +1,6 @@
-"""``evaluate``: how good a predictor is, by the papers' benchmark or on real recordings.
+"""``evaluate``: measure a predictor, by the papers' benchmark or on real recordings.
 
-``card``: ships trained weights with a card of what ``evaluate`` found.
+``card``: ship trained weights with a card of the results of ``evaluate``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -58,7 +58,7 @@ def evaluate(
         list[str],
         typer.Option(
             metavar="NAME[=WEIGHTS]",
-            help="Predictor, or with your own weights: mixer=best.safetensors. Repeatable.",
+            help="Predictor, alone or with your own weights (mixer=best.safetensors). Repeatable.",
         ),
     ],
     weights: Annotated[
@@ -82,7 +82,7 @@ def evaluate(
     n_in: Annotated[
         int | None,
         typer.Option(
-            help="Benchmark: frames observed, 2 to 50; SINN's paper observes 25.",
+            help="Benchmark: frames observed, 2 to 50; SINN's paper uses 25.",
             show_default="10, with euler 50",
         ),
     ] = None,
@@ -102,7 +102,7 @@ def evaluate(
     horizon: Annotated[
         float | None,
         typer.Option(
-            help="Seconds ahead: 1, 1.6 or 2; more leaves fewer windows.", show_default="1"
+            help="Horizon, seconds: 1, 1.6 or 2; longer leaves fewer windows.", show_default="1"
         ),
     ] = None,
     changes: Annotated[
@@ -127,9 +127,9 @@ def evaluate(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Evaluate predictors on recordings, or (--benchmark) as the papers do.
+    """Evaluate predictors on recordings or, with --benchmark, as the papers do.
 
-    Errors on recordings are in true seconds and metres. Baselines are always evaluated, too.
+    Errors on recordings are in true seconds and metres. Baselines are always included.
 
     Example: hri-predict evaluate --data ../shared/data --predictor sinn --predictor trajectorycnn
     """
@@ -188,7 +188,7 @@ def evaluate(
 
 
 def _steps(horizon_s: float) -> int:
-    """The steps of ``--horizon``: one with which tables and pictures end."""
+    """Return the number of steps of ``--horizon``, at which tables and pictures end."""
     from hri_predict.lab.evaluation.windows import FUTURE_STEPS, HORIZON_STEPS, RATE_HZ
 
     known = {step / RATE_HZ: step for step in HORIZON_STEPS if step >= FUTURE_STEPS}
@@ -199,7 +199,7 @@ def _steps(horizon_s: float) -> int:
 
 
 def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, ComparedPredictor]":
-    """Label -> predictor with its weights."""
+    """Return the predictor and weights of each label."""
     from hri_predict.run.compared_predictors import asked_predictors
 
     if not weights:
@@ -207,7 +207,7 @@ def _paired(predictors: Sequence[str], weights: Sequence[Path]) -> "dict[str, Co
     for text in predictors:
         if "=" in text:
             raise ConfigError(
-                f"--predictor {text}: names its weights, and so does --weights; leave that out"
+                f"--predictor {text}: names its weights, and so does --weights; leave --weights out"
             )
     if len(weights) != len(predictors):
         raise ConfigError(
@@ -274,7 +274,7 @@ def _bases(
     settings: "Mapping[str, PredictorSettings]",
     calibrations: Sequence[Path],
 ) -> "list[ZoneBasis]":
-    """Return the basis of each predictor's zones, which errors of forecasts alone do not show."""
+    """Return the basis of each predictor's zones, which forecast errors alone do not show."""
     from hri_predict.run.compared_predictors import basis_of, demand_use, fitting
     from hri_predict.zones.settings import CoverageSettings
 
@@ -288,7 +288,7 @@ def _bases(
 
 
 def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motion]":
-    """The motions of all recordings; one that cannot be used is named and left out."""
+    """Return the motions of all recordings; unusable ones are reported and left out."""
     from hri_predict.lab.evaluation.table import HORIZONS_MS
     from hri_predict.lab.evaluation.windows import origins, read_motions
 
@@ -315,7 +315,7 @@ def _motions(paths: Sequence[Path], joint_map: "JointMap | None") -> "list[Motio
 def _settings(
     asked: "Mapping[str, ComparedPredictor]", future_steps: int, changes: Sequence[str]
 ) -> "dict[str, PredictorSettings]":
-    """The settings of each label, with the changes of ``--set``."""
+    """Return the settings of each label, with the changes from ``--set``."""
     from hri_predict.lab.evaluation.windows import RATE_HZ
 
     own: dict[str, Any] = {each.name: {} for each in asked.values()}
@@ -323,7 +323,9 @@ def _settings(
         path, _, _ = change.partition("=")
         name, _, key = path.strip().partition(".")
         if name not in own or not key or "=" not in change:
-            raise ConfigError(f"--set {change}: write it as NAME.key=value, NAME of a --predictor")
+            raise ConfigError(
+                f"--set {change}: write it as NAME.key=value, with NAME of a --predictor"
+            )
         if key in _SET_ELSEWHERE:
             raise ConfigError(f"--set {change}: {_SET_ELSEWHERE[key]}")
         set_key(own, change)
@@ -338,13 +340,13 @@ def _settings(
 def card(
     *,
     weights: Annotated[Path, typer.Argument(help="Weights of a finished run.")],
-    real: Annotated[Path | None, typer.Option(help="real.json of these weights.")] = None,
+    real: Annotated[Path | None, typer.Option(help="real.json for these weights.")] = None,
     benchmark: Annotated[
-        Path | None, typer.Option(help="The benchmark's JSON of the same method.")
+        Path | None, typer.Option(help="The benchmark's JSON for the same method.")
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for both files.", show_default="where the node looks"),
+        typer.Option(help="Folder for both files.", show_default="where the node finds them"),
     ] = None,
 ) -> None:
     """Ship a run's weights with a card: shape, latency, data, configuration and results.

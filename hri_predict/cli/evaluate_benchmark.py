@@ -21,7 +21,7 @@ def by_benchmark(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Judge and show; ``options`` are benchmark, windows, n_out, n_in and error.
+    """Evaluate and show the result; ``options`` are benchmark, windows, n_out, n_in and error.
 
     Raises:
         ConfigError: an option or the weights do not fit the benchmark.
@@ -37,7 +37,7 @@ def by_benchmark(
     if n_out not in (10, 25):
         raise ConfigError(f"--n-out {n_out}: the benchmark predicts 10 or 25 frames")
     if n_in is not None and not 2 <= n_in <= 50:  # one frame has no velocity
-        raise ConfigError(f"--n-in {n_in}: the benchmark's windows have 2 to 50 frames before")
+        raise ConfigError(f"--n-in {n_in}: the benchmark's windows have 2 to 50 observed frames")
     loaded = {label: _load(each.name, each.weights) for label, each in asked.items()}
     protocol = Protocol(
         benchmark=benchmark,
@@ -72,7 +72,7 @@ def _warn_of_longer_histories(
 
 
 def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
-    """The network of a trained predictor; ``None`` for a baseline that the benchmark has."""
+    """Return the network of a trained predictor; ``None`` for one of the benchmark's baselines."""
     from hri_predict.predictors.neural.network import network_class_of
     from hri_predict.predictors.neural.weights import load_weights
 
@@ -93,13 +93,14 @@ def _load(predictor: str, weights: Path | None) -> "LoadedWeights | None":
     loaded = load_weights(weights)
     if loaded.method != predictor:
         raise ConfigError(
-            f"--weights {weights}: made for '{loaded.method}', not for '{predictor}'; give its own"
+            f"--weights {weights}: made for '{loaded.method}', not for '{predictor}'; give weights "
+            f"made for it"
         )
     return loaded
 
 
 def _own_error(benchmark: str, loaded: "Mapping[str, LoadedWeights | None]") -> str:
-    """The error that the weights are trained for: euler where a network predicts rotations."""
+    """Return the error that the weights are trained for: euler if a network predicts rotations."""
     from hri_predict.lab.evaluation.benchmarks import benchmark_of
 
     euler = benchmark_of(benchmark).skeletons.get("euler")
@@ -117,7 +118,7 @@ def _own_error(benchmark: str, loaded: "Mapping[str, LoadedWeights | None]") -> 
 def _forecasters(
     protocol: "Protocol", loaded: "Mapping[str, LoadedWeights | None]"
 ) -> "dict[str, Forecaster]":
-    """The predictors that were asked for, then the baselines."""
+    """Return the requested predictors, then the baselines."""
     from hri_predict.lab.evaluation.benchmark import (
         constant_velocity,
         network_forecaster,

@@ -1,4 +1,4 @@
-"""``evidence``: what a node kept about stops, near misses and faults, and whether it is whole."""
+"""``evidence``: list the evidence of stops, near misses and faults, and verify it."""
 
 import json
 from collections import Counter
@@ -26,7 +26,7 @@ def evidence(
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """List what was kept, count near misses, and verify the chain of hashes and all files.
+    """List the evidence, count near misses, and verify the chain of hashes and all files.
 
     Example: hri-predict evidence evidence/ --newest 3f2a9c01
 
@@ -38,7 +38,7 @@ def evidence(
     wrong = [f"{line.log}, line {line.number}: {_text(line.wrong)}" for line in lines if line.wrong]
     hashes = [str(line.data.get("hash")) for line in lines if not line.wrong]
     wrong += [
-        f"{_text(path.name)} is an earlier log that was broken; move it away when it is explained"
+        f"{_text(path.name)} is an earlier, damaged log; move it away once the cause is known"
         for path in sorted(folder.glob("evidence-*.broken.jsonl"))
     ]
     if newest is not None and not any(each.startswith(newest.lower()) for each in hashes):
@@ -75,7 +75,7 @@ def _events(line: chain.Line) -> list[dict[str, Any]]:
 
 
 def _notes(folder: Path, lines: list[chain.Line]) -> list[str]:
-    """Say what the chain does not show: runs without an end, and files that no line names."""
+    """Print what the chain does not show: runs without an end, and files that no line names."""
     notes, begun = [], ""
     for line in lines:
         kind = line.data.get("kind")
@@ -87,7 +87,7 @@ def _notes(folder: Path, lines: list[chain.Line]) -> list[str]:
         notes.append(f"note: the run that began {begun} has no end: it still runs, or was killed")
     named = {line.data.get("file") for line in lines}
     notes += [
-        f"note: {_text(path.name)} is in no line: written as the node was killed"
+        f"note: {_text(path.name)} is in no line: the node was killed while writing it"
         for path in sorted(folder.glob("*.mcap"))
         if path.name not in named
     ]
@@ -131,7 +131,7 @@ def _show(events: list[dict[str, Any]], near: Counter[tuple[str, str, str]]) -> 
 
 
 def _words(value: Any) -> str:
-    """As people say it; words also let a narrow table break between them."""
+    """Return a readable name; its words also let a narrow table wrap."""
     return in_words(_text(value))
 
 

@@ -53,13 +53,13 @@ def fleet(
     ] = None,
     listen: Annotated[
         list[str] | None,
-        typer.Option(help="Act as the router that cells connect to, at this endpoint. Repeatable."),
+        typer.Option(help="Act as the router for the cells, at this endpoint. Repeatable."),
     ] = None,
     zenoh_config: Annotated[
         str | None, typer.Option(help="A zenoh configuration file, for TLS or access control.")
     ] = None,
     silent: Annotated[
-        float, typer.Option(help="Call a cell silent after this many seconds without a message.")
+        float, typer.Option(help="Show a cell as silent after this many seconds without a message.")
     ] = SILENT_S,
     seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
     operator: Operator = None,
@@ -71,7 +71,7 @@ def fleet(
 ) -> None:
     """Show all cells live: node, level of each robot, people, age. Needs the extra 'fleet'.
 
-    With --operator also on a page in the browser, with the alerts of all cells.
+    With --operator, a browser page also shows them, with the alerts of all cells.
 
     Example: hri-predict fleet --connect tcp/127.0.0.1:7447
     """
@@ -108,7 +108,7 @@ def _observer(
 
 
 class _Watch:
-    """Receives messages in a thread of its own; the display may ask for the rows at any time."""
+    """Receives messages in its own thread; the display may read the rows at any time."""
 
     def __init__(
         self, observer: Transport[Keyed], fleet: Fleet, silent_s: float = SILENT_S
@@ -134,7 +134,7 @@ class _Watch:
         return self._page_feed
 
     def _facts(self, after: int) -> dict[str, Any]:
-        """Return the content of the page: all cells, and the changes after this one."""
+        """Return the content of the page: all cells, and the changes after the given one."""
         return {
             "cells": [tile(row) for row in self._changes.look()],
             "changes": self._changes.after(after),
@@ -144,7 +144,7 @@ class _Watch:
         }
 
     def start(self) -> None:
-        """Connect, so that a wrong setting ends the command; then start to receive.
+        """Connect, so that a wrong setting fails the command; then start to receive.
 
         Raises:
             ConfigError: a zenoh file or setting is wrong.
@@ -153,7 +153,7 @@ class _Watch:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread and the session."""
+        """Stop the thread and close the session."""
         self._stop.set()
         self._thread.join(timeout=2.0)
         self._observer.close()
@@ -194,7 +194,7 @@ class _Watch:
         return self._fleet.rows(time.monotonic_ns())
 
     def print_lines(self, seconds: float | None) -> None:
-        """Print a JSON object each second, and the last one at the end."""
+        """Print a JSON object every second, and a last one at the end."""
         began = time.monotonic()
         while True:
             passed = time.monotonic() - began
@@ -256,7 +256,7 @@ def _fitting(rows: list[CellRow], room: float, console: Console) -> list[CellRow
 
 
 def _height(rows: list[CellRow], console: Console) -> int:
-    """Return the number of lines that the rows take without the heading: long texts wrap."""
+    """Return the number of lines of the rows without the heading, including wrapped lines."""
     return len(console.render_lines(_table(rows, console))) - HEAD_LINES
 
 
@@ -297,7 +297,7 @@ def _seconds(since: float) -> str:
 
 
 def _how_bad(row: CellRow) -> int:
-    """Rank a cell by the worst of its node's state and its robots' levels; smaller is worse."""
+    """Rank a cell by the worst of node state and robot levels; smaller is worse."""
     said = {row.state, *(robot.level for robot in row.robots)}
     return next((i for i, bad in enumerate(_BAD) if bad in said), len(_BAD))
 

@@ -1,4 +1,4 @@
-"""``listen``: print what a controller would receive on a link."""
+"""``listen``: print the messages that a controller would receive on a link."""
 
 import dataclasses
 import json
@@ -31,8 +31,8 @@ def listen(
     link: Annotated[
         str,
         typer.Argument(
-            help="serial:PORT or can:INTERFACE:CHANNEL, as in the configuration; for another "
-            "kind of link its name, with --set for its settings."
+            help="serial:PORT or can:INTERFACE:CHANNEL, as in the configuration; for another kind "
+            "of link, its kind, with --set for its settings."
         ),
     ],
     baudrate: Annotated[int, typer.Option(help="Serial: bits per second.")] = 115200,
@@ -43,7 +43,7 @@ def listen(
     ] = DEFAULT_BASE_ID,
     extended: Annotated[bool, typer.Option("--extended", help="CAN: use 29-bit ids.")] = False,
     isotp_id: Annotated[
-        int | None, typer.Option(help="CAN: id of zones by ISO-TP; default: base id + 70.")
+        int | None, typer.Option(help="CAN: id of zones sent by ISO-TP; default: base id + 70.")
     ] = None,
     listen_only: Annotated[
         bool,
@@ -51,7 +51,7 @@ def listen(
     ] = False,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Set a setting of the link: key=value. Repeatable."),
+        typer.Option("--set", help="A setting of the link: key=value. Repeatable."),
     ] = None,
     alerts: Annotated[
         bool, typer.Option("--alerts", help="Print only changes of level and of the node's state.")
@@ -61,10 +61,10 @@ def listen(
         bool, typer.Option("--json", help="Print JSON lines on standard output.")
     ] = False,
 ) -> None:
-    """Print what a controller would receive on a link; send nothing.
+    """Print the messages that a controller would receive on a link; send nothing.
 
-    Until a Schema with this program's version and hash arrives, all other
-    messages are shown as unknown, with the reason.
+    Until a Schema with this program's version and hash arrives, all other messages are shown as
+    unknown, with the reason.
 
     Example: hri-predict listen can:socketcan:can0 --alerts
     """
@@ -115,8 +115,8 @@ def _settings(
         data = {"interface": interface, "channel": channel, **can}
     elif link in {"serial", "can"} or link not in registry.names("links"):
         raise ConfigError(
-            f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL; of another kind of link "
-            f"its KIND, and --set key=value"
+            f"listen {link}: give serial:PORT or can:INTERFACE:CHANNEL; for another kind of link, "
+            f"KIND and --set key=value"
         )
     else:
         data = {}
@@ -128,7 +128,7 @@ def _settings(
 
 
 class Printer:
-    """Prints messages as text or JSON lines; without a matching Schema they are unknown."""
+    """Prints messages as text or JSON lines; without a matching Schema, as unknown."""
 
     def __init__(self, alerts: bool, as_json: bool) -> None:
         self._alerts, self._json = alerts, as_json
@@ -138,7 +138,7 @@ class Printer:
         self._told_s = -math.inf
 
     def show(self, message: Message, seconds: float) -> None:
-        """Print a message that arrived ``seconds`` after the start."""
+        """Print a message received ``seconds`` after the start."""
         if isinstance(message, Schema):
             self._gate.take(message)
         if self._alerts and not self._is_news(message):
@@ -154,7 +154,7 @@ class Printer:
         self._out(type(message).__name__.lower(), shown, seconds)
 
     def errors(self, counters: ReceiveCounters, seconds: float) -> None:
-        """Print that there were errors since the last time, once a second at most."""
+        """Report errors since the last report, at most once a second."""
         counts = {name: getattr(counters, name) for name in ERRORS}
         new = sum(counts.values()) - self._errors
         if new == 0 or seconds - self._told_s < ERRORS_S:
@@ -165,11 +165,11 @@ class Printer:
         self._out("errors", {"new": new, **counts, **hint}, seconds)
 
     def silent(self, seconds: float) -> None:
-        """Print that the link is silent."""
+        """Report that the link is silent."""
         self._out("silent", {"level": Level.UNKNOWN.name.lower()}, seconds)
 
     def forget(self) -> None:
-        """Forget the Schema: after a silence this long the sender must send it again."""
+        """Drop the Schema: the sender must send it again after a silence of this length."""
         self._gate.reset()
 
     def _unknown(self) -> dict[str, Any]:
@@ -187,7 +187,7 @@ class Printer:
         return shown
 
     def counters(self, counters: Any) -> None:
-        """Print what the receiver counted."""
+        """Print the receiver's counters."""
         self._out("counters", dataclasses.asdict(counters), None)
 
     def _is_news(self, message: Message) -> bool:

@@ -65,14 +65,17 @@ Shadow = Annotated[
 ]
 State = Annotated[
     Path | None,
-    typer.Option(help="Keep latches and lost people in this file; default for run: its 'state'."),
+    typer.Option(
+        help="Keep latches and lost people in this file; default for run: the "
+        "configuration's 'state'."
+    ),
 ]
 Faults = Annotated[
     list[str] | None,
     typer.Option(
         "--fault",
-        help="Inject a fault: kind[@start[+seconds]][:key=value]. Without a time it lasts from "
-        "the first scene to the last. Repeatable.",
+        help="Inject a fault: kind[@start[+seconds]][:key=value]. Without a time, it lasts from "
+        "the first to the last scene. Repeatable.",
     ),
 ]
 
@@ -98,9 +101,9 @@ def demo(
     viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
-    """Run a demonstration without hardware: a person approaches a robot, two controllers obey.
+    """Run a demo without hardware: a person approaches a robot, and two controllers obey.
 
-    In a terminal it shows the 3D view, too, if that is installed.
+    In a terminal, it also shows the 3D view if that is installed.
 
     Example: hri-predict demo
     """
@@ -122,7 +125,7 @@ def run(
     shadow: Shadow = False,
     state: State = None,
     log_format: Annotated[
-        LogFormat | None, typer.Option(help="Lines of the log; default: the configuration's.")
+        LogFormat | None, typer.Option(help="Format of the log; default: the configuration's.")
     ] = None,
     viewer: Viewer = None,
     operator: Operator = None,
@@ -130,7 +133,7 @@ def run(
     viewer_host: Host = LOOPBACK,
     as_json: Json = False,
 ) -> None:
-    """Run the node until SIGINT or SIGTERM; it announces its end to the controllers.
+    """Run the node until SIGINT or SIGTERM; it then announces its shutdown to the controllers.
 
     As a service, or without a terminal, SIGHUP reads the configuration again.
 
@@ -222,7 +225,7 @@ def replay(
     real = [link.name for link in loaded.opened_links if link.simulate is None]
     if real and speed != "max":
         print(
-            f"replay: sends to {', '.join(real)}, as a live cell does; --no-links sends nothing",
+            f"replay: sends to {', '.join(real)}, like a live cell; --no-links sends nothing",
             file=sys.stderr,
         )
     options = Options(
@@ -244,7 +247,7 @@ def go(
     *,
     stop: threading.Event | None = None,
 ) -> None:
-    """Run the node with its screens, in the terminal if there is one; print the summary.
+    """Run the node with its screens, including the terminal's view; print the summary.
 
     ``stop`` ends the run when it is set.
 
@@ -335,10 +338,11 @@ BESIDE_THE_ROBOT = [-1.9, 2.0, 0.0]  # default place where a recording starts
 
 
 def played(cell: SourceSettings, recording: Path) -> dict[str, Any]:
-    """Return ``source:`` of a recording in place of a cell's own.
+    """Return the ``source:`` for a recording, which replaces the cell's own.
 
-    A motion file starts beside the robot. This node's own recording, or a bag made of one, is in
-    the room already. A bag of the cell's own topic is read as the cell reads the topic.
+    A motion file starts near the robot. This node's own recording, or a bag made from one, is
+    already in the room's frame. A bag with the cell's own topic is read as the cell reads the
+    topic.
 
     Args:
         cell: the configuration's source.

@@ -25,7 +25,7 @@ def service(
     config: Annotated[Path, typer.Argument(help="The node's YAML configuration.")],
     folder: Annotated[
         Path | None,
-        typer.Option(help="Write the unit into this folder, such as /etc/systemd/system."),
+        typer.Option(help="Folder to write the unit into, such as /etc/systemd/system."),
     ] = None,
 ) -> None:
     """Print the systemd unit that runs a cell, or write it into a folder.
@@ -60,7 +60,7 @@ def service(
 
 
 def unit_text(program: Path, config: Config) -> str:
-    """The shipped unit, with this program and the priority that the configuration asks for."""
+    """Return the shipped unit with this program's path and the configured priority."""
     text = read_text(data_path("service", UNIT), "unit")
     if program.name == "hri-predict" and program.is_file():
         # no link is followed: a virtual environment's program is the one beside its Python
@@ -74,10 +74,11 @@ def unit_text(program: Path, config: Config) -> str:
 
 
 def unit_command(program: str) -> str:
-    """A program's path as ``ExecStart`` begins with it (systemd.service(5), systemd.syntax(7)).
+    """Return a program's path for ``ExecStart`` (systemd.service(5), systemd.syntax(7)).
 
-    ``%`` begins a specifier anywhere, ``$`` a variable in all words but the first. systemd refuses
-    quotes, backslashes and control characters in the first word, so there ``env`` is the first.
+    ``%`` starts a specifier anywhere, and ``$`` a variable in all words but the first. systemd
+    rejects quotes, backslashes and control characters in the first word; for such paths ``env`` is
+    the first word.
     """
     if set(program) <= _PLAIN:
         return program
@@ -91,7 +92,7 @@ def unit_command(program: str) -> str:
 
 
 def instance(cell: str) -> str:
-    """Cell name after ``hri-predict@``: as ``systemd-escape`` writes it, except for ``-``."""
+    """Return the instance name of a cell: as ``systemd-escape`` writes it, except for ``-``."""
     return "".join(
         c if c in _PLAIN and c != "/" else "".join(f"\\x{byte:02x}" for byte in os.fsencode(c))
         for c in cell
@@ -99,7 +100,7 @@ def instance(cell: str) -> str:
 
 
 def unwritable(config: Config, cell: str) -> list[str]:
-    """Return the paths that the unit does not let the node write, one line each with the remedy."""
+    """Return the paths that the unit makes read-only, one line each with the remedy."""
     node = config.node
     record = node.record
     wanted = {
@@ -117,7 +118,7 @@ def unwritable(config: Config, cell: str) -> list[str]:
 
 
 def hidden(program: Path) -> list[str]:
-    """A line with the remedy if the unit hides the program itself from the service."""
+    """Return a line with the remedy if the unit hides the program itself from the service."""
     if not any(program.absolute().is_relative_to(place) for place in _HIDDEN):
         return []
     return [

@@ -1,4 +1,4 @@
-"""``topics``: lists the topics of a ROS bag that could be people."""
+"""``topics``: list the topics of a ROS bag that could contain people."""
 
 import json
 import shlex
@@ -24,7 +24,7 @@ def topics(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """List the topics of a ROS bag that could be people, each with the options to replay it.
+    """List the topics of a ROS bag that could contain people, with the options to replay each.
 
     Example: hri-predict topics walk.bag
     """
@@ -44,20 +44,20 @@ def topics(
         print(json.dumps({"bag": str(bag), "topics": rows}))
         return
     if not rows:
-        print(f"{bag}: no topic can be people (PoseArray, MarkerArray, ROS4HRI, ZED)")
+        print(f"{bag}: no topic can contain people (PoseArray, MarkerArray, ROS4HRI, ZED)")
         return
     _show(bag, found)
 
 
 def _options(topic: "BagTopic") -> list[str]:
-    """Options of ``replay`` and ``convert``; the joint map only where one alone fits."""
+    """Options for ``replay`` and ``convert``; the joint map only if exactly one fits."""
     options = [] if topic.is_named else ["--topic", topic.name]
     return [*options, "--joint-map", topic.joint_maps[0]] if len(topic.joint_maps) == 1 else options
 
 
 def _show(bag: Path, found: "list[BagTopic]") -> None:
     table = Table(title=f"Topics of {bag} that could be people", title_justify="left")
-    for heading in ("topic", "type", "messages", "joints", "frame", "joint maps that fit"):
+    for heading in ("topic", "type", "messages", "joints", "frame", "matching joint maps"):
         table.add_column(heading, overflow="fold")
     for each in found:
         cells = (

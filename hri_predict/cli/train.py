@@ -1,4 +1,4 @@
-"""``train`` finds a predictor's weights on recorded motion; ``ablate`` compares augmentations."""
+"""``train``: train a predictor on recorded motion. ``ablate``: compare augmentations."""
 
 import json
 import shlex
@@ -33,17 +33,17 @@ def train(
         typer.Option("--set", help="key.key=value: change a key of the YAML. Repeatable."),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="List the runs and how far they are; train nothing.")
+        bool, typer.Option("--dry-run", help="List the runs and their progress without training.")
     ] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the summary as JSON, and nothing else.")
+        bool, typer.Option("--json", help="Print only the summary, as JSON.")
     ] = False,
 ) -> None:
-    """Train a predictor. Ctrl-C saves the run; --resume continues it to the same weights.
+    """Train a predictor. Ctrl-C saves the run; --resume continues it and gives the same weights.
 
     The run's folder holds the best weights, checkpoints and a TensorBoard log. A list of
-    configurations, such as configs/training/all.yaml (everything that ships, the most worth
-    first), is trained in order; the same command continues it.
+    configurations, such as configs/training/all.yaml (all shipped weights, most valuable first), is
+    trained in order; the same command continues it.
 
     To use several processes:
     torchrun --nproc-per-node 2 -m hri_predict train CONFIG
@@ -75,9 +75,7 @@ def train(
         return
     for settings in asked:
         if settings.train.patience and settings.data.get("refit"):
-            warn(
-                "train.patience has no effect with data.refit, which leaves nothing to validate on"
-            )
+            warn("train.patience has no effect with data.refit, which leaves no validation data")
         with Processes.join() as processes, told_to_stop() as stop:
             result = runs.trained(
                 settings,
@@ -106,7 +104,7 @@ def _found(path: Path) -> Path:
 def _changes(
     changes: list[str] | None, data: Path | None, joint_map: str | None, out: Path | None
 ) -> list[str]:
-    """All flags as changes of the configuration."""
+    """Return all flags as changes of the configuration."""
     found = list(changes or [])
     if data is not None:
         found.append(f"data.root={json.dumps(str(data))}")
@@ -152,7 +150,7 @@ def ablate(
 ) -> None:
     """Train a small TrajectoryCNN with one augmentation left out at a time, and compare errors.
 
-    With a paper's name it is the paper's own network, with one switch of its ablation at a time.
+    With a paper's name, train the paper's own network with one switch of its ablation at a time.
 
     Ctrl-C saves the run; the same command continues. Finished runs are not run again.
 

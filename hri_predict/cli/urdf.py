@@ -15,8 +15,8 @@ def urdf(
         Path,
         typer.Argument(metavar="URDF", help="The URDF file. Expand a xacro file first."),
     ],
-    base: Annotated[str, typer.Option(metavar="LINK", help="The link that is fixed in the room.")],
-    tip: Annotated[str, typer.Option(metavar="LINK", help="The link at the end of the chain.")],
+    base: Annotated[str, typer.Option(metavar="LINK", help="Link fixed in the room.")],
+    tip: Annotated[str, typer.Option(metavar="LINK", help="Link at the end of the chain.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="The robot file to write.")],
     name: Annotated[
         str | None, typer.Option(help="Name of the robot.", show_default="the URDF's")
@@ -43,11 +43,13 @@ def urdf(
     ] = None,
     deceleration: Annotated[
         float | None,
-        typer.Option(metavar="M/S2", help="Or: the deceleration that the robot always reaches."),
+        typer.Option(
+            metavar="M/S2", help="Alternatively: the deceleration that the robot always reaches."
+        ),
     ] = None,
     brake_delay: Annotated[
         float | None,
-        typer.Option(metavar="S", help="Time at full speed before the brakes bite."),
+        typer.Option(metavar="S", help="Time at full speed before the brakes take effect."),
     ] = None,
     payload_kg: Annotated[
         float | None,
@@ -77,7 +79,7 @@ def urdf(
     if found.omitted:
         print(f"not covered: {', '.join(found.omitted)}")
     if found.unread:
-        print(f"not read, of other programs: {', '.join(found.unread)}")
+        print(f"ignored, from other programs: {', '.join(found.unread)}")
 
 
 def _stopping(
@@ -86,7 +88,7 @@ def _stopping(
     delay_s: float | None,
     payload_kg: float | None,
 ) -> dict[str, Any]:
-    """Return the stopping table that the user chose: another robot's, or from a deceleration."""
+    """Return the chosen stopping table: another robot's, or one computed from a deceleration."""
     if copied_from is not None:
         if (deceleration, delay_s, payload_kg) != (None, None, None):
             raise RobotError("give either --stopping-from or --deceleration, not both")
@@ -94,6 +96,6 @@ def _stopping(
     if deceleration is None or delay_s is None or payload_kg is None:
         raise RobotError(
             "a URDF does not state how the robot stops; give --deceleration M/S2, --brake-delay S "
-            "and --payload-kg KG that always hold, or --stopping-from ROBOT"
+            "and --payload-kg KG that hold in all cases, or --stopping-from ROBOT"
         )
     return decelerated(deceleration, delay_s, payload_kg)

@@ -1,4 +1,4 @@
-"""Reads files of unknown origin into memory, up to a limit, and says how far it is."""
+"""Reads files of unknown origin into memory, up to a limit, and reports progress."""
 
 import codecs
 import zipfile
@@ -27,7 +27,7 @@ _MARKS = (
 
 
 def names_in_zip(path: Path) -> list[str] | None:
-    """Names of a zip archive's entries; ``None`` if it is none, or cannot be read."""
+    """Return the names of a zip archive's entries; ``None`` for other or unreadable files."""
     try:
         with zipfile.ZipFile(path) as archive:
             return archive.namelist()
@@ -68,7 +68,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def decoded(data: bytes) -> str:
-    """Return text of unknown encoding; any bytes give some text, perhaps with NUL characters."""
+    """Decode text of unknown encoding; any bytes give some text, possibly with NUL characters."""
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             return data[len(mark) :].decode(encoding, "replace")
@@ -84,12 +84,11 @@ def decoded(data: bytes) -> str:
 
 
 def watched(items: Iterable[T], what: str, total: int) -> Iterator[T]:
-    """Yield all items, and report now and then how many are done to ``watching``, if it is on.
+    """Yield all items, and regularly report the number done to ``watching``, if it is on.
 
     Args:
         items: rows or scenes.
-        what: what is done with them: ``READING`` or ``WRITING``.
-        total: their number, or nearly so.
+        what: the activity: ``READING`` or ``WRITING``. total: their approximate number.
     """
     watcher = _watcher.get()
     for done, item in enumerate(items):
@@ -100,7 +99,7 @@ def watched(items: Iterable[T], what: str, total: int) -> Iterator[T]:
 
 @contextmanager
 def watching(watcher: Callable[[str, int, int], None]) -> Iterator[None]:
-    """Report to ``watcher`` (what is done, number done, total) what long loops do meanwhile."""
+    """Report the progress of long loops to ``watcher`` (activity, number done, total)."""
     before = _watcher.set(watcher)
     try:
         yield
@@ -109,7 +108,7 @@ def watching(watcher: Callable[[str, int, int], None]) -> Iterator[None]:
 
 
 def check_joints(path: Path, frames: int, people: int, joints: int) -> None:
-    """Refuse recordings that would fill the memory.
+    """Reject recordings that would fill the memory.
 
     Raises:
         RecordingError: more than ``MAX_BYTES`` of joint positions.

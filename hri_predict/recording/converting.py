@@ -8,18 +8,18 @@ from hri_predict.recording.format_table import BY_NAME
 from hri_predict.recording.frames import Written
 from hri_predict.recording.recording import Recording
 
-ERRORS = "errors that the source stated of a person's place: zones of a replay are smaller"
-"""Only the node's own format holds them."""
+ERRORS = "position errors stated by the source: zones in a replay are smaller"
+"""Data that only the node's own format holds."""
 
 
 def write_recording(recording: Recording, output: Path, to: str, *, force: bool = False) -> Written:
-    """Write ``output`` whole or not at all.
+    """Write ``output`` completely or not at all.
 
     Args:
         recording: the recording to write.
         output: the file.
         to: name of its format, one of ``BY_NAME``.
-        force: replace an existing file; never the one that is read.
+        force: replace an existing file, but never the input.
 
     Raises:
         RecordingError: it cannot be written, or this format cannot hold the recording.
@@ -43,6 +43,6 @@ def _check_replaceable(recording: Recording, output: Path, force: bool) -> None:
     if output.is_dir():
         raise ConfigError(f"{output}: is a folder; name a file in it")
     if recording.path.exists() and output.samefile(recording.path):
-        raise ConfigError(f"{output}: is the recording that is read; name another file")
+        raise ConfigError(f"{output}: is the input recording; name another file")
     if not force:
         raise ConfigError(f"{output}: already exists; --force replaces it")

@@ -11,7 +11,7 @@ from hri_predict.recording.recording import Recording
 
 
 def between(recording: Recording, start_s: float, end_s: float | None) -> Recording:
-    """The part from ``start_s`` to ``end_s`` after the first arrival, with its messages.
+    """Return the part from ``start_s`` to ``end_s`` after the first arrival, with its messages.
 
     Raises:
         RecordingError: the part is empty.
@@ -35,9 +35,9 @@ def between(recording: Recording, start_s: float, end_s: float | None) -> Record
 
 
 def decimated(recording: Recording, rate_hz: float) -> Recording:
-    """Drop scenes so that the rest come at ``rate_hz``, as nearly as possible.
+    """Drop scenes to reduce the rate to ``rate_hz`` as closely as possible.
 
-    Of each span of 1 / ``rate_hz`` the scene nearest to its middle stays; sequences count spans.
+    In each span of 1 / ``rate_hz``, the scene nearest to the middle is kept; sequences count spans.
 
     Raises:
         RecordingError: the recording's own rate is lower.
@@ -65,7 +65,7 @@ def decimated(recording: Recording, rate_hz: float) -> Recording:
 
 
 def of_person(recording: Recording, person: int) -> tuple[Recording, int]:
-    """Only this person, and how many others were left out; no output: it was for all.
+    """Return only this person, without the node's output, and the number of others left out.
 
     Raises:
         RecordingError: the person is in no scene.

@@ -1,4 +1,5 @@
-"""The formats of recordings: a row each. Readers, writers, endings, help and checks follow from it.
+"""Table of the recording formats. Readers, writers, endings, help and checks are derived
+from it.
 
 A new format is a module in ``formats`` and a row here.
 """
@@ -70,9 +71,9 @@ class Format:
         ending: of its files. Of several formats with one ending, the first writes where only the
             ending is given, and the first whose ``is_mine`` holds reads.
         read, write: its reader and its writer; without a writer, it is only read.
-        looks: whether a file looks like it, from its path and its first bytes; only for
-            explanations, never to read it.
-        content: what such content is called.
+        looks: whether a file looks like this format, by its path and first bytes; used only in
+            messages.
+        content: name of such content in messages.
         only: which files of this ending are read; "" for all.
         is_mine: whether a file of this ending is this format's.
         may_lack_times: whether such files may need ``rate_hz``.
@@ -228,10 +229,10 @@ def of_ending(ending: str) -> list[Format]:
 
 
 def counts_in_folder(path: Path) -> bool:
-    """Whether a file with a known ending counts as a recording of the folder it is in.
+    """Whether a file with a known ending is one of its folder's recordings.
 
     Raises:
-        RecordingError: it seems to be meant as one, but is not.
+        RecordingError: it appears to be intended as a recording, but is not valid.
         OSError: it cannot be read.
     """
     asked = [each.in_folders for each in of_ending(path.suffix.lower())]

@@ -1,7 +1,7 @@
-"""A recording as arrays at one rate, for formats that hold only joints in frames.
+"""A recording as arrays at one rate, for formats that hold only frames of joints.
 
-Such formats cannot say "the room is empty" or "not seen". Both become unobserved joints, the
-cautious reading, and are counted.
+These formats cannot distinguish "the room is empty" from "not seen". Both become unobserved joints,
+the cautious choice, and are counted.
 """
 
 from collections import Counter
@@ -56,7 +56,7 @@ class Frames:
 
 
 def frames_of(recording: Recording) -> Frames:
-    """All people of a recording in even frames; frames missing in it have no joints.
+    """Return all people of a recording in even frames; missing frames have no joints.
 
     Raises:
         RecordingError: it shows no person, or is too long for the memory.
@@ -95,7 +95,7 @@ def frames_of(recording: Recording) -> Frames:
 
 
 def frames_of_one(recording: Recording) -> Frames:
-    """As ``frames_of``, for formats of one person: the one who is in the most scenes.
+    """As ``frames_of``, for formats of one person: the person in the most scenes.
 
     Raises:
         RecordingError: see ``frames_of``.
@@ -114,7 +114,7 @@ def frames_of_one(recording: Recording) -> Frames:
 
 
 def _slots(recording: Recording) -> tuple[list[int], float]:
-    """The frame number of each scene, rising, and the frames per second."""
+    """Return the increasing frame number of each scene, and the frames per second."""
     times_ns = true_times(recording)
     nominal = recording.rate_hz
     steps = [max(1, round((b - a) * 1e-9 * nominal)) for a, b in pairwise(times_ns)]

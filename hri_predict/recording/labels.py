@@ -1,7 +1,7 @@
-"""Labels of markers that may name a person, too: ``Anna:LeftWrist``.
+"""Labels of markers, which may include a person's name: ``Anna:LeftWrist``.
 
 Motion capture programs put the subject's name and a colon before a marker's; the node writes the
-person's id there. Files of one person have bare names.
+person's id there. Files of one person have names without a prefix.
 """
 
 from collections.abc import Collection, Sequence
@@ -19,7 +19,7 @@ MAX_MARKERS = 1_000_000  # people times joints
 
 @dataclass(frozen=True)
 class Labelled:
-    """Which label belongs to which person and joint.
+    """Assignment of labels to persons and joints.
 
     Attributes:
         ids: ids of the people.
@@ -101,20 +101,20 @@ def split_label(label: str) -> tuple[str, str]:
 
 
 def _is_id(who: str) -> bool:
-    """Whether it is a person's number as ``joined_labels`` writes it; 07 is not 7."""
+    """Whether the text is a person's number as written by ``joined_labels``; 07 is not 7."""
     number = who.isascii() and who.isdigit() and len(who) <= len(str(MAX_ID))
     return number and who == str(int(who)) and int(who) <= MAX_ID
 
 
 def joined_labels(ids: Sequence[int], joints: Sequence[str]) -> list[str]:
-    """Labels person by person and joint by joint; bare joint names for a single person."""
+    """Return labels by person and joint; joint names without a prefix for a single person."""
     if len(ids) == 1:
         return list(joints)
     return [f"{person}:{joint}" for person in ids for joint in joints]
 
 
 def numbered(names: Collection[str], person: int) -> dict[str, int]:
-    """Give each name of a person an id: its own number, or else the next free one.
+    """Assign an id to each person's name: its own number, or the next free one.
 
     Args:
         names: different ones.

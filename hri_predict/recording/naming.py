@@ -1,4 +1,4 @@
-"""From the joint names of a file to the canonical skeleton.
+"""Maps the joint names of a file to the canonical skeleton.
 
 Names alone decide, with and without what a tracker writes before or after them all
 (``shared_affix``). All joints of one of the shipped maps, as the map writes them or in another
@@ -59,12 +59,12 @@ def _reading(names: Sequence[str]) -> JointMap:
 
 
 def unknown_map(names: Sequence[str]) -> JointMap:
-    """A map that gives no canonical joint."""
+    """Return a map without any canonical joint."""
     return _map(UNKNOWN, names, np.zeros((len(JOINTS), len(names))))
 
 
 def check_known(joint_map: JointMap) -> None:
-    """Refuse a map of ``unknown_map``.
+    """Reject a map from ``unknown_map``.
 
     Raises:
         ConfigError: the names give no canonical joint; the error lists the missing ones.
@@ -98,7 +98,7 @@ def with_map(recording: Recording, own: JointMap) -> Recording:
 
 
 def _by_name(joint_map: JointMap, columns: Mapping[str, int], names: Sequence[str]) -> JointMap:
-    """A map on a file's own joints; joints that the file lacks give nothing."""
+    """Return a map for a file's own joints; joints missing in the file are ignored."""
     there = [k for k, joint in enumerate(joint_map.source_joints) if joint in columns]
     weights = np.zeros((len(JOINTS), len(names)))
     places = [columns[joint_map.source_joints[k]] for k in there]
@@ -114,7 +114,7 @@ def _by_name(joint_map: JointMap, columns: Mapping[str, int], names: Sequence[st
 
 
 def _completed(best: JointMap, other: Floats, taken: Bools) -> JointMap:
-    """A reading with the joints that only another one gives, from columns that are not taken."""
+    """Return a map extended by the joints that only another map gives, from unused columns."""
     free = ~best.mapped & ~(other[:, taken] > 0).any(axis=1)
     return replace(best, weights=np.where(free[:, np.newaxis], other, best.weights))
 
@@ -122,7 +122,7 @@ def _completed(best: JointMap, other: Floats, taken: Bools) -> JointMap:
 def _largest(names: Sequence[str]) -> tuple[JointMap, Bools]:
     """Return the largest shipped map all of whose joints are there, and the columns that it names.
 
-    That map holds which gives the most canonical joints; of equals the one with the most joints.
+    The map with the most canonical joints wins; of equals, the one with the most joints.
     """
     best, named = unknown_map(names), np.zeros(len(names), dtype=np.bool_)
     for shipped in _shipped():

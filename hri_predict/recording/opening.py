@@ -25,7 +25,7 @@ from hri_predict.recording.wanted import Wanted
 
 log = logging.getLogger(__name__)
 _noted: set[Path] = set()
-"""Recordings whose notes were logged: commands open some of them several times."""
+"""Recordings with notes already logged, because commands open some several times."""
 
 
 def open_recording(
@@ -112,7 +112,7 @@ def _read(chosen: Format, path: Path, wanted: Wanted) -> Recording:
 
 
 def opened(entry: Path | Recording, joint_map: JointMap | None = None) -> Recording:
-    """A recording in memory as it is; a file as ``open_recording`` reads it, if it can be true.
+    """Return a recording in memory unchanged, or a file from ``open_recording`` if it is plausible.
 
     Its note is logged.
 
@@ -139,7 +139,7 @@ def _check_known(path: Path, joint_map: JointMap) -> None:
 
 
 def _accepted() -> str:
-    """Name the kinds that are read."""
+    """Return the names of the kinds that can be read."""
     kinds = []
     for ending in ENDINGS:
         only = ", ".join(each.only for each in of_ending(ending) if each.only)
@@ -148,7 +148,7 @@ def _accepted() -> str:
 
 
 def _unknown(path: Path, ending: str) -> str:
-    """Why a file of this ending is not opened, and what it seems to be."""
+    """Return why a file with this ending is not opened, and its probable kind."""
     own, what = seems(path)
     if own:
         return f"seems to be {own}, {what}; name it so (its ending is '{ending}')"

@@ -1,9 +1,9 @@
-"""Units and axes of dumps that state none, where the joints' names say which tracker wrote them.
+"""Units and axes of dumps that state none, if the joints' names identify the tracker.
 
 A table of Azure Kinect is in millimetres, y down; FreeMoCap writes the same names as MediaPipe, but
-millimetres, z up. Among the frames that such trackers use, the one holds in which people are of
-human size and stand. Which horizontal axis is ahead is a convention only: no body shows the room's
-heading.
+millimetres, z up. Among the frames of such trackers, the one in which people are of human size and
+stand is chosen. The horizontal axis that points ahead is only a convention, because no body shows
+the room's heading.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,8 @@
-"""Whether a recording's people can be people: wrong units or axes spoil all that is made of it.
+"""Checks whether a recording's people are plausible: wrong units or axes make it useless.
 
-The node refuses such bodies as they come. A recording is judged as a whole, because people lie,
-bend and tumble for a while. Its floor is its own, so heights are not judged.
+The node rejects implausible bodies one by one. A recording is judged as a whole, because people
+lie, bend and tumble for a while. Heights are not judged, because its floor may differ from the
+room's.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +21,7 @@ from hri_predict.people.body.stature import fitting_unit, is_adult, stature_m
 from hri_predict.recording.recording import SELF_EXPLAINED, Recording, converted_by
 
 MOST_SCENES = 1000
-"""Number of scenes, evenly over a recording, that are judged."""
+"""Number of scenes judged, spread evenly over a recording."""
 PUBLISHED = ("cmu", "assembly")
 """Layouts of the data pack alone, in fixed units and axes: no tracker exports them."""
 TILTED = 0.2
@@ -34,7 +35,7 @@ _Bodies = list[tuple[Floats, Bools]]
 
 
 def check_possible(recording: Recording, reopened: Reopened | None = None) -> None:
-    """Refuse a recording in which people cannot be as the file says.
+    """Reject a recording with implausible people.
 
     Args:
         recording: as it was read.
@@ -87,7 +88,7 @@ def _check(recording: Recording, reopened: Reopened | None, *, whole: bool) -> N
 
 
 def _unseen(recording: Recording, reopened: Reopened | None) -> str:
-    """Return the message for a file of which no joint is believed."""
+    """Return the message for a file without any believable joint."""
     what = f"recording {recording.path}: no joint of any person is known"
     for name, unit_m in METRES_PER_UNIT.items():
         if reopened is None or unit_m >= recording.joint_map.scale_to_m:
@@ -147,7 +148,7 @@ def _axes(recording: Recording, bodies: _Bodies) -> tuple[list[str], str]:
 
 
 def judged(recording: Recording) -> Sequence[Scene]:
-    """The scenes by which a recording is judged: ``MOST_SCENES`` at most, evenly over it."""
+    """Return the scenes used to judge a recording: ``MOST_SCENES`` at most, evenly over it."""
     return recording.scenes[:: max(1, -(-len(recording.scenes) // MOST_SCENES))]
 
 

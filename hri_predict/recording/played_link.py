@@ -24,7 +24,7 @@ class PlayedLink:
         self._waiting: deque[Received] | None = None
 
     def start(self) -> None:
-        """There is nothing to open."""
+        """Do nothing: there is no device to open."""
 
     def post(self, message: Message) -> None:
         """Count the message; it has no receiver."""
@@ -42,10 +42,10 @@ class PlayedLink:
         return due
 
     def service(self, now_ns: int) -> None:
-        """There is nothing to write or read."""
+        """Do nothing: there is no device to write or read."""
 
     def stop(self) -> None:
-        """There is nothing to close."""
+        """Do nothing: there is no device to close."""
 
 
 def played_links(source: Source, clock: Clock) -> tuple[PlayedLink, ...]:

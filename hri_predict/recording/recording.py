@@ -89,7 +89,7 @@ class Recording:
 
     @property
     def digest(self) -> str | None:
-        """SHA-256 of its files in hexadecimal digits; ``None`` without a file."""
+        """SHA-256 of its files, hexadecimal; ``None`` without a file."""
         if not self.path.is_file():
             return None
         found = hashlib.sha256()
@@ -123,7 +123,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 
 def check_rate(path: Path, what: str, rate_hz: float) -> None:
-    """Refuse a rate at which people are not recorded.
+    """Reject an implausible recording rate.
 
     Raises:
         RecordingError: ``what`` in the file gives a rate out of range, or NaN.
@@ -136,7 +136,7 @@ def check_rate(path: Path, what: str, rate_hz: float) -> None:
 
 
 def check_gaps(path: Path, arrivals: Sequence[int]) -> None:
-    """Refuse scenes that a replay would never reach, or would give in another order.
+    """Reject scenes that a replay would never reach, or would give in a different order.
 
     Raises:
         RecordingError: two arrivals (ns) are more than ``MAX_GAP_S`` apart, or go back.
@@ -192,7 +192,7 @@ def recording_of(
     whole = kind == "bvh"
     good = observed.all(axis=(1, 2)) if whole else observed.any(axis=(1, 2))
     poor = int(np.count_nonzero(~good))
-    what = "some joint is not a sane number" if whole else "no joint is known"
+    what = "some joint is not a valid number" if whole else "no joint is known"
     note = f"in {poor} of {len(scenes)} frames {what}" if poor else ""
     times = [scene.stamp_ns for scene in scenes]
     return Recording(
@@ -207,9 +207,9 @@ def recording_of(
 
 
 def converted_by(path: Path, options: str) -> str:
-    """Return the remedy for a file that does not state what these options of ``convert`` state."""
+    """Return the remedy for a file without the information in these options of ``convert``."""
     names = shlex.quote(str(path)), shlex.quote(f"{path.stem}_right.mcap")
-    return f"this makes a right file of it: hri-predict convert {' '.join(names)} {options}"
+    return f"this writes a correct file: hri-predict convert {' '.join(names)} {options}"
 
 
 def noted(recording: Recording, note: str) -> Recording:
@@ -300,7 +300,7 @@ def start_of(recording: Recording) -> tuple[Floats, float]:
 
 
 def _middle(joints: Floats, seen: Bools) -> Floats | None:
-    """The waist on the floor, or else the middle of the shoulders, or of all joints seen."""
+    """Return the waist on the floor, or the middle of the shoulders or of all joints seen."""
     waist, left, right = (JOINTS.index(n) for n in ("waist", "l_shoulder", "r_shoulder"))
     if seen[waist]:
         chosen = joints[[waist]]
@@ -315,7 +315,7 @@ def _middle(joints: Floats, seen: Bools) -> Floats | None:
 
 
 def _facing(joints: Floats, seen: Bools) -> float:
-    """Direction a body faces: ahead of the line through its hips, or else shoulders, ..."""
+    """Return the direction a body faces: perpendicular to the line of hips, or shoulders, ..."""
     for part in ("hip", "shoulder", "elbow", "wrist"):
         left, right = JOINTS.index(f"l_{part}"), JOINTS.index(f"r_{part}")
         if seen[left] and seen[right]:

@@ -1,4 +1,4 @@
-"""Joint names of any rig: which side of the body, and which joint, by one rule and one table.
+"""Side and joint of any rig's joint names, determined by one rule and one table.
 
 A name is compared without case, separators and namespace. Its side is ``left``, ``right``, ``l`` or
 ``r`` before or after the rest, with any separator or none: ``LeftFoot``, ``lFoot``, ``foot.L``,
@@ -27,7 +27,7 @@ _PREFIX = re.compile(r"^(mixamorig\d*|bip\d+|valvebiped)[ _.]*(?=\w)")
 
 
 class RigTable(SourceFrame):
-    """The table: names of each canonical joint in different rigs, those of limbs without side.
+    """The table of each canonical joint's names in different rigs; names of limbs are without side.
 
     Attributes:
         required: joints without which a rig is not understood.

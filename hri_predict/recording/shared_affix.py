@@ -10,13 +10,13 @@ from collections import Counter
 from collections.abc import Sequence
 
 SHARE = 0.75
-"""More than this part of the names has it."""
+"""Minimum share of the names with the affix."""
 _SEPARATORS = re.compile(r"[ _.:|-]+")
 _SIDES = ("left", "right", "l", "r")
 
 
 def without_shared(names: Sequence[str]) -> list[str]:
-    """The names without what they share; as they are where two would become one."""
+    """Return the names without their shared affix; unchanged if two would become equal."""
     before = _longest(names, [_heads(name) for name in names])
     rest = [name.removeprefix(before) for name in names]
     after = _longest(rest, [_tails(name) for name in rest])
@@ -25,7 +25,7 @@ def without_shared(names: Sequence[str]) -> list[str]:
 
 
 def _longest(names: Sequence[str], parts: Sequence[Sequence[str]]) -> str:
-    """The longest of the parts that enough names have; "" if there is none."""
+    """Return the longest part shared by enough names; "" if there is none."""
     count = Counter(part for own in parts for part in own)
     shared = [part for part, times in count.items() if times > max(1.0, SHARE * len(names))]
     return max(shared, key=len, default="")

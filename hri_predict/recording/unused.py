@@ -1,4 +1,4 @@
-"""Which joints of a file the node does not use, and which joints of a body the file lacks.
+"""Reports a file's joints that the node does not use, and a body's joints that the file lacks.
 
 Said once for each set of joint names: a folder of recordings of one tracker is one line. Nothing is
 said of a shipped map's own joints: ``hri-predict check`` and ``bench joint-maps`` say what it

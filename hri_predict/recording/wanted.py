@@ -47,7 +47,7 @@ class Wanted:
     def of_file(
         self, joint_map: JointMap, unit_m: float | None, axes: Sequence[str] | None = None
     ) -> JointMap:
-        """The map of a motion file; what is not wanted is as the file or its format states.
+        """The map of a motion file; choices not made follow the file or its format.
 
         Raises:
             ConfigError: impossible units or axes.

@@ -1,4 +1,4 @@
-"""``calibrate``: how large zones must be to hold people as often as stated; whether they do."""
+"""``calibrate``: find or check the zone sizes that give the stated coverage."""
 
 from pathlib import Path
 from typing import Annotated
@@ -29,7 +29,7 @@ def calibrate(
     data: Annotated[list[Path], typer.Option(help="A recording, or a folder of them. Repeatable.")],
     weights: Annotated[Path | None, typer.Option(help="Weights of a trained predictor.")] = None,
     horizon: Annotated[
-        float, typer.Option(help="Seconds ahead, at most as far as the predictor reaches.")
+        float, typer.Option(help="Horizon in seconds; at most the predictor's own.")
     ] = HORIZON_S,
     check: Annotated[
         bool, typer.Option("--check", help="Measure a calibration instead of making one.")
@@ -46,14 +46,14 @@ def calibrate(
         bool,
         typer.Option(
             "--noise",
-            help="Keep a calibration, and measure how much its zones grow with a tracker's noise.",
+            help="Keep a calibration, and measure how much its zones grow with tracker noise.",
         ),
     ] = False,
     onto: Annotated[
         str | None,
         typer.Option(
-            help="Move a calibration towards the people in --data, who are those of your site: "
-            "shipped, or a file.",
+            help="Move a calibration (shipped, or a file) towards the people in --data: those of "
+            "your site.",
         ),
     ] = None,
     report: Annotated[
@@ -77,8 +77,8 @@ def calibrate(
         bool | None,
         typer.Option(
             "--tracked/--as-recorded",
-            help="Whether each recording counts twice: as recorded, and slower, noisier and with "
-            "gaps, as a camera's tracker would deliver it.",
+            help="Use each recording twice: as recorded, and slower, noisier and with gaps, as "
+            "from a camera tracker.",
             show_default="tracked; with --check: as recorded",
         ),
     ] = None,
@@ -104,13 +104,13 @@ def calibrate(
     cluster: ClusterOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Calibrate a predictor's zones on recordings; --check measures how often zones hold people.
+    """Calibrate a predictor's zones on recordings; --check measures how often they hold people.
 
     The number of recordings counts, not their length: a guarantee of 90 %
     needs 9, one of 95 % needs 19, and one of 99 % needs 99.
 
-    --onto keeps what many recordings taught, and moves it towards your site's:
-    few of them change little.
+    --onto starts from an existing calibration and moves it towards your site's recordings; the
+    fewer they are, the smaller the change.
 
     Example: hri-predict calibrate --predictor sinn --data ../shared/data
     """
@@ -119,7 +119,9 @@ def calibrate(
         one_of("--split", split, USES)
     chosen = Data(data, split, own_map(joint_map), processes(jobs, cluster), cluster)
     if check and leave_out:
-        raise ConfigError("--check: has no effect with --leave-out, which measures; give one")
+        raise ConfigError(
+            "--check: has no effect with --leave-out, which measures as well; give only one of them"
+        )
     if check or leave_out:
         other = "with --check" if check else "with --leave-out"
         measured = {"--noise": True if with_noise else None}

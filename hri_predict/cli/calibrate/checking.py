@@ -1,4 +1,4 @@
-"""``calibrate --check``: measure how often zones hold people, and how large they are."""
+"""``calibrate --check``: measure the coverage of zones, and their size."""
 
 import json
 import sys
@@ -56,7 +56,8 @@ def check(
     if used:
         print(
             f"warning: the calibration was made from {len(used)} of these recordings"
-            f" ({', '.join(sorted(used)[:3])}, ...): their coverage says nothing about others",
+            f" ({', '.join(sorted(used)[:3])}, ...): their coverage does not apply to other "
+            f"recordings",
             file=sys.stderr,
         )
     beside = _beside(settings.name, data, tracked)
@@ -101,9 +102,9 @@ def check(
 
 
 def _calibrated_on(calibration: "Calibration", scores: "Sequence[Scores]") -> set[str]:
-    """Names of the recordings that the calibration was made from: the same file by any name.
+    """Return the names of the recordings that the calibration was made from, by content.
 
-    For recordings without digests: one of the same name.
+    Recordings without a digest are compared by name.
     """
     from hri_predict.lab.calibration.scores import units
 
@@ -134,7 +135,7 @@ def _calibration(settings: PredictorSettings, path: Path | None) -> "Calibration
 def _beside(
     name: str, data: Data, tracked: bool
 ) -> "Mapping[str, tuple[list[Scores], Calibrated]]":
-    """Constant velocity, calibrated the same way, to compare sizes with."""
+    """Return constant velocity, calibrated in the same way, for comparison of sizes."""
     from hri_predict.lab.calibration.coverage import Calibrated
     from hri_predict.zones.calibration import load_calibration, shipped_calibration
 

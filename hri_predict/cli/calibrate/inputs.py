@@ -1,4 +1,4 @@
-"""The common parts of the forms of ``calibrate``: predictor, recordings, scores."""
+"""Inputs common to all forms of ``calibrate``: predictor, recordings, scores."""
 
 import contextlib
 from collections.abc import Callable, Sequence
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 RATE_HZ = 25.0
 HORIZON_S = 1.2
 SIMULATED = ("approach", "procedural")
-"""Kinds of sources whose people are not from recordings."""
+"""Kinds of sources that simulate people."""
 LEAST_HORIZON_S = 0.2
-"""Shorter zones protect no one, because robots take longer to stop."""
+"""Minimum horizon in seconds: before it, no robot can stop."""
 
 
 class Data(NamedTuple):
-    """Which recordings, how their joints are named, and who works on them."""
+    """The recordings, their joint map and the workers."""
 
     entries: Sequence[Path]
     split: str | None
@@ -51,7 +51,7 @@ class Data(NamedTuple):
 
 
 def calibrated_settings(predictor: str, weights: Path | None, horizon: float) -> PredictorSettings:
-    """The settings of a predictor at the rate of calibrations.
+    """Return a predictor's settings at the calibration rate.
 
     Raises:
         ConfigError: the horizon is too short, or the predictor cannot reach it.
@@ -62,21 +62,18 @@ def calibrated_settings(predictor: str, weights: Path | None, horizon: float) ->
 
 
 def warn_of_simulated(data: Data, default: str) -> None:
-    """Warn once if recordings of the node say that their people were simulated.
-
-    Other formats have no such mark.
-    """
+    """Warn once if recordings of the node state that people were simulated; others never do."""
     found = [path for path in files(data.entries, data.split, default) if _is_simulated(path)]
     if found:
         more = f" and {len(found) - 1} more" if len(found) > 1 else ""
         warn(
             f"{found[0]}{more}: its people were simulated; zones calibrated on simulated motion "
-            f"claim nothing about people"
+            f"are not valid for real people"
         )
 
 
 def _is_simulated(path: Path) -> bool:
-    """Whether a recording's own configuration has a source of simulated people."""
+    """Whether the configuration stored in a recording has a source of simulated people."""
     if path.suffix.lower() != ".mcap":
         return False
     try:
@@ -95,9 +92,9 @@ def scores_of(
     tracked: bool = False,
     workers: "Workers | None" = None,
 ) -> "list[Scores]":
-    """The scores of the recordings; ``default`` is the data pack's split if none is asked for.
+    """Return the recordings' scores; ``default`` is the split of a data pack if none is given.
 
-    ``workers`` score; default: those of ``data``, for this alone.
+    ``workers`` do the scoring; default: those of ``data``, used only for this call.
     """
     from hri_predict.lab.calibration.scores import scores_by
 

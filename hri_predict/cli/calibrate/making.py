@@ -1,4 +1,4 @@
-"""``calibrate``: make a calibration; leave sets out of it in turn; add the growth with noise."""
+"""``calibrate``: make a calibration, cross-validate it by set, or add growth with noise."""
 
 import json
 from dataclasses import replace
@@ -28,7 +28,7 @@ def make(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Calibrate, write the file and say what it rests on."""
+    """Calibrate, write the file and print the recordings and windows used."""
     from hri_predict.lab.calibration.conformal import calibrate as conformal
     from hri_predict.lab.calibration.levels import levels_text
     from hri_predict.lab.calibration.quantiles import LEAST_RECORDINGS
@@ -76,10 +76,13 @@ def make(
 
 
 def check_out(out: Path) -> None:
-    """Refuse, before the work, a file that cannot or should not be written."""
+    """Before the work starts, reject a file that cannot or should not be written."""
     check_writable(out.parent)
     if out.is_dir() or (out.exists() and out.suffix != ".json"):
-        raise ConfigError(f"--out {out}: not a calibration, so it stays; name a .json file")
+        raise ConfigError(
+            f"--out {out}: exists and is not a calibration, so it is not replaced; name another "
+            f".json file"
+        )
 
 
 def write_calibration(out: Path, made: "Calibration") -> None:
@@ -113,7 +116,7 @@ _CALIBRATION, _JUDGED = "calibration", "test_motion"
 def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_json: bool) -> None:
     """Leave each set of the data pack out of the calibration in turn, and measure on it.
 
-    ``out`` gets the figures and each calibration, so that a closed loop can be run with it.
+    ``out`` receives the figures and each calibration, for runs in a closed loop.
     """
     from hri_predict.base.files import atomic_write
     from hri_predict.lab.calibration import leaving_out as judgement
@@ -160,9 +163,10 @@ def leave_out(*, settings: PredictorSettings, data: Data, out: Path | None, as_j
 def add_noise(
     *, settings: PredictorSettings, data: Data, path: Path | None, out: Path, as_json: bool
 ) -> None:
-    """Measure the growth on noisy recordings, and write the calibration with it.
+    """Measure the growth on noisy recordings, and write it into the calibration.
 
-    ``path`` is the calibration, ``None``: the shipped one. All but the growth stays.
+    ``path`` is the calibration (``None``: the shipped one). Everything except the growth stays the
+    same.
 
     Raises:
         ConfigError: the calibration is missing, or none of the recordings is usable.

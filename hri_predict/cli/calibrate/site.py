@@ -38,7 +38,7 @@ def commission(
     report: Path | None,
     as_json: bool,
 ) -> None:
-    """Score the site's recordings, move the factors, write the file and say what it gained."""
+    """Score the site's recordings, move the factors, write the file and print the gain."""
     from hri_predict.lab.calibration.site import gain as gains
     from hri_predict.lab.calibration.site.adapted import adapted
 
@@ -47,7 +47,9 @@ def commission(
         check_writable(report)
     path, base = _base(settings, onto)
     if out.exists() and out.samefile(path):
-        raise ConfigError(f"--out {out}: is the base itself, which stays; name another file")
+        raise ConfigError(
+            f"--out {out}: is the base calibration, which is not overwritten; name another file"
+        )
     warn_of_simulated(data, "calibration")
     built = registry.load("predictors", settings.name)(settings)
     parts = _parts(built, base, data)
@@ -71,7 +73,7 @@ def commission(
 
 
 def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
-    """The calibration that is moved, and its file.
+    """Return the base calibration and its file.
 
     Raises:
         ConfigError: there is none, or it does not fit.
@@ -87,13 +89,13 @@ def _base(settings: PredictorSettings, onto: str) -> "tuple[Path, Calibration]":
     base = load_calibration(path)
     if problem := mismatch(base, settings):
         raise ConfigError(
-            f"--onto {path}: {problem}; give the calibration of what you run, or make one without "
-            f"--onto"
+            f"--onto {path}: {problem}; give the calibration of the predictor that you run, or "
+            f"make one without --onto"
         )
     if base.site is not None:
         raise ConfigError(
-            f"--onto {path}: was moved to a site already; give the one it came from, and all "
-            f"recordings of the site by --data"
+            f"--onto {path}: was already moved to a site; give the original calibration, and all "
+            f"recordings of the site with --data"
         )
     reach = settings.horizon_s * settings.rate_hz
     if round(reach) != base.steps:
@@ -112,7 +114,8 @@ def _parts(built: Any, base: "Calibration", data: Data) -> "list[Part]":
     for path in found:
         if hashlib.sha256(path.read_bytes()).hexdigest() in known:
             raise ConfigError(
-                f"--data: {path} made the base calibration and would count twice; leave it out"
+                f"--data: {path} is part of the base calibration and would count twice; leave it "
+                f"out"
             )
     with progress() as bar:
         task = bar.add_task("forecasting", total=len(found))
@@ -139,15 +142,17 @@ def _notes(base: "Calibration", parts: "list[Part]", made: "Calibration") -> lis
         f"recordings where zones grow and as {SHRINK:g} where they shrink",
         f"parts of up to {PART_S / 60:g} minutes that show people: {len(parts)}; by speed they "
         f"count as {per}",
-        "before and after are of the radii alone, without the live self-check and the limits of "
-        "what bodies can do",
+        "before and after compare the radii alone, without the live self-check and the physical "
+        "limits of bodies",
     ]
     if _unchanged(base, made):
         notes.insert(0, f"too little data to change the zones (parts by speed: {per}); record more")
     if len(parts) == 1:
-        notes.append("of one part none can be held out: record longer to know what was gained")
+        notes.append("with only one part, none can be held out: record longer to measure the gain")
     else:
-        notes.append("after: each part with factors that the parts far from it in time moved")
+        notes.append(
+            "after: each part is measured with factors moved by the parts far from it in time"
+        )
     return notes
 
 

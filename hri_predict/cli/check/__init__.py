@@ -1,1 +1,1 @@
-"""``hri-predict check``: what a configuration means, before anything moves."""
+"""``hri-predict check``: examine a configuration before anything moves."""

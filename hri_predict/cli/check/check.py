@@ -42,7 +42,7 @@ def check(
     touched: Annotated[
         str | None,
         typer.Option(
-            help="Check the sensor: x,y,z of the point in the room that a person touches now."
+            help="Check the sensor: x,y,z in the room of the point that a person is touching now."
         ),
     ] = None,
     joint: Annotated[
@@ -58,7 +58,7 @@ def check(
     ] = None,
     realtime: Annotated[
         bool,
-        typer.Option("--realtime", help="Check this machine: what its loop in time would lack."),
+        typer.Option("--realtime", help="Check whether this machine can run a steady loop."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -68,15 +68,14 @@ def check(
     where the sensor sees the joint. Exit status 1 if they are further apart
     than risk.person_uncertainty_m.
 
-    With --listen, check the people in the source against gravity and
-    the floor. Exit status 1, with the axes that would be right, if they lie in
-    the air, hang upside down or have left and right swapped.
+    With --listen, check the people in the source against gravity and the floor. Exit status 1, with
+    the correct axes, if they lie in the air, hang upside down or have left and right swapped.
 
-    With --realtime, say what this machine lacks for a steady loop, how to set
-    it, and how late it wakes a bare loop. Exit status 1 if something that is
-    configured under realtime: cannot be had.
+    With --realtime, list what this machine lacks for a steady loop and how to set it, and measure
+    the wake-up latency of a bare loop. Exit status 1 if a setting under realtime: is not available.
 
-    Exit status 1, too, if the cell is not as commissioned, or its commissioning failed.
+    Exit status 1 also if the cell differs from its commissioned state, or if its commissioning
+    failed.
 
     Example: hri-predict check cell.yaml --touched 0.5,-0.2,0.9
     """
@@ -136,8 +135,8 @@ def _print(found: dict[str, Any]) -> None:
     console.print(
         f"source's clock: up to {found['clock']['max_drift_ppm']:g} ppm of clock drift is "
         f"accepted, plus {found['clock']['wander_s'] * 1e3:g} ms of wander "
-        f"(source.clock_wander_s); a delay that grows over hours can make captures look that much "
-        f"fresher than they are",
+        f"(source.clock_wander_s); a delay that grows over hours can make captures look fresher by "
+        f"that amount",
         highlight=False,
     )
     for line in (
@@ -251,7 +250,7 @@ def examine(config: Config, predictor: Predictor | None = None) -> dict[str, Any
 
 
 def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict[str, Any]:
-    """Return the mode and the distance each robot needs at full speed and the longest delay."""
+    """Return the mode, and each robot's required distance at full speed and longest delay."""
     risk, needs = config.node.risk, {}
     for settings, model in zip(config.node.robots, assembly.robots, strict=True):
         worst = worst_distance(risk, settings, model, budget)
@@ -265,9 +264,9 @@ def _risk_needs(config: Config, assembly: Assembly, budget: DelayBudget) -> dict
 
 
 _TERMS = {
-    "s_h": "S_h: the person's way until the robot has stopped",
-    "s_r": "S_r: the robot's way until it brakes",
-    "s_s": "S_s: the robot's way while it brakes",
+    "s_h": "S_h: distance the person covers until the robot has stopped",
+    "s_r": "S_r: distance the robot covers until it brakes",
+    "s_s": "S_s: distance the robot covers while braking",
     "c": "C: risk.intrusion_m",
     "z_d": "Z_d: risk.person_uncertainty_m",
     "z_r": "Z_r: risk.robot_uncertainty_m",
@@ -306,7 +305,7 @@ def _delay_table(found: dict[str, Any]) -> Table:
     total_ms = found["reaction_time_s"] * 1e3
     table.add_row("T_r: reaction time, capture to braking", f"{total_ms:.0f} ms", end_section=True)
     oldest_ms = found["refuse_advice_older_than_s"] * 1e3
-    table.add_row("controllers: refuse advice older than", f"{oldest_ms:.0f} ms", end_section=True)
+    table.add_row("controllers: reject advice older than", f"{oldest_ms:.0f} ms", end_section=True)
     for robot, stop in found["stopping"].items():
         table.add_row(
             f"{robot}: stopping from full speed, T_s",
@@ -322,7 +321,7 @@ def _load_table(links: list[dict[str, Any]]) -> Table:
     table = Table(title="Link load", title_justify="left")
     table.add_column("link")
     table.add_column("load", justify="right")
-    table.add_column("left for zones and poses", justify="right")
+    table.add_column("remaining for zones and poses", justify="right")
     table.add_column("by message")
     for link in links:
         details = ", ".join(f"{k} {100 * v:.1f} %" for k, v in link["details"].items())

@@ -1,4 +1,4 @@
-"""``check``: whether the cell is as it was commissioned, and what it would keep as evidence."""
+"""``check``: compare the cell with its commissioning report; show its evidence settings."""
 
 import os
 import shutil
@@ -20,8 +20,8 @@ AGAIN = "hri-predict commission"
 def commissioning_facts(config: Config) -> dict[str, Any] | None:
     """Compare the cell with its report; ``None`` if the configuration names none.
 
-    ``wrong`` has one line for each thing that does not match; ``notes`` what a reader should know
-    of a report that does.
+    ``wrong`` has one line for each thing that does not match; ``notes`` holds remarks on a report
+    that does.
     """
     if config.node.commissioning is None:
         return None
@@ -58,16 +58,16 @@ def commissioning_lines(facts: dict[str, Any] | None) -> list[str]:
     if facts["outcome"] == "failed":
         head = f"{head}; NOT FIT TO BE SWITCHED ON: correct what failed, and continue ({AGAIN})"
         return [head, *(f"  {note}" for note in facts["notes"])]
-    return [f"{head}; the cell is as it was", *(f"  {note}" for note in facts["notes"])]
+    return [f"{head}; the cell is unchanged", *(f"  {note}" for note in facts["notes"])]
 
 
 def is_as_commissioned(facts: dict[str, Any] | None) -> bool:
-    """Whether the report is of this cell and nothing failed in it; true without a report."""
+    """Whether the report belongs to this cell and nothing in it failed; true without a report."""
     return facts is None or (not facts["wrong"] and facts["outcome"] != "failed")
 
 
 def _damaged(folder: Path, report: Report) -> list[str]:
-    """The walk's files that are not as they were."""
+    """Return the walk's files that have changed."""
     step = report.steps.walk
     if step is None or step.result is None:
         return []
@@ -93,10 +93,10 @@ def _notes(report: Report) -> list[str]:
 
 
 def evidence_facts(config: Config) -> dict[str, Any] | None:
-    """The settings of ``evidence:``, with the folder; ``None`` without them. Opens nothing.
+    """Return the ``evidence:`` settings and the folder's state; ``None`` without them.
 
     Raises:
-        ConfigError: the folder is something else.
+        ConfigError: the path is not a folder.
     """
     settings = config.node.evidence
     if settings is None:
@@ -118,7 +118,7 @@ def evidence_facts(config: Config) -> dict[str, Any] | None:
 def evidence_line(facts: dict[str, Any] | None) -> str:
     """Return the facts of ``evidence_facts`` as a line to read."""
     if facts is None:
-        return "evidence: none is kept"
+        return "evidence: not recorded"
     kinds = ", ".join(kind.replace("_", " ") for kind in facts["of"])
     return (
         f"evidence: {facts['before_s']:g} s before and {facts['after_s']:g} s after each {kinds}, "

@@ -1,4 +1,4 @@
-"""``conformance``: does a predictor, source or link keep its contract?"""
+"""``conformance``: check that a predictor, source or link meets its contract."""
 
 import contextlib
 import json
@@ -37,23 +37,23 @@ def conformance(
         str, typer.Argument(help="predictor:NAME, source:NAME or link:NAME; or NAME alone.")
     ],
     config: Annotated[
-        Path | None, typer.Option(help="Take its settings from this configuration of the node.")
+        Path | None, typer.Option(help="Read its settings from this node configuration.")
     ] = None,
     change: Annotated[
         list[str] | None,
         typer.Option("--set", help="key=value: one of its settings. Repeatable."),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(min=0.1, max=600, help="Seconds to listen to a sender.")
+        float, typer.Option(min=0.1, max=600, help="Time to listen to a sender, in seconds.")
     ] = 2.0,
     limit: Annotated[
         float, typer.Option(min=1, max=3600, help="Give up after this many seconds.")
     ] = 300.0,
     as_json: JsonOption = False,
 ) -> int:
-    """Check a predictor, source or link, your own perhaps, against its contract.
+    """Check a predictor, source or link, such as your own, against its contract.
 
-    A source that hears a sender needs one that sends meanwhile; a link's device is not touched.
+    A source that listens to a sender needs a running one; a link's device is not opened.
 
     Example: hri-predict conformance link:serial --set port=/dev/ttyUSB0
 
@@ -77,7 +77,7 @@ def conformance(
 
 
 def _verdict(findings: Sequence[CheckResult]) -> str:
-    """Return the outcome of all checks, in a line."""
+    """Return the outcome of all checks as one line."""
     failed = sum(finding.verdict == "fail" for finding in findings)
     skipped = [finding.detail for finding in findings if finding.verdict == "skipped"]
     unheard = [detail for detail in skipped if detail.startswith(NOTHING_CAME)]
@@ -93,13 +93,12 @@ def _verdict(findings: Sequence[CheckResult]) -> str:
 
 @contextlib.contextmanager
 def ending_within(seconds: float, part: str) -> Iterator[None]:
-    """End the program, with one line and status 1, if the body takes longer.
-
-    A part that hangs in its own code cannot be interrupted in another way.
+    """Exit with one line and status 1 if the body takes longer. A part that hangs in its own code
+    cannot be interrupted in any other way.
     """
 
     def give_up() -> None:
-        print(f"error: {part}: it hangs: no end after {seconds:g} s (--limit)", file=sys.stderr)
+        print(f"error: {part}: hangs: not finished after {seconds:g} s (--limit)", file=sys.stderr)
         sys.stderr.flush()
         os._exit(1)
 
@@ -113,7 +112,7 @@ def ending_within(seconds: float, part: str) -> Iterator[None]:
 
 
 def _part(text: str) -> tuple[str, str]:
-    """The kind and the name of a part."""
+    """Return the kind and the name of a part."""
     kind, colon, name = text.partition(":")
     if colon:
         if kind not in KINDS:
@@ -127,13 +126,15 @@ def _part(text: str) -> tuple[str, str]:
     if len(found) == 1:
         return found[0], text
     if found:
-        raise ConfigError(f"{text}: say which: {', '.join(f'{k}:{text}' for k in found)}")
+        raise ConfigError(
+            f"{text}: ambiguous; write one of: {', '.join(f'{k}:{text}' for k in found)}"
+        )
     known = [name for group in KINDS.values() for name in registry.names(group)]
     raise ConfigError(f"{text}: no such predictor, source or link{nearest(text, known)}")
 
 
 def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any], Path]:
-    """The known settings of the part, and the folder at which relative paths start."""
+    """Return the part's configured settings, and the folder that relative paths start from."""
     key = "name" if kind == "predictor" else "kind"
     if config is None:
         data: dict[str, Any] = {key: name}
@@ -148,7 +149,7 @@ def _settings(kind: str, name: str, config: Path | None) -> tuple[dict[str, Any]
     for block in blocks.get(kind, loaded.node.links):
         if block.get(key) == name:
             return dict(block), loaded.base_dir
-    raise ConfigError(f"--config {config}: no {kind} {name}; name one that it has")
+    raise ConfigError(f"--config {config}: no {kind} {name}; name one of its own")
 
 
 def _checked(

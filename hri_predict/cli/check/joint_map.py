@@ -1,4 +1,4 @@
-"""The cost of a joint map: the zones of a standing body, against those of all joints delivered."""
+"""Cost of a joint map: growth of a standing body's zones if joints are missing."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -24,10 +24,10 @@ _LATER_S = 0.4
 
 
 class StandingBody:
-    """The zones of a person who stands still and whose forecasts hold, in one configuration.
+    """Zones of a standing person whose forecasts are accurate, in one configuration.
 
     Args:
-        config: for the mode, the limits, the coverage and the absent parts.
+        config: gives the mode, the limits, the coverage and the absent parts.
         predictor: of that configuration.
     """
 
@@ -59,7 +59,7 @@ class StandingBody:
         self.segments = tuple(CANONICAL.segments[i] for i in self._builder.segment_index)
 
     def snapshot(self, delivered: Bools, infers: bool = True) -> PeopleSnapshot:
-        """The body as a source sees it that delivers some joints (J,)."""
+        """Return the body as seen by a source that delivers only the given joints (J,)."""
         return standing_snapshot(
             delivered, self._history_steps, self._rate_hz, now_ns=_NOW_NS, infers=infers
         )
@@ -85,10 +85,10 @@ def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) ->
 
     Returns:
         ``name`` of the map; ``later_s``, the time of "later"; ``parts``: for each kind of missing
-        joint its ``joints``, ``anchors`` (empty: inferred from the posture, or not at all),
-        ``within_m`` (``None``: bounded by the skeleton's reach), and how many times the volume the
-        zones at it have, ``times_now`` and ``times_later``. Joints of absent parts cost nothing and
-        are left out.
+        joint its ``joints``, ``anchors`` (empty: inferred from the posture, or not inferred),
+        ``within_m`` (``None``: bounded by the skeleton's reach), and ``times_now`` and
+        ``times_later``, the factors by which the volume of their zones grows. Joints of absent
+        parts cost nothing and are left out.
     """
     body, delivered = StandingBody(config, predictor), joint_map.mapped
     snapshot = body.snapshot(delivered)
@@ -119,7 +119,7 @@ def joint_map_cost(config: Config, predictor: Predictor, joint_map: JointMap) ->
 
 
 def _missing(delivered: Bools) -> Iterator[tuple[list[int], Rule | None]]:
-    """The joints never delivered, by kind, with their rule; ``None``: by the posture."""
+    """Return the joints never delivered, by kind, with their rule; ``None``: by the posture."""
     kinds: dict[str, tuple[list[int], Rule | None]] = {}
     for index in np.flatnonzero(~delivered):
         rule = rule_of(JOINTS[index], delivered)
@@ -134,14 +134,14 @@ def joint_map_lines(cost: dict[str, Any]) -> list[str]:
     for part in cost["parts"]:
         if part["within_m"] is None:
             how = (
-                "neither seen nor inferred, bounded by reach (people.absent_parts leaves out "
-                "what no robot can meet)"
+                "neither seen nor inferred, bounded by reach (people.absent_parts leaves out parts "
+                "that no robot can reach)"
             )
         else:
-            source = ", ".join(part["anchors"]) or "the posture of what is seen"
+            source = ", ".join(part["anchors"]) or "the posture of the joints seen"
             how = f"inferred from {source}, within {part['within_m']:.2f} m"
         lines.append(
-            f"joint map {cost['name']}: {', '.join(part['joints'])} {how}; the zones there have "
+            f"joint map {cost['name']}: {', '.join(part['joints'])} {how}; their zones have "
             f"{part['times_now']:.1f} times the volume of delivered joints now, "
             f"{part['times_later']:.1f} times at {cost['later_s'] * 1e3:.0f} ms"
         )

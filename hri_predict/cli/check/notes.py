@@ -1,4 +1,4 @@
-"""Notes of ``check``: what the person who wires the cell should know of its configuration."""
+"""Notes of ``check``: points in a configuration that the cell's integrator should know."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -24,7 +24,7 @@ _OF_CONTROLLER = ("silence_timeout_s", "reaction_s")
 
 
 def delay_notes(config: Config) -> list[str]:
-    """Return a note for each link whose delays are not stated, or cannot be kept."""
+    """Return a note for each link with delays that are missing or unrealistic."""
     notes = []
     for link in config.links:
         notes += _assumed(link) if link.advises else []
@@ -33,20 +33,20 @@ def delay_notes(config: Config) -> list[str]:
 
 
 def _assumed(link: LinkSettings) -> list[str]:
-    """Return a note if the controller's times are the defaults: it may be slower."""
+    """Return a note if the controller's times are defaults: the real one may be slower."""
     unset = [key for key in _OF_CONTROLLER if key not in link.model_fields_set]
     if not unset or link.simulate is not None:
         return []
     times = " and ".join(f"{key} {getattr(link, key) * 1e3:g} ms" for key in unset)
     return [
-        f"link {link.name}: {times} not set: T_r assumes a controller that is as fast as a PLC "
-        f"with a cycle of {PLC_CYCLE_S * 1e3:g} ms. Measure it (docs/guides/plc.md), set them, and "
+        f"link {link.name}: {times} not set: T_r assumes a controller as fast as a PLC with a "
+        f"cycle of {PLC_CYCLE_S * 1e3:g} ms. Measure it (docs/guides/plc.md), set them, and "
         "program the same time-out there; version 0.2 assumed 150 and 50 ms"
     ]
 
 
 def _too_short(link: LinkSettings, cycle_s: float) -> list[str]:
-    """Return a note if the controller receives too seldom for its time-out."""
+    """Return a note if the controller receives messages too rarely for its time-out."""
     interval_s = min(link.repeat_s, cycle_s)
     lost = lost_without_silence(link.silence_timeout_s, interval_s)
     if lost >= LOST_MESSAGES:
@@ -70,13 +70,14 @@ def _too_short(link: LinkSettings, cycle_s: float) -> list[str]:
 
 
 def mode_notes(robot: RobotSettings) -> list[str]:
-    """One plain warning for each mode that this robot allows, and one if a file moves it."""
+    """Return a warning for each mode that this robot allows, and one if a file moves it."""
     modes, notes = robot.modes, []
     if isinstance(robot.motion, TrajectoryMotion):
         notes.append(
             f"robot {robot.name}: motion.kind trajectory: the file says where it is, regardless "
-            "of the advice; a robot that obeys the advice is soon elsewhere (unknown, if its "
-            "controller sends RobotState; a danger, if not): set motion: {kind: state} for it"
+            "of the advice; a robot that obeys the advice soon deviates from it (its place is then "
+            "unknown if its controller sends RobotState, and wrong if not): set motion: {kind: "
+            "state} for it"
         )
     if modes.teach is not None:
         notes.append(
@@ -86,14 +87,15 @@ def mode_notes(robot: RobotSettings) -> list[str]:
         )
     if modes.recovery is not None:
         notes.append(
-            f"robot {robot.name}: RECOVERY is allowed: beside people it may go back along its plan "
-            f"at up to {modes.recovery.speed_m_s:g} m/s, while no link comes nearer to a person"
+            f"robot {robot.name}: RECOVERY is allowed: near people it may move back along its plan "
+            f"at up to {modes.recovery.speed_m_s:g} m/s, as long as no link gets closer to a person"
         )
     if modes.muting is not None:
         limit = modes.muting.speed_m_s or robot.max_speed_m_s
         notes.append(
             f"robot {robot.name}: MUTING is allowed: for up to {modes.muting.max_s:g} s no person "
-            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; that time recovers in "
+            f"stops it, at up to {min(limit, robot.max_speed_m_s):g} m/s; the time is available "
+            f"again after "
             f"{modes.muting.recovery_s:g} s without a request, so people may be ignored for "
             f"{modes.muting.share:.0%} of the time; they must be protected by other means"
         )
@@ -101,7 +103,7 @@ def mode_notes(robot: RobotSettings) -> list[str]:
 
 
 def still_note(robots: Sequence[RobotSettings], mode: str) -> list[str]:
-    """One note on the robots whose frozen RobotState is believed while they stand.
+    """Return a note on robots whose frozen RobotState is accepted while they are at rest.
 
     In mode ``fixed``, it does not matter where an arm is within its reach.
     """
@@ -129,7 +131,7 @@ PAGE = "docs/guides/lost-people.md"
 def lost_notes(
     config: Config, robots: Mapping[str, tuple[RobotModel, float]], rate_hz: float
 ) -> list[str]:
-    """Return notes for the person who wires the cell, one line each.
+    """Return notes for the cell's integrator, one line each.
 
     Args:
         config: the configuration.
@@ -149,7 +151,7 @@ def lost_notes(
     notes = []
     if not source.viewpoints:
         notes.append(
-            "source.sees_free_space without viewpoints: nothing counts as seen free while a "
+            "source.sees_free_space without viewpoints: no space counts as seen free while a "
             "person is in view"
         )
     walked_m = people.lost_speed_m_s * people.free_captures / rate_hz
@@ -161,14 +163,14 @@ def lost_notes(
             short_m = model.reach_m + needed_m + around_m - floor_distance(shadow, model.base)
             if short_m > 0:
                 notes.append(
-                    f"source.shadows.{i}: {short_m:.2f} m too close to robot {name} for it to go "
-                    f"on at full speed after a person vanished there, until an Acknowledge"
+                    f"source.shadows.{i}: {short_m:.2f} m too close to robot {name} for it to "
+                    f"continue at full speed after a person vanished there, until an Acknowledge"
                 )
     return notes
 
 
 def first_start_note(config: Config) -> list[str]:
-    """A line that the next start needs an Acknowledge, because there is no state file yet."""
+    """Return a note that the next start needs an Acknowledge if there is no state file yet."""
     settings = config.node.state
     if settings is None or (path := config.base_dir / settings.path).exists():
         return []
@@ -183,7 +185,7 @@ def state_path(config: Config) -> str | None:
     """Path of the state file; ``None`` without one.
 
     Raises:
-        ConfigError: something else is there.
+        ConfigError: the path is not a file.
     """
     settings = config.node.state
     if settings is None:
@@ -194,13 +196,13 @@ def state_path(config: Config) -> str | None:
 
 
 def _listed(ends: list[str]) -> str:
-    """Such as "a, b or c"."""
+    """Join words, such as "a, b or c"."""
     *first, last = ends
     return f"{', '.join(first)} or {last}" if first else last
 
 
 def _unheard(config: Config) -> list[str]:
-    """Names of robots whose links all only read."""
+    """Return the names of robots that have only links that read."""
     advising = [link for link in config.links if link.advises]
     heard = {i for link in advising for i in advised(config, link)}
     return [robot.name for i, robot in enumerate(config.node.robots) if i not in heard]
@@ -214,13 +216,14 @@ CHOOSING = ("modbus", "opcua")
 
 
 def general_notes(config: Config) -> list[str]:
-    """Return notes on what is left out, and what is permitted beyond the defaults."""
+    """Return notes on missing settings, and on settings more permissive than the defaults."""
     notes = []
     if not config.links:
         notes.append("no links: no controller receives the advice; add 'links:'")
     elif unheard := _unheard(config):
         notes.append(
-            f"no link carries the advice to robot {', '.join(unheard)}: theirs only read; add one"
+            f"no link carries the advice to robot {', '.join(unheard)}: its links only read; add "
+            f"one"
         )
     if any(link.simulate for link in config.links):
         notes.append("simulated links: mock controllers, no hardware")
@@ -241,7 +244,7 @@ def general_notes(config: Config) -> list[str]:
             f" link of kind {' or '.join(CHOOSING)}, or leave sets out"
         )
     if config.node.risk.latch and config.node.state is None:
-        notes.append("risk.latch without 'state': a restart of the node forgets what is latched")
+        notes.append("risk.latch without 'state': latches are lost when the node restarts")
     if "restart" in config.node.risk.latch and config.node.state is None:
         notes.append("risk.latch restart needs 'state': without it no earlier run is known")
     if unused := assemble.unused_coverage(config):
@@ -256,12 +259,12 @@ def general_notes(config: Config) -> list[str]:
 
 
 def gravity_note(config: Config, joint_map: JointMap) -> list[str]:
-    """Return a note where no body shows where down is, so that wrong axes stay unseen."""
+    """Return a note if the joint map cannot show which way is down, so wrong axes go undetected."""
     if config.node.people.posture_unchecked is not None or shows_down(joint_map.mapped):
         return []
     return [
-        f"joint map {joint_map.name}: no check against gravity; it needs shoulders and hips, or the"
-        " head and the neck or shoulders. Only heights are checked: people.floor_m, platform_m"
+        f"joint map {joint_map.name}: no check against gravity, which needs shoulders and hips, or "
+        f"the head and the neck or shoulders. Only heights are checked: people.floor_m, platform_m"
     ]
 
 

@@ -1,4 +1,4 @@
-"""``predictors``: those that are installed, and what their shipped weights are for."""
+"""``predictors``: list the installed predictors, and describe their shipped weights."""
 
 import json
 from typing import Any
@@ -14,7 +14,7 @@ from hri_predict.contracts import registry
 def predictors(
     as_json: JsonOption = False,
 ) -> None:
-    """List the predictors that are installed.
+    """List the installed predictors.
 
     Example: hri-predict predictors
     """
@@ -24,7 +24,7 @@ def predictors(
         return
     table = Table()
     table.add_column("predictor", no_wrap=True)
-    table.add_column("what it does")
+    table.add_column("description")
     table.add_column("weights")
     for row in rows:
         table.add_row(row["name"], row["about"], _weights_text(row["weights"]))
@@ -69,7 +69,7 @@ def _weights_text(weights: dict[str, Any] | None) -> str:
     if weights is None:
         return ""
     if weights["path"] is None:
-        return "none shipped: set predictor.weights to your own"
+        return "none shipped: set predictor.weights to your own file"
     # validation errors are no comparison: not all were measured on the same recordings
     return (
         f"{weights['rate_hz']:g} Hz, {weights['history_s']:.2g} s of history, "

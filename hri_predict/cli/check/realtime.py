@@ -1,4 +1,4 @@
-"""``check --realtime``: what the machine lacks for a loop in time, and how late it wakes one."""
+"""``check --realtime``: check the machine's real-time settings, and measure its wake-up latency."""
 
 import json
 from dataclasses import asdict
@@ -16,7 +16,7 @@ MEASURED_S = 2.0
 
 
 def look(config: Config) -> dict[str, Any]:
-    """Look at this machine, and measure a bare loop without and with load."""
+    """Inspect this machine, and measure a bare loop without and with load."""
     settings, rate_hz = config.node.realtime, config.node.rate_hz
     findings = survey(settings)
     refused = [finding.refused for finding in findings if finding.refused]
@@ -35,12 +35,12 @@ def look(config: Config) -> dict[str, Any]:
 
 
 def show(found: dict[str, Any], as_json: bool) -> bool:
-    """Print it; return whether all that is configured can be had."""
+    """Print the result; return whether all configured settings are available."""
     if as_json:
         print(json.dumps(found))
         return not found["refused"]
     console = Console(markup=False)
-    table = Table(title="This machine, for a loop in time", title_justify="left")
+    table = Table(title="Real-time settings of this machine", title_justify="left")
     for heading in ("", "found", "to do"):
         table.add_column(heading, overflow="fold")
     for finding in found["machine"]:
@@ -48,20 +48,20 @@ def show(found: dict[str, Any], as_json: bool) -> bool:
     console.print(table)
     console.print(_lateness_table(found["lateness"]))
     for key in found["refused"]:
-        console.print(f"realtime.{key}: cannot be had on this machine; see above", soft_wrap=True)
+        console.print(f"realtime.{key}: not available on this machine; see above", soft_wrap=True)
     ok = not found["refused"]
-    said = f"the machine {'has' if ok else 'lacks some of'} what realtime: asks for"
+    said = f"the machine {'has all' if ok else 'lacks some'} of the settings under realtime:"
     if not found["asked"]:
-        said = "it has no realtime:, so it asks the machine for nothing"
+        said = "it has no realtime:, so no settings are requested"
     console.print(f"{found['path']}: {said}", soft_wrap=True)
     return ok
 
 
 def _lateness_table(lateness: dict[str, dict[str, float]]) -> Table:
-    table = Table(title="How late a bare loop wakes, µs", title_justify="left")
+    table = Table(title="Wake-up latency of a bare loop, µs", title_justify="left")
     for heading in ("", "p50", "p99", "max"):
         table.add_column(heading, justify="left" if not heading else "right")
-    texts = {"idle": "alone", "busy": "next to a process that computes for half of each cycle"}
+    texts = {"idle": "alone", "busy": "while another process computes for half of each cycle"}
     for key, text in texts.items():
         table.add_row(
             text, *(f"{lateness[key][name]:.0f}" for name in ("p50_us", "p99_us", "max_us"))

@@ -1,4 +1,4 @@
-"""``check``: what contact and tools mean for each robot."""
+"""``check``: limits of contact and effects of tools for each robot."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,11 +18,11 @@ from hri_predict.robots.settings import RobotSettings
 
 Robots = Sequence[tuple[RobotSettings, RobotModel]]
 _ABOVE_BASE_M = 0.1
-"""Distance along the base's z axis that is surely within the robot, not in its stand."""
+"""Distance along the base's z axis that is certainly inside the robot, not in its stand."""
 
 
 def contact_facts(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> dict[str, Any]:
-    """The limits by robot and part of the body; empty in other modes than ``hybrid``."""
+    """Return the limits by robot and part of the body; empty unless the mode is ``hybrid``."""
     if risk.mode != "hybrid":
         return {}
     names = [n for n in CANONICAL.segment_names if not n.startswith("r_")]
@@ -65,7 +65,7 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
     said = " ".join(table.source.split())
     notes = [
         f"CONTACT IS ALLOWED: {names} may touch people. Measure force and pressure on the robot "
-        f"before people work beside it (ISO 10218-2:2025); docs/guides/contact.md says how",
+        f"before people work next to it (ISO 10218-2:2025), as described in docs/guides/contact.md",
         f"contact limits: {said}",
     ]
     for robot, model in allowed:
@@ -76,31 +76,31 @@ def contact_notes(risk: RiskSettings, robots: Robots, base_dir: Path | None) -> 
         notes += _around(risk, robot)
     if risk.contact.own_speed == "left_out":
         notes.append(
-            "risk.contact.own_speed left_out: who moves into the robot may meet it faster than the "
-            "limits say; the speed of a body part is not taken off"
+            "risk.contact.own_speed left_out: the speed of a body part is not subtracted, so a "
+            "person who moves into the robot may hit it faster than the limits allow"
         )
     if risk.contact.fixtures is None:
         notes.append(
-            "no risk.contact.fixtures: only the floor and the table that a robot stands on count "
-            "as what it may clamp people against; list machines, walls and racks"
+            "no risk.contact.fixtures: only the floor and the table under a robot count as "
+            "surfaces that it may clamp people against; list machines, walls and racks"
         )
     return notes
 
 
 def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
-    """Note that the robot stops near hands and feet that the tracker does not deliver.
+    """Return a note that the robot stops near hands and feet if the tracker does not deliver them.
 
     Args:
         risk: of the configuration.
-        mapped: (J,) which canonical joints the source's joint map gives.
+        mapped: (J,) canonical joints that the source's joint map gives.
     """
     ends = ("l_hand", "r_hand", "l_foot", "r_foot")
     unseen = [name for name in ends if not mapped[CANONICAL.index(name)]]
     if risk.mode != "hybrid" or risk.contact.own_speed == "left_out" or not unseen:
         return []
     return [
-        f"contact: {', '.join(unseen)} not delivered by the tracker, so their speed is unknown: "
-        f"a robot stops that can reach them (risk.contact.own_speed left_out: it may continue)"
+        f"contact: {', '.join(unseen)} not delivered by the tracker, so their speed is unknown: a "
+        f"robot within reach of them stops (risk.contact.own_speed left_out: it may continue)"
     ]
 
 
@@ -126,13 +126,13 @@ def _milder_than_shipped(table: ContactTable, robot: str, model: RobotModel) -> 
 
 
 def _around(risk: RiskSettings, robot: RobotSettings) -> list[str]:
-    """Fixtures that hold the robot itself: everything beside it would count as clamped."""
+    """Return a note on fixtures that contain the robot, near which any person counts as clamped."""
     if robot.room_from_robot is None:  # on a base that moves; refused elsewhere
         return []
     above = robot.room_from_robot.matrix()[:3] @ (0.0, 0.0, _ABOVE_BASE_M, 1.0)
     return [
         f"risk.contact.fixtures: robot {robot.name} stands in or behind {fixture.name}, so every "
-        "person beside it counts as clamped; turn a plane's normal to the free side, or make "
+        f"person next to it counts as clamped; point a plane's normal to the free side, or make "
         f"a box smaller"
         for fixture in risk.contact.fixtures or ()
         if fixture.distance(above) <= 0
@@ -147,7 +147,7 @@ def contact_table(name: str, facts: dict[str, Any]) -> Table:
         title_justify="left",
     )
     table.add_column("part of the body")
-    table.add_column("region that decides")
+    table.add_column("decisive region")
     table.add_column("free, m/s", justify="right")
     table.add_column("clamped, m/s", justify="right")
     for part, limits in facts["parts"].items():
@@ -165,7 +165,7 @@ WORST = "worst of all"
 def tool_facts(
     robots: Sequence[RobotModel], settings: Sequence[RobotSettings]
 ) -> dict[str, dict[str, Any]]:
-    """By robot and tool: its number, reach (m), and stop from full speed (s, m); the worst last.
+    """By robot and tool: number, reach (m), and stop from full speed (s, m); the worst last.
 
     A robot without tools is left out.
     """
@@ -211,17 +211,17 @@ def tool_tables(found: Mapping[str, Mapping[str, Any]]) -> list[Table]:
 
 
 def base_notes(settings: Sequence[RobotSettings]) -> list[str]:
-    """Notes for the person who wires a robot with a moving base or with tools."""
+    """Return notes for the integrator of a robot with a moving base or with tools."""
     notes = []
     for entry in settings:
         if entry.base is not None:
             notes.append(
-                f"robot {entry.name}: its base moves; its speed counts as the arm's against the "
-                f"base plus the base's, and RobotState must say where the base is"
+                f"robot {entry.name}: its base moves; its speed is the arm's speed relative to the "
+                f"base plus the base's speed, and RobotState must give the pose of the base"
             )
         notes += [
             f"robot {entry.name}: tool {tool.name} has no number, so RobotState cannot name it; it "
-            f"only counts in the worst of all"
+            f"is used only for the worst case"
             for tool in entry.tools or ()
             if tool.number is None
         ]

@@ -1,4 +1,4 @@
-"""``check --touched`` and ``--listen``: is the sensor where it should be, and do people stand?"""
+"""``check --touched`` and ``--listen``: check the sensor's pose and the people's posture."""
 
 import json
 import math
@@ -30,9 +30,9 @@ WATCH_S = 3.0
 
 
 def measure_touch(config: Config, touched: str, joint: str | None = None) -> dict[str, Any]:
-    """Watch the source for a while and compare a joint with the point that the joint touches.
+    """Observe the source and compare a joint with the point that it touches.
 
-    One point shows how far the sensor is displaced, not how it is turned: see ``register``.
+    One point shows the sensor's displacement, but not its rotation: see ``register``.
 
     Args:
         config: with the source.
@@ -74,7 +74,7 @@ def show_touch(found: dict[str, Any], as_json: bool) -> bool:
     print(f"off by   {found['off_m'] * 1e3:.0f} mm; allowed {found['allowed_m'] * 1e3:.0f} mm")
     if not fine:
         print(f"remedy: source.room_from_source.xyz: {found['room_from_source_xyz']}")
-        print("if the sensor is turned, this point says nothing of others: hri-predict register")
+        print("if the sensor is turned, other points may be off by more: hri-predict register")
     else:
         print("ok: within risk.person_uncertainty_m")
     return fine
@@ -84,19 +84,19 @@ def show_touch(found: dict[str, Any], as_json: bool) -> bool:
 
 LEAST_CAPTURES = 10
 IN_SCENE = ("json", "websocket", "zed_livelink")
-"""Kinds of source whose scenes state units and axes: those of the joint map have no effect."""
+"""Kinds of source with units and axes in each scene; those of the joint map are ignored."""
 IN_SOURCE = ("mvn", "recording")
-"""Kinds of source that have keys for them in their own block, which replace the joint map's."""
+"""Kinds of source whose own block has keys for units and axes, which replace the joint map's."""
 ANKLE_M = 0.08
-"""Height of the ankles above the floor on which a person stands."""
+"""Height of a standing person's ankles above the floor."""
 STANDS = 0.95
-"""Cosine from which people stand so straight that the axes are right and only the floor is not."""
+"""Cosine above which people stand straight: the axes are right, and only the floor is wrong."""
 Heard = dict[int, tuple[Floats, Bools]]
-"""For each person the captures (n, J, 3), (n, J) as the configuration places them."""
+"""Captures of each person, (n, J, 3) and (n, J), placed by the configuration."""
 
 
 def listen(config: Config, seconds: float) -> dict[str, Any]:
-    """Listen to the source for this time and judge the people in it.
+    """Listen to the source for this time and check its people.
 
     Raises:
         ConfigError: nothing was heard, with the reason.
@@ -128,7 +128,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
     origin = np.asarray(config.source.room_from_source.xyz, np.float64)
     if any(hips_are_origin(*person, origin) for person in people.values()):
         return heard | {
-            "refused": ["relative to the hips: their places in the room are not sent"],
+            "refused": ["relative to the hips: their positions in the room are not sent"],
             "remedy": "let the tracker send positions in the room, not relative to the hips "
             "(MediaPipe's world landmarks have none)",
         }
@@ -144,7 +144,7 @@ def listen(config: Config, seconds: float) -> dict[str, Any]:
 
 
 def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
-    """Print what was found; return whether a person was verified, and all names are known."""
+    """Print the findings; return whether a person was verified and all names are known."""
     unchecked = config.node.people.posture_unchecked is not None
     fine = not found["refused"] and not found["unknown_joints"] and not found.get("stamps")
     fine = fine and bool(found["judged"] or (unchecked and found["people"]))
@@ -158,7 +158,10 @@ def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
     if found.get("stamps"):
         print(f"wrong: {found['stamps']}")
     if found["people"] and found["never_came"]:
-        print(f"never came, though mapped: {', '.join(found['never_came'])}; is all of it in view?")
+        print(
+            f"mapped, but never received: {', '.join(found['never_came'])}; is the whole body in "
+            f"view?"
+        )
     reason = config.node.people.posture_unchecked
     if found["refused"]:
         print(f"wrong: bodies are {'; '.join(found['refused'])}")
@@ -171,17 +174,17 @@ def show(found: dict[str, Any], config: Config, as_json: bool) -> bool:
             "legs visible"
         )
     elif fine:
-        print("ok: bodies stand upright on the floor, left and right where they belong")
+        print("ok: bodies stand upright on the floor, left and right correct")
     return fine
 
 
 def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
-    """Which unit would make bodies human; ``None`` if most captures are of human size.
+    """Return the unit in which bodies are of human size; ``None`` if most captures already are.
 
     Args:
-        config: for the kind of source, which says where units are stated.
+        config: gives the kind of source, and so where units are stated.
         people: as received.
-        scale_to_m: metres per unit as stated now, by the scenes or else by the joint map.
+        scale_to_m: metres per unit as stated now, in the scenes or otherwise in the joint map.
     """
     bodies = [(b, o) for each in people.values() for b, o in zip(*each, strict=True) if o.any()]
     stature = stature_m(bodies)
@@ -189,11 +192,11 @@ def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
     if not small and (stature is None or is_adult(stature)):
         return None
     if stature is None or (fitting := fitting_unit(stature, scale_to_m)) is None:
-        return "no known unit makes them human; check the tracker's scale and its joints' names"
+        return "no known unit gives human size; check the tracker's scale and its joints' names"
     unit_m, right = fitting
     now = next((n for n, m in METRES_PER_UNIT.items() if math.isclose(m, scale_to_m)), "others")
     wanted = f"{unit_m:.6g}" if " " in right else right
-    would = f"they would be human with units: {wanted} instead of {now}"
+    would = f"they would be of human size with units: {wanted} instead of {now}"
     kind = config.source.kind
     if kind in IN_SCENE and right not in ("m", "mm"):
         return (
@@ -208,7 +211,7 @@ def size_remedy(config: Config, people: Heard, scale_to_m: float) -> str | None:
 
 
 def refusals(config: Config, people: Heard, correction: Floats) -> list[Verdict]:
-    """Why people are refused if everything is moved by ``correction`` (4, 4) first."""
+    """Return why people are rejected after everything is moved by ``correction`` (4, 4)."""
     found = (
         refusal_of(
             transform(correction, positions),
@@ -222,7 +225,7 @@ def refusals(config: Config, people: Heard, correction: Floats) -> list[Verdict]
 
 
 def remedy(config: Config, people: Heard, rotation: Floats) -> str:
-    """Return the configuration with which people stand, in one line.
+    """Return, in one line, the configuration change that makes people stand.
 
     Args:
         config: as it is.
@@ -258,7 +261,7 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
 
 
 def uprightness(people: Heard, correction: Floats) -> float:
-    """Cosine between gravity and the sum of all bodies' down, if all is moved by ``correction``."""
+    """Cosine between gravity and the sum of all bodies' down, moved by ``correction``."""
     down = np.zeros(3)
     for captures in people.values():
         for posture in map(posture_of, *captures):
@@ -268,7 +271,7 @@ def uprightness(people: Heard, correction: Floats) -> float:
 
 
 def _place(kind: str) -> str:
-    """Return the place where the axes of a source of this kind are stated."""
+    """Return where the axes of a source of this kind are stated."""
     if kind in IN_SCENE:
         return "each scene that the sender writes"
     return "source" if kind in IN_SOURCE else "the joint map"
@@ -305,6 +308,6 @@ def _off_floor(config: Config, people: Heard) -> str:
     raised = [x, y, round(z + floor_m + ANKLE_M - at_m, 3)]
     return (
         f"ankles are at {at_m:.2f} m and people.floor_m is {floor_m:g}: "
-        f"source.room_from_source.xyz: {raised} puts them on the floor; or correct "
-        f"people.floor_m, if it is {at_m - ANKLE_M:.2f}"
+        f"source.room_from_source.xyz: {raised} puts them on the floor; or correct people.floor_m, "
+        f"if it is {at_m - ANKLE_M:.2f}"
     )

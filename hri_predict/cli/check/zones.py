@@ -1,4 +1,4 @@
-"""``check``: what zones rest on, how near people may work, and what computes it."""
+"""``check``: basis of the zones, working distance, and the engines that compute them."""
 
 from dataclasses import replace
 from datetime import date
@@ -22,11 +22,11 @@ from hri_predict.zones.motion_class import SPEED_CLASSES
 # -- check: how old the zones' calibration is, and what it guarantees ------------------------------
 
 OLD_DAYS = 365
-"""After a year most cells have other people, other work or another tracker."""
+"""Age above which a calibration is questioned: most cells have changed by then."""
 
 
 def calibration_facts(config: Config, today: date) -> dict[str, Any] | None:
-    """Age, recordings and levels of the calibration; ``None`` where zones have none."""
+    """Age, recordings and levels of the calibration; ``None`` if the zones have none."""
     if not config.node.risk.uses_forecasts:
         return None
     calibration = assemble.build_calibration(config)
@@ -64,7 +64,7 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
     else:
         age = f"made on {facts['made']}, {days} day{'' if days == 1 else 's'} ago"
         if days > OLD_DAYS:
-            age += "; is it still true of these people and this tracker? See hri-predict calibrate"
+            age += "; does it still match the people and the tracker? See hri-predict calibrate"
     site = f", moved by {facts['site_parts']} parts of a site's" if facts["site_parts"] else ""
     return [
         f"calibration: {age}; from {facts['recordings']} recordings{site}",
@@ -73,7 +73,7 @@ def calibration_lines(facts: dict[str, Any] | None) -> list[str]:
 
 
 def calibration_notes(facts: dict[str, Any] | None) -> list[str]:
-    """Return the gaps of a thin calibration: speed classes that too few recordings show."""
+    """Return the gaps of a calibration: speed classes with too few recordings."""
     if facts is None or not facts["uncalibrated"]:
         return []
     return [
@@ -85,20 +85,20 @@ def calibration_notes(facts: dict[str, Any] | None) -> list[str]:
 # -- check: how near a person who stands may be while the robot runs, and what that costs most -----
 
 SHOWN = 3
-"""Number of terms that are shown."""
+"""Number of terms shown."""
 _STEP_M = 0.02
 _MOVING = ("release", "robot_state")  # terms of people who move, and of what is not known here
 
 
 def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
-    """The working distance of a person who stands in front of the first robot that moves.
+    """Return the working distance of a person standing in front of the first moving robot.
 
     Args:
         predictor: the configured one.
 
     Returns:
-        ``robot``, ``speed_m_s``; ``why``: why nothing is known, or ""; ``total_m`` (``None``: too
-        far), ``costs_m`` by term, ``rest_m``.
+        ``robot``, ``speed_m_s``; ``why``: reason if it is unknown, or ""; ``total_m`` (``None``:
+        too far), ``costs_m`` by term, ``rest_m``.
     """
     cell = _at_once(alone(config))
     source = assemble.build_source(config)
@@ -114,7 +114,7 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
     age_s = least_s + (0.5 / source.rate_hz if fixed else 0.0)
 
     def watch(whole: bool, fresh: bool) -> tuple[Situation, Seen]:
-        """The standing person; with all joints, or fresh, if asked for."""
+        """Return the standing person; on request with all joints, or fresh."""
         joints = np.ones_like(delivered) if whole else delivered
         seen = standing(predictor, joints, age_s=0.0 if fresh else age_s, seconds=seconds)
         return replace(situation), seen
@@ -131,14 +131,14 @@ def distance_facts(config: Config, predictor: Predictor) -> dict[str, Any]:
 
 
 def _at_once(config: Config) -> Config:
-    """The cell with releases that do not wait: a person who stands gives no cause to."""
+    """Return the cell without release delays, which a standing person never triggers."""
     at_once = {"release_captures": 1, "speed_rise_m_s2": 1e3}
     risk = config.node.risk.model_copy(update=at_once)
     return replace(config, node=config.node.model_copy(update={"risk": risk}))
 
 
 def distance_lines(facts: dict[str, Any]) -> list[str]:
-    """The sum and its largest terms, each with what makes it smaller."""
+    """Return the sum and its largest terms, each with a way to reduce it."""
     if facts["why"]:
         return [f"working distance: not known: {facts['why']}"]
     at = f"at which {facts['robot']} may run at {facts['speed_m_s']:.2g} m/s"
@@ -148,8 +148,8 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
     largest = sorted(TERMS, key=lambda term: -costs_m[term.key])[:SHOWN]
     return [
         f"working distance: {facts['total_m']:.2f} m from the base to a person who stands, {at}; "
-        f"{facts['rest_m']:.2f} m of it are the robot's reach and the body; measure people at work "
-        f"by hri-predict simulate --distance. Most of the rest:",
+        f"{facts['rest_m']:.2f} m of it are the robot's reach and the body; to measure it for "
+        f"people at work: hri-predict simulate --distance. Largest other terms:",
         *(f"  {100 * costs_m[t.key]:.0f} cm: {t.text}; {t.remedy}" for t in largest),
     ]
 
@@ -158,7 +158,7 @@ def distance_lines(facts: dict[str, Any]) -> list[str]:
 
 
 def engine_facts(predictor: Predictor) -> list[dict[str, Any]]:
-    """Engine of each network of a predictor, and how far it is from torch; none for a baseline."""
+    """Engine of each of a predictor's networks, and deviation from torch; none for a baseline."""
     found = []
     for member in getattr(predictor, "members", [predictor]):
         engine = getattr(member, "engine", None)
@@ -168,7 +168,7 @@ def engine_facts(predictor: Predictor) -> list[dict[str, Any]]:
 
 
 def engine_lines(facts: list[dict[str, Any]]) -> list[str]:
-    """A line for each."""
+    """Return a line for each network."""
     return [
         f"network: computed by {engine['name']}"
         + (
@@ -181,7 +181,7 @@ def engine_lines(facts: list[dict[str, Any]]) -> list[str]:
 
 
 def loops_line() -> str:
-    """Whether the risk stage's loops are compiled, and if not, why."""
+    """Return whether the risk stage's loops are compiled; if not, with the reason."""
     why = why_not_compiled()
     if not why:
         return "risk stage: compiled loops"

@@ -1,4 +1,4 @@
-"""Answers that the steps need: from a YAML file, from questions, or by default."""
+"""Answers for the steps: from a YAML file, from prompts, or by default."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,12 +29,12 @@ class RegistrationAnswers(Settings):
         description="do not prompt; move to the next point after this many seconds",
     )
     write: StrictBool = Field(
-        False, description="write the pose that fits best into source.room_from_source"
+        False, description="write the best-fitting pose into source.room_from_source"
     )
 
 
 class RoundTrips(Settings):
-    """Round trips as the controller measured them."""
+    """Round-trip times measured by the controller."""
 
     p50_ms: Milliseconds
     p99_ms: Milliseconds
@@ -50,14 +50,14 @@ class RoundTrips(Settings):
 
 
 class EchoAnswers(Settings):
-    """Duration of the measurement, and the values measured by the controllers' programmers."""
+    """Duration of the measurement, and values measured at the controllers."""
 
     seconds: float = Field(30.0, ge=2, le=3600)
     measured: dict[str, RoundTrips] = Field({}, description="link's name -> its round trips")
 
 
 class StopAnswer(Settings):
-    """A stop that was measured with other means, from the onset of braking to rest."""
+    """A stop measured by other means, from the onset of braking to rest."""
 
     robot: str
     speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20)
@@ -66,7 +66,7 @@ class StopAnswer(Settings):
 
 
 class StoppingAnswers(Settings):
-    """The stopping test: by the node, or as the integrator measured it."""
+    """The stopping test, run by the node or measured by the integrator."""
 
     cell_is_clear: StrictBool = Field(
         False, description="the cell is empty, and a person holds the emergency stop"
@@ -76,8 +76,12 @@ class StoppingAnswers(Settings):
         "max_speed_m_s"
     )  # fmt: skip
     repeats: int = Field(3, ge=1, le=50, strict=True)
-    wait_s: float = Field(10.0, ge=0.5, le=600, description="for a robot to reach a speed")
-    measured: list[StopAnswer] = Field([], max_length=500, description="instead of the node's")
+    wait_s: float = Field(
+        10.0, ge=0.5, le=600, description="time limit for a robot to reach a speed"
+    )
+    measured: list[StopAnswer] = Field(
+        [], max_length=500, description="replace the node's measurements"
+    )
 
 
 class WalkAnswers(Settings):
@@ -85,20 +89,22 @@ class WalkAnswers(Settings):
 
     seconds: float = Field(60.0, ge=2, le=3600)
     cell_m: float = Field(0.25, ge=0.05, le=2)
-    least_coverage: float = Field(0.9, ge=0, le=1, description="share of the floor that counts")
+    least_coverage: float = Field(
+        0.9, ge=0, le=1, description="share of the relevant floor area to cover"
+    )
     exclude: list[Annotated[list[Point], Field(min_length=3, max_length=100)]] = Field(
         [], max_length=100, description="polygons where no person can stand: machines, walls"
     )
-    shadow: StrictBool = Field(True, description="links say unknown, so that no robot moves")
+    shadow: StrictBool = Field(True, description="links send only unknown, so that no robot moves")
     virtual: StrictBool = Field(
-        False, description="as fast as possible; with simulated people and controllers only"
+        False, description="run as fast as possible; only with simulated people and controllers"
     )
 
 
 class Answers(Settings):
     """The file of ``--answers``."""
 
-    by: Text = Field("", description="person who did it")
+    by: Text = Field("", description="name of the person who did it")
     registration: RegistrationAnswers = RegistrationAnswers()
     echo: EchoAnswers = EchoAnswers()
     stopping: StoppingAnswers = StoppingAnswers()
@@ -106,12 +112,12 @@ class Answers(Settings):
     notes: list[Text] | None = Field(None, max_length=100, description="open notes")
     signatures: list[Signature] | None = Field(None, max_length=20)
     skip: dict[StepName, Annotated[Text, Field(min_length=1)]] = Field(
-        {}, description="step -> why it is not done"
+        {}, description="step -> reason for skipping it"
     )
 
 
 def read_answers(path: Path | None) -> Answers:
-    """The answers of a file; those by default without one.
+    """Return the answers of a file, or the defaults without one.
 
     Raises:
         ConfigError: the file is wrong; one line with the key and the remedy.
@@ -122,7 +128,7 @@ def read_answers(path: Path | None) -> Answers:
 
 
 def asked(answers: Answers, step: str) -> Answers | None:
-    """Ask for what one step needs; return ``None`` if the user quits.
+    """Prompt for the answers that a step needs; return ``None`` if the user quits.
 
     Raises:
         ConfigError: the input ended.
@@ -132,7 +138,7 @@ def asked(answers: Answers, step: str) -> Answers | None:
     if line == "q":
         return None
     if line == "s":
-        while not (note := ask("Why is it skipped?")):
+        while not (note := ask("Reason for skipping it?")):
             pass
         return answers.model_copy(update={"skip": {**answers.skip, step: note}})
     return _QUESTIONS[step](answers)
@@ -142,15 +148,15 @@ _CHOICES = ("", "d", "s", "q")
 
 
 def _registration(answers: Answers) -> Answers:
-    write = ask("Write the pose that fits best into the configuration? [y/N]").lower() in _YES
+    write = ask("Write the best-fitting pose into the configuration? [y/N]").lower() in _YES
     mine = answers.registration.model_copy(update={"write": write})
     return answers.model_copy(update={"registration": mine})
 
 
 def _echo(answers: Answers) -> Answers:
-    seconds = _value("Measure for how many seconds?", answers.echo, "seconds")
+    seconds = _value("Duration of the measurement, seconds?", answers.echo, "seconds")
     measured = dict(answers.echo.measured)
-    say("Round trips that a real controller measured (sending a RobotState until its echo).")
+    say("Round-trip times measured by a real controller (from sending a RobotState to its echo).")
     while line := ask("Link's name, p50, p99 and max in ms, with commas; empty when done:"):
         try:
             name, p50, p99, most = (part.strip() for part in line.split(","))
@@ -164,7 +170,7 @@ def _echo(answers: Answers) -> Answers:
 
 def _stopping(answers: Answers) -> Answers:
     say("Every robot moves now, up to its highest speed, where the node permits it.")
-    clear = ask("Is the cell empty, and the emergency stop in a person's hand? [y/N]")
+    clear = ask("Is the cell empty, and is someone holding the emergency stop? [y/N]")
     mine = _value("Speeds, m/s, such as [0.25, 0.5] (empty: by default):", answers.stopping,
                   "speeds_m_s")  # fmt: skip
     mine = mine.model_copy(update={"cell_is_clear": clear.lower() in _YES})
@@ -172,7 +178,7 @@ def _stopping(answers: Answers) -> Answers:
 
 
 def _walk(answers: Answers) -> Answers:
-    mine = _value("Walk for how many seconds?", answers.walk, "seconds")
+    mine = _value("Duration of the walk, seconds?", answers.walk, "seconds")
     mine = _value(
         "Polygons where no person can stand, [[[x, y], ...]] (empty: none):", mine, "exclude"
     )
@@ -189,7 +195,7 @@ _QUESTIONS: dict[str, Callable[[Answers], Answers]] = {
 
 
 def _value(question: str, settings: Any, key: str) -> Any:
-    """The settings with a value that was asked for, written as in YAML; empty leaves it."""
+    """Return the settings with a prompted value in YAML; an empty answer changes nothing."""
     while line := ask(f"{question} [{getattr(settings, key)}]"):
         try:
             data = settings.model_dump() | {key: load_yaml(line)}

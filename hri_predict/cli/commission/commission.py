@@ -1,4 +1,4 @@
-"""``commission``: walk an integrator through the validation of one cell, and write the report."""
+"""``commission``: guide an integrator through the validation of one cell, and write the report."""
 
 import json
 import shlex
@@ -38,39 +38,40 @@ def commission(
         Path | None, typer.Argument(help="The node's YAML configuration.", show_default=False)
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for state, recording and report; may exist.")
+        Path | None,
+        typer.Option(help="Folder for state, recording and report; it may already exist."),
     ] = None,
     step: Annotated[
-        str | None, typer.Option(help=f"Do only this step (again): {', '.join(STEPS)}.")
+        str | None,
+        typer.Option(help=f"Do only this step, even if it has passed: {', '.join(STEPS)}."),
     ] = None,
     answers: Annotated[
-        Path | None, typer.Option(help="YAML file of answers: nothing is asked then.")
+        Path | None, typer.Option(help="YAML file of answers, used instead of prompts.")
     ] = None,
     skip: Annotated[
-        list[str] | None, typer.Option(help="STEP=WHY: skip it, with a note. Repeatable.")
+        list[str] | None, typer.Option(help="STEP=WHY: skip the step, with this note. Repeatable.")
     ] = None,
     note: Annotated[list[str] | None, typer.Option(help="An open note. Repeatable.")] = None,
     by: Annotated[str | None, typer.Option(help="Person who does it.")] = None,
     simulate: Annotated[
         bool,
-        typer.Option("--simulate", help="With simulated people and controllers, asking nothing."),
+        typer.Option("--simulate", help="Use simulated people and controllers; do not prompt."),
     ] = False,
     repeat: Annotated[
         Path | None,
-        typer.Option(help="Play the walk test of this report again; show what changed since."),
+        typer.Option(help="Replay the walk test of this report and show what has changed since."),
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
     """Validate a cell step by step, and write report.json and report.html.
 
-    The steps are registration (touched points), echo (reaction time of the
-    links), stopping (against the stopping table; robots move) and walk (where
-    people are seen). What has passed is not done again, unless --step names it
-    or the cell has changed. Exit status 1 if a step failed or is open: with
-    --step that step, without it any of the four.
+    The steps are registration (touched points), echo (reaction time of the links), stopping
+    (against the stopping table; robots move) and walk (where people are seen). Steps that passed
+    are not repeated, unless --step names them or the cell has changed. Exit status 1 if a step
+    failed or is open: with --step that step, without it any of the four.
 
-    With --repeat, exit status 1 if anything got less safe, or too little of
-    the floor that counts now was walked.
+    With --repeat, exit status 1 if anything became less safe, or too little of the floor now
+    required was walked.
 
     Example: hri-predict commission cell.yaml --out commissioning
     """
@@ -98,7 +99,7 @@ def commission(
 
 
 def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[Task, State]:
-    """Do the steps that are to be done, and save after each."""
+    """Do the pending steps, and save after each."""
     for name in names:
         skips = name in task.answers.skip
         if not again and not skips and _is_settled(task, state, name):
@@ -120,9 +121,9 @@ def _go(task: Task, state: State, names: list[str], again: bool) -> tuple[Task, 
 
 
 def _is_settled(task: Task, state: State, name: str) -> bool:
-    """Whether a step passed, or was skipped on purpose, and the cell is still the same.
+    """Whether a step passed, or was skipped on purpose, in the unchanged cell.
 
-    What was simulated does not count where the cell is real now.
+    A simulated step does not count if the cell is now real.
     """
     step: Step[Any] | None = getattr(state.steps, name)
     if step is None or step.outcome not in ("passed", "skipped"):
@@ -135,7 +136,7 @@ def _is_settled(task: Task, state: State, name: str) -> bool:
 def _with_flags(
     answers: Answers, skip: list[str] | None, notes: list[str] | None, by: str | None
 ) -> Answers:
-    """The answers with what the command line says.
+    """Return the answers, overridden by the command line.
 
     Raises:
         ConfigError: ``--skip`` without a note, or of a step that does not exist.
@@ -144,7 +145,7 @@ def _with_flags(
     for text in skip or ():
         name, _, why = text.partition("=")
         if not why.strip():
-            raise ConfigError(f"--skip {text}: say why: --skip {name}=WHY")
+            raise ConfigError(f"--skip {text}: give the reason: --skip {name}=WHY")
         skipped[one_of("--skip", name, STEPS)] = why.strip()
     changes: dict[str, Any] = {"skip": skipped}
     if notes:
@@ -155,7 +156,7 @@ def _with_flags(
 
 
 def _closing(task: Task, state: State) -> State:
-    """Take the open notes and the names of who answers for it."""
+    """Prompt for open notes and the name of the responsible person."""
     notes, signatures = task.answers.notes, task.answers.signatures
     if task.interactive:
         typed = []
@@ -179,7 +180,7 @@ def _show(report: Report, digest: str, out: Path, as_json: bool) -> None:
     for line in report.open:
         print(f"not passed: {line}")
     if report.simulated:
-        print("SIMULATED: it says nothing about the real cell")
+        print("SIMULATED: not valid for the real cell")
     print(f"{out / REPORT}: {report.outcome}; hash {digest}")
     print(f"{out / PAGE}: to read and to print")
     print(f"add to the configuration, so that check compares: commissioning: {out / REPORT}")
@@ -188,11 +189,11 @@ def _show(report: Report, digest: str, out: Path, as_json: bool) -> None:
 # -- commission --repeat: the recorded walk, through the present version and configuration ---------
 
 OF_THE_RECORDING = ("source.kind", "source.room_from_source", "source.joint_map", "source.rate_hz")
-"""Keys that were in force when the walk was recorded; a replay cannot show what they change."""
+"""Keys that take effect while the walk is recorded; a replay cannot show the effect of a change."""
 
 
 def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
-    """Play the walk of a report again and print what changed; 1 if it is less safe or not walked.
+    """Replay a report's walk and print the changes; 1 if less safe or not walked.
 
     Raises:
         HriPredictError: the report, its recording or the configuration cannot be used.
@@ -214,18 +215,18 @@ def repeat_walk(path: Path, config: Path | None, as_json: bool) -> int:
 
 
 def _own(where: Path, report: Report) -> Path:
-    """The configuration that the report was made of, beside it."""
+    """Return the configuration of the report, from the report's folder."""
     path = where.parent / report.config_path
     if not path.is_file():
         raise ConfigError(
-            f"report {where}: its configuration {report.config_path} is not there; name it: "
+            f"report {where}: its configuration {report.config_path} is missing; name it: "
             f"hri-predict commission CONFIG --repeat {shlex.quote(str(where))}"
         )
     return path
 
 
 def _whole(folder: Path, name: str, digest: str) -> Path:
-    """A file of the report, if it is as it was.
+    """Return the path of a report's file, if it is unchanged.
 
     Raises:
         RecordingError: it is missing or was changed.
@@ -251,7 +252,7 @@ def _is_of_recording(key: str) -> bool:
 
 
 def _stale(change: Difference) -> str:
-    return f"{change}: {_CANNOT_TELL}, it was made with the old value; walk again"
+    return f"{change}: {_CANNOT_TELL}, recorded with the old value; walk again"
 
 
 def _show_again(
@@ -273,4 +274,4 @@ def _show_again(
     if not (found.worse or found.unwalked or found.other):
         print("the recorded walk gives the same advice, tick by tick")
     elif not found.worse:
-        print("nothing got less safe")
+        print("nothing became less safe")

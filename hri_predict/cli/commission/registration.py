@@ -1,4 +1,4 @@
-"""The first step: touched points show how far off the sensor's pose is; see ``register``."""
+"""The first step: measure the error of the sensor's pose by touched points; see ``register``."""
 
 from contextlib import ExitStack
 from dataclasses import replace
@@ -29,17 +29,17 @@ from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 
 SIMULATED_POINTS = [[0.6, -0.5, 0.8], [0.6, 0.6, 1.1], [1.6, 0.5, 0.9], [1.5, -0.6, 1.2]]
-"""Touched by a simulated person, if no points are given; metres from the first robot's base."""
+"""Points touched by a simulated person by default; metres from the first robot's base."""
 _SETTLE_S = 5.0
 
 
 def register_points(
     config: Config, answers: RegistrationAnswers, *, simulated: bool, interactive: bool
 ) -> tuple[Registration, Config]:
-    """Touch points, and compare them with what the sensor sees.
+    """Prompt for touched points, and compare them with the positions that the sensor sees.
 
     Returns:
-        What was found, and the configuration, with another pose if one was written.
+        The findings, and the configuration, with the new pose if one was written.
 
     Raises:
         ConfigError: too few points, no person in view, the hand not still, ...; or the pose cannot
@@ -106,7 +106,7 @@ def _touched(config: Config, answers: RegistrationAnswers, known: list[Floats]) 
 def _touched_by_simulation(
     config: Config, answers: RegistrationAnswers, known: list[Floats]
 ) -> Touched:
-    """A person who keeps the hand at each point in turn, on a clock that need not wait."""
+    """A simulated person who holds a hand at each point in turn, on a virtual clock."""
     joint, places, sights = "", [], []
     for point in known:
         source = assemble.build_source(with_toucher(config, point), with_faults=False)

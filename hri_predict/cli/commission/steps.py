@@ -1,4 +1,4 @@
-"""Does one step of a validation, and says what came of it."""
+"""Runs one step of a validation and reports the outcome."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ class Task:
         config: the cell.
         answers: the answers.
         folder: for the recording.
-        simulate: use simulated people and mock controllers, whatever the cell has.
-        interactive: whether there is a user to answer.
+        simulate: use simulated people and mock controllers, regardless of the cell.
+        interactive: whether a user can answer prompts.
     """
 
     config: Config
@@ -40,26 +40,26 @@ class Task:
 
     @property
     def live(self) -> Config:
-        """The cell, or its stand-in."""
+        """The cell, or its simulated version."""
         return simulated(self.config, circles_of(self.config)) if self.simulate else self.config
 
     @property
     def is_simulated(self) -> bool:
-        """Whether people or controllers are."""
+        """Whether people or controllers are simulated."""
         return self.simulate or is_simulated(self.config)
 
     @property
     def people_simulated(self) -> bool:
-        """Whether the people are."""
+        """Whether the people are simulated."""
         return self.simulate or self.config.source.kind == "procedural"
 
 
 Found = tuple[Any, list[str], list[str], Config]
-"""The result, what failed, what could not be judged, and the cell afterwards."""
+"""The result, the failures, the points that could not be judged, and the cell afterwards."""
 
 
 def do_step(name: str, task: Task) -> tuple[Step[Any], Config]:
-    """Do one step, or note that it is skipped.
+    """Do one step, or record that it is skipped.
 
     Raises:
         HriPredictError: it cannot be done; nothing is noted then.
@@ -113,7 +113,7 @@ def _echo(task: Task) -> Found:
     found = echo.measure_echo(live, answers.seconds, MonotonicClock(), elsewhere)
     failed, missing = echo.judge_echo(found)
     left_out = set(names) - {link.name for link in live.links}
-    missing += [f"link {name}: its kind cannot be simulated" for name in sorted(left_out)]
+    missing += [f"link {name}: links of this kind cannot be simulated" for name in sorted(left_out)]
     return found, failed, missing, task.config
 
 
@@ -128,7 +128,7 @@ def _stopping(task: Task) -> Found:
     if moves_really and not answers.cell_is_clear:
         raise ConfigError(
             "stopping.cell_is_clear: not confirmed; robots move in this step. Clear the cell, keep "
-            "the emergency stop at hand, and say so; or skip the step with a note"
+            "the emergency stop at hand, and confirm; or skip the step with a note"
         )
     plan = stopping.StoppingTrials(
         speeds_m_s=answers.speeds_m_s,
@@ -137,7 +137,7 @@ def _stopping(task: Task) -> Found:
     )
     found, missing = stopping.measure_stops(live, plan, MonotonicClock(), say)
     if not found.stops:
-        missing.append("no stop was measured: does the node permit the robots to move?")
+        missing.append("no stop was measured: check that the node permits the robots to move")
     return found, stopping.judge_stops(found), missing, task.config
 
 
@@ -172,9 +172,8 @@ def _walk(task: Task) -> Found:
         )
     if not answers.shadow and _real_links(live) and not task.answers.stopping.cell_is_clear:
         raise ConfigError(
-            "walk.shadow: false lets real robots move beside the person who walks; leave it out: "
-            "shadow mode "
-            "records the same people"
+            "walk.shadow: false lets real robots move near the person who walks; leave it out: "
+            "shadow mode records the same people"
         )
     plan = WalkPlan(
         seconds=answers.seconds,
@@ -185,7 +184,7 @@ def _walk(task: Task) -> Found:
         virtual=answers.virtual,
     )
     if task.interactive and not task.people_simulated:
-        say("walk: walk all over the floor, within the robots' reach and around it")
+        say("walk: cover the whole floor, within the robots' reach and around it")
     say(f"walk: recording for {answers.seconds:g} s")
     found = walk(task.config, live, plan, task.folder)
     failed, missing = judge_walk(found)

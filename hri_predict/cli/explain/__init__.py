@@ -1,1 +1,1 @@
-"""``explain`` and ``report``: what recordings say of a moment, and of a shift."""
+"""``explain`` and ``report``: explanations and shift reports from recordings."""

@@ -1,4 +1,4 @@
-"""``explain``: why a robot slowed or stopped at a time."""
+"""``explain``: explain why a robot slowed or stopped at a given time."""
 
 import json
 import shlex
@@ -38,23 +38,25 @@ def explain(
         ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option(help="Only this robot; default: the one slowed most then.")
+        str | None, typer.Option(help="Only this robot; default: the one slowed most at that time.")
     ] = None,
     following: Annotated[
         bool,
-        typer.Option("--next", help="If nothing was slowed then, explain the next time it was."),
+        typer.Option(
+            "--next", help="If no robot was slowed at that time, explain the next slowdown."
+        ),
     ] = False,
     picture: Annotated[
-        Path | None, typer.Option(help="Draw plan and timeline into this .png or .svg.")
+        Path | None, typer.Option(help="Draw plan and timeline into this .png or .svg file.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Say why a robot slowed or stopped, from a recording alone.
+    """Explain why a robot slowed or stopped, from a recording alone.
 
     Example: hri-predict explain recordings/ --at 14:03:07 --picture why.png
     """
     if picture is not None and picture.suffix.lower() not in PICTURES:
-        raise ConfigError(f"--picture {picture}: write a name that ends in .png or .svg")
+        raise ConfigError(f"--picture {picture}: use a name that ends in .png or .svg")
     if at is None:
         without_effect({"--picture": picture, "--next": following or None}, "without --at")
     draw = _drawer() if picture is not None else None
@@ -161,20 +163,20 @@ def report(
         list[Path], typer.Argument(help="Recordings of one cell (.mcap), or folders of them.")
     ],
     begin: Annotated[
-        str | None, typer.Option("--from", help="From this time on; as explain's --at.")
+        str | None, typer.Option("--from", help="Start time, in the format of explain's --at.")
     ] = None,
-    end: Annotated[str | None, typer.Option("--to", help="Until before this time.")] = None,
+    end: Annotated[str | None, typer.Option("--to", help="End time (exclusive).")] = None,
     out: Annotated[Path, typer.Option(help="The page to write.")] = Path("shift.html"),
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the figures as JSON, and write no page.")
     ] = False,
 ) -> None:
-    """Report a shift: time per level, stops and their causes, near misses, forecasts, losses.
+    """Report on a shift: time per level, stops and causes, near misses, forecasts, losses.
 
     Example: hri-predict report recordings/ --from 06:00 --to 14:00 --out shift.html
     """
     if out.suffix.lower() not in (".html", ".htm"):
-        raise ConfigError(f"--out {out}: the page is HTML; write a name that ends in .html")
+        raise ConfigError(f"--out {out}: the page is HTML; use a name that ends in .html")
     try:
         recordings = Recordings(recording)
         start_ns = None if begin is None else asked(begin, recordings, "--from").start_ns

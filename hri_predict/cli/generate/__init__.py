@@ -1,1 +1,1 @@
-"""Commands that write generated files: of the protocol, and of the configuration."""
+"""Commands that generate files from the protocol and the configuration."""

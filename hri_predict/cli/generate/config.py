@@ -27,7 +27,7 @@ def write(path: Path, text: str) -> None:
     Raises:
         ConfigError: it cannot be written.
     """
-    with writing(str(path), "name another place"):
+    with writing(str(path), "name another file"):
         atomic_write(path, text.encode())
 
 
@@ -39,9 +39,9 @@ def print_schema(
 ) -> None:
     """Print the JSON schema of a configuration, for editors.
 
-    It knows the sources, predictors and links that are installed here, third parties' too. An
-    editor with a YAML language server uses it if the configuration begins with the line
-    "# yaml-language-server: $schema=cell.schema.json".
+    It includes all installed sources, predictors and links, also those of third parties. An editor
+    with a YAML language server uses it if the configuration starts with the line "#
+    yaml-language-server: $schema=cell.schema.json".
 
     Example: hri-predict config schema cell.schema.json
     """

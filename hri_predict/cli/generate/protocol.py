@@ -1,4 +1,4 @@
-"""Write DBC files, document, C header and PLC projects from the definition of the messages."""
+"""Generate DBC files, document, C header and PLC projects from the message definitions."""
 
 from collections.abc import Mapping
 from importlib.util import find_spec
@@ -19,11 +19,11 @@ app = typer.Typer(no_args_is_help=True, add_completion=False, help=__doc__)
 
 @app.command()
 def files(
-    folder: Annotated[Path, typer.Argument(help="The folder with the files.")] = Path("drivers"),
+    folder: Annotated[Path, typer.Argument(help="Folder for the files.")] = Path("drivers"),
 ) -> None:
-    """Write every file that follows from the definition of the messages.
+    """Write every file generated from the message definitions.
 
-    Run it after each change of the definition, from the root of the repository.
+    Run it from the root of the repository after each change of a definition.
 
     Example: hri-predict protocol files
     """
@@ -58,7 +58,7 @@ def dbc(
 def renew_document(
     path: Annotated[Path, typer.Argument(help="The document.")] = Path("drivers/PROTOCOL.md"),
 ) -> None:
-    """Renew the tables of PROTOCOL.md; the words around them stay.
+    """Regenerate the tables of PROTOCOL.md; the text around them is kept.
 
     Example: hri-predict protocol document drivers/PROTOCOL.md
     """
@@ -67,11 +67,11 @@ def renew_document(
 
 @app.command("c-header")
 def renew_c_header(
-    folder: Annotated[Path, typer.Argument(help="Folder of hri_predict.h and of fuzz/.")] = Path(
+    folder: Annotated[Path, typer.Argument(help="Folder of hri_predict.h and fuzz/.")] = Path(
         "drivers/c"
     ),
 ) -> None:
-    """Renew the generated parts of the C code, and the seeds of its fuzzer.
+    """Regenerate the generated parts of the C code, and the seeds of its fuzzer.
 
     Example: hri-predict protocol c-header drivers/c
     """
@@ -82,7 +82,7 @@ def renew_c_header(
 def renew_plcopen(
     folder: Annotated[Path, typer.Argument(help="Folder of the .st files.")] = Path("drivers/plc"),
 ) -> None:
-    """Renew the structured text, and write hri_predict.xml (PLCopen) and hri_predict.scl (TIA).
+    """Regenerate the structured text, hri_predict.xml (PLCopen) and hri_predict.scl (TIA).
 
     Example: hri-predict protocol plcopen drivers/plc
     """

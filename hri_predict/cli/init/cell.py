@@ -1,4 +1,4 @@
-"""The configuration that ``init`` writes: the cell of a few answers."""
+"""The configuration that ``init`` writes, built from a few answers."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,14 +14,14 @@ from hri_predict.robots.trajectory import load_trajectory
 
 ORIGIN = {"xyz": [0, 0, 0], "quaternion_xyzw": [0, 0, 0, 1]}
 HORIZONS_S = (1.2, 1.6, 2.0, 3.0)
-"""The first that reaches until the robot stops is taken."""
+"""Candidate horizons; the first one long enough for the robot to stop is used."""
 _SHOWN = ("joint_map", "rate_hz", "host", "port", "baudrate", "min_latency_s", "interface",
           "channel", "bitrate")  # fmt: skip
-"""Keys of sources and links that are written even at their defaults: users look for them."""
+"""Keys of sources and links written even with default values, because users look for them."""
 _RATE_HZ = 30
 
 DOORS_M = (3.0, 4.5, 7.0, 12.0)
-"""Distances of the door beyond the robot's reach; the first that is far enough is taken."""
+"""Candidate distances of the door beyond the robot's reach; the first sufficient one is used."""
 HINTS: dict[str, Any] = {
     "people": {"exits": [{"polygon": [[3.2, 2], [4.2, 2], [4.2, 3], [3.2, 3]]}]},
     "zones": [
@@ -33,7 +33,7 @@ HINTS: dict[str, Any] = {
     ],
     "state": "state.json",
 }
-"""Keys that most cells want, written as comments."""
+"""Keys that most cells need, written as comments."""
 
 
 @dataclass(kw_only=True)
@@ -42,10 +42,8 @@ class Answers:
 
     Attributes:
         robot: shipped name, or path of a robot file.
-        max_speed_m_s: of its fastest point.
-        source, links: their blocks.
-        mode: of the risk stage.
-        simulated: without hardware: ``source`` and ``links`` are not used.
+        max_speed_m_s: of its fastest point. source, links: their blocks. mode: of the risk stage.
+            simulated: without hardware: ``source`` and ``links`` are not used.
     """
 
     robot: str
@@ -60,7 +58,7 @@ def robot_block(model: str, max_speed_m_s: float, base_dir: Path) -> dict[str, A
     """The robot's entry.
 
     Raises:
-        ConfigError, RobotError: the robot does not exist, or no robot is so fast.
+        ConfigError, RobotError: the robot does not exist, or the speed exceeds that of any robot.
     """
     block = {
         "name": "arm",
@@ -74,7 +72,7 @@ def robot_block(model: str, max_speed_m_s: float, base_dir: Path) -> dict[str, A
 
 
 def source_block(kind: str) -> dict[str, Any]:
-    """A source's entry with what needs no answer.
+    """Return a source's entry with the keys that need no answer.
 
     Raises:
         ConfigError: the source does not exist.
@@ -84,7 +82,7 @@ def source_block(kind: str) -> dict[str, Any]:
 
 
 def link_block(text: str, taken: list[str]) -> dict[str, Any]:
-    """A link's entry from ``can:INTERFACE:CHANNEL``, ``serial:PORT`` or a kind alone.
+    """Return a link's entry from ``can:INTERFACE:CHANNEL``, ``serial:PORT`` or just a kind.
 
     Raises:
         ConfigError: the kind does not exist, or a part is missing.
@@ -101,7 +99,9 @@ def link_block(text: str, taken: list[str]) -> dict[str, Any]:
             raise ConfigError(f"{text}: write serial:PORT, such as serial:/dev/ttyUSB0")
         given = {"port": rest}
     elif rest:
-        raise ConfigError(f"{text}: write the kind alone, and its keys by --set links.0.KEY=VALUE")
+        raise ConfigError(
+            f"{text}: write only the kind, and set its keys with --set links.0.KEY=VALUE"
+        )
     model = registry.load("links", kind).settings_model
     number = len([name for name in taken if name.startswith(kind)])
     name = kind if number == 0 else f"{kind}{number + 1}"
@@ -120,12 +120,12 @@ def _shown(model: Any, ours: dict[str, Any], given: dict[str, Any] | None = None
 
 
 def _plain(value: str | float) -> str | float:
-    """30 for 30.0, as people write it."""
+    """Return a whole number without decimals: 30 for 30.0."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> dict[str, Any]:
-    """The configuration; ``door_m``: how far beyond a simulated robot's reach the door is.
+    """Return the configuration; ``door_m``: distance of the door beyond a simulated robot's reach.
 
     Raises:
         ConfigError, RobotError: the robot is wrong, or cannot be simulated.
@@ -157,7 +157,7 @@ def cell(answers: Answers, base_dir: Path, horizon_s: float, door_m: float) -> d
 
 
 _BEHIND_M = 1.1
-"""From the door's middle to where the visitor is out of the room."""
+"""Distance from the middle of the door to a visitor outside the room."""
 
 
 def _door(robot: dict[str, Any], base_dir: Path, door_m: float) -> tuple[float, float]:
@@ -167,8 +167,7 @@ def _door(robot: dict[str, Any], base_dir: Path, door_m: float) -> tuple[float, 
 
 
 def _visitor(x: float, y: float) -> dict[str, Any]:
-    """A person who comes in at the door, comes near, and goes out by it: the arm moves, stops and
-    moves."""
+    """A person who enters, comes near and leaves again: the arm moves, stops and moves on."""
     behind = 1.0 + _BEHIND_M / math.hypot(x, y)
     return {
         "start": [x, y],
@@ -183,12 +182,12 @@ def _visitor(x: float, y: float) -> dict[str, Any]:
 
 
 def hints(data: dict[str, Any]) -> dict[str, Any]:
-    """Keys that the cell does not have yet."""
+    """Return the keys that the cell does not have yet."""
     return {key: value for key, value in HINTS.items() if key not in data}
 
 
 def _simulated_links(robot: dict[str, Any], base_dir: Path) -> list[dict[str, Any]]:
-    """A drive that moves the arm on a serial line, and a monitor on a CAN bus."""
+    """A drive on a serial line, which moves the arm, and a monitor on a CAN bus."""
     drive = {"role": "drive", "robot": robot["name"], "trajectory": _trajectory(robot, base_dir)}
     monitor = {"role": "monitor", "robot": robot["name"]}
     return [
@@ -200,7 +199,7 @@ def _simulated_links(robot: dict[str, Any], base_dir: Path) -> list[dict[str, An
 
 
 def _trajectory(robot: dict[str, Any], base_dir: Path) -> str:
-    """The shipped cycle that the robot can follow; its own goes first.
+    """Return a shipped cycle that the robot can follow, preferably its own.
 
     Raises:
         RobotError: there is none.

@@ -35,39 +35,39 @@ def init(
         str | None, typer.Option(help="Shipped name, such as ur5e, or a robot file.")
     ] = None,
     max_speed: Annotated[
-        float | None, typer.Option(help="Speed of the robot's fastest point, m/s, at most.")
+        float | None, typer.Option(help="Maximum speed of the robot's fastest point, m/s.")
     ] = None,
     source: Annotated[
         str | None, typer.Option(help="Kind of source, such as udp, json, mvn.")
     ] = None,
     link: Annotated[
         list[str] | None,
-        typer.Option(help="can:INTERFACE:CHANNEL, serial:PORT or a kind; several, or none."),
+        typer.Option(help="can:INTERFACE:CHANNEL, serial:PORT or a kind. Repeatable."),
     ] = None,
     mode: Annotated[str | None, typer.Option(help="Mode of the risk stage.")] = None,
     change: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Any key, such as source.port=47801."),
+        typer.Option("--set", metavar="KEY=VALUE", help="Set any key, such as source.port=47801."),
     ] = None,
     simulated: Annotated[
         bool | None,
         typer.Option(
-            "--simulated", help="Simulate controllers and a person: no hardware is needed."
+            "--simulated", help="Simulate controllers and a person, so no hardware is needed."
         ),
     ] = None,
     yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Ask nothing; take the defaults.")
+        bool, typer.Option("--yes", "-y", help="Do not prompt; use the defaults.")
     ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     with_schema: Annotated[
         bool,
-        typer.Option("--schema/--no-schema", help=f"Write {SCHEMA_FILE} beside it, for editors."),
+        typer.Option("--schema/--no-schema", help=f"Write {SCHEMA_FILE} next to it, for editors."),
     ] = True,
 ) -> None:
     """Write a first configuration, with a comment for each key.
 
-    It asks for what no flag says. The result passes check as it is, and with
-    --simulated "hri-predict run" moves an arm at once.
+    It prompts for everything that no flag gives. The result passes check as written; with
+    --simulated, "hri-predict run" moves an arm immediately.
 
     Example: hri-predict init cell.yaml --simulated --yes
     """
@@ -102,10 +102,10 @@ def init(
 
 
 def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
-    """Fail before the first question.
+    """Fail before the first prompt.
 
     Raises:
-        ConfigError: a file would be overwritten that the user may need.
+        ConfigError: a file that the user may need would be overwritten.
     """
     # os.path takes names that are too long
     if os.path.isdir(path) or path.suffix not in YAML_ENDINGS:
@@ -117,7 +117,7 @@ def _refuse_existing(path: Path, beside: Path | None, force: bool) -> None:
     if force:
         return
     if path.exists() or path.is_symlink():
-        raise ConfigError(f"{path}: exists; name another file, or give --force to replace it")
+        raise ConfigError(f"{path}: exists; name another file, or use --force to replace it")
     if beside is not None and beside.exists() and not _is_ours(beside):
         raise ConfigError(
             f"{beside}: already exists and was not written by hri-predict; use --force to "
@@ -144,10 +144,10 @@ def _checked_text(
     whole: dict[str, Any],
     with_schema: bool,
 ) -> str:
-    """The file's text, which ``check`` accepts.
+    """Return the file's text, which passes ``check``.
 
     Raises:
-        HriPredictError: what is wrong with the answers.
+        HriPredictError: the answers are wrong; the message gives the reason.
     """
     from hri_predict.cli.check.check import examine
     from hri_predict.run.config import checked
@@ -180,7 +180,7 @@ def _head(path: Path, with_schema: bool) -> str:
 
 
 def _word(path: object) -> str:
-    """A path as one word of a shell, in one line."""
+    """Return a path quoted as one word for a shell, in one line."""
     return shlex.quote(str(path)).replace("\n", "?")
 
 
@@ -189,7 +189,7 @@ def _next_steps(path: Path, answers: Answers) -> str:
     if answers.simulated:
         return f"next:\n  hri-predict run {file}   (Ctrl-C ends it)"
     return (
-        "next: put in your own poses, then\n"
+        "next: enter your own poses, then\n"
         f"  hri-predict check {file}\n"
         f"  hri-predict register {file}\n"
         f"  hri-predict run {file} --shadow"
@@ -205,17 +205,17 @@ _DEEP = 3  # blocks from this depth on stand in one line
 
 
 def commented(data: dict[str, Any], hints: dict[str, Any], whole: Schema) -> str:
-    """The text of ``data``; after it ``hints``, keys that a user may want, as comments."""
+    """Return the text of ``data``, followed by ``hints``, optional keys as comments."""
     lines = list(_block(data, whole, whole, 0))
     if hints:
-        lines += ["", "# Remove the # before what this cell has, and put in its values:"]
+        lines += ["", "# Uncomment the keys that this cell needs, and enter its values:"]
         for line in _block(hints, whole, whole, 0):
             lines.append(f"# {line}" if line else "#")
     return "\n".join(lines).strip("\n") + "\n"
 
 
 def _block(data: dict[str, Any], block: Schema, whole: Schema, depth: int) -> Iterator[str]:
-    """The lines of a block of keys, indented by its depth."""
+    """Return the lines of a block of keys, indented by its depth."""
     for key, value in data.items():
         known = block.get("properties", {}).get(key, {})
         if depth == 0 and isinstance(value, dict | list):
@@ -242,7 +242,7 @@ def _entry(key: str, value: Any, known: Schema, whole: Schema, *, depth: int) ->
 
 
 def _item(item: dict[str, Any], known: Schema, whole: Schema, depth: int) -> Iterator[str]:
-    """An entry of a list: its first key stands behind the dash."""
+    """Return an entry of a list, with its first key after the dash."""
     indent = "  " * depth
     if _is_short(item, depth):
         yield f"{indent}- {_flow(item)}"
@@ -254,7 +254,7 @@ def _item(item: dict[str, Any], known: Schema, whole: Schema, depth: int) -> Ite
 
 
 def _said(line: str, said: str, indent: str) -> list[str]:
-    """A line with its comment: behind it where both fit, otherwise above."""
+    """Return a line with its comment: at its end if both fit, otherwise above it."""
     if not said:
         return [line]
     padded = line.ljust(_COLUMN - 2)
@@ -267,19 +267,19 @@ def _said(line: str, said: str, indent: str) -> list[str]:
 
 
 def _is_short(value: dict[str, Any], depth: int) -> bool:
-    """Whether a block is written on one line: a pose, a single key, or a deeply nested one."""
+    """Whether a block fits one line: a pose, a single key, or a deeply nested block."""
     alone = depth > 0 and len(value) == 1
     return depth >= _DEEP or alone or "xyz" in value or "polygon" in value
 
 
 def _flow(value: Any) -> str:
-    """A value in one line."""
+    """Return a value in one line."""
     text = yaml.safe_dump(value, default_flow_style=True, width=10_000, sort_keys=False)
     return text.removesuffix("...\n").strip()
 
 
 def _chosen(known: Schema, value: Any, whole: Schema) -> Schema:
-    """Return the schema of this value: references followed, the right member of a union."""
+    """Return the schema of this value, with references and unions resolved."""
     if "$ref" in known:
         return _chosen(whole["$defs"][known["$ref"].rsplit("/", 1)[-1]], value, whole)
     members = [_chosen(m, value, whole) for m in (*known.get("oneOf", []), *known.get("anyOf", []))]

@@ -1,4 +1,4 @@
-"""The questions of ``init``: each answer is checked as it is given."""
+"""The prompts of ``init``; each answer is checked immediately."""
 
 import shutil
 import sys
@@ -23,17 +23,17 @@ from hri_predict.risk.settings import RISK_MODES
 T = TypeVar("T")
 
 NOT_IN_A_CELL = ("approach",)
-"""Sources that only the simulation fills in."""
+"""Sources that only simulation supports."""
 NONE = "none"
 CONTROLLER_TIMES = {
-    "silence_timeout_s": "After how much silence, s, does its controller stop by itself",
-    "reaction_s": "How long, s, from an Advice's receipt until its controller begins to brake",
+    "silence_timeout_s": "Silence after which its controller stops by itself, s",
+    "reaction_s": "Time from the receipt of an Advice until its controller starts to brake, s",
 }
-"""Keys of a link that only the user knows, and their questions: distances rest on them."""
+"""Keys of a link that only the user knows, with their prompts: distances depend on them."""
 
 
 def say(text: str) -> None:
-    """Print a line, broken between words where the terminal is narrower."""
+    """Print a line, wrapped between words to the terminal's width."""
     typer.echo(_wrapped(text))
 
 
@@ -43,10 +43,10 @@ def _wrapped(text: str) -> str:
 
 
 class Asker:
-    """Takes an answer from its flag, from the user, or the default, in this order.
+    """Gets an answer from its flag, the user or the default, in this order.
 
     Args:
-        yes: take defaults without asking.
+        yes: use defaults without prompting.
     """
 
     def __init__(self, yes: bool) -> None:
@@ -61,7 +61,7 @@ class Asker:
     def take(
         self, flag: str, given: Any, *, question: str, default: Any, check: Callable[[str], T]
     ) -> T:
-        """The checked answer.
+        """Return the checked answer.
 
         Raises:
             ConfigError: the flag's value is wrong.
@@ -76,7 +76,7 @@ class Asker:
         return self.ask(question, default, check)
 
     def need(self, flags: Mapping[str, Any]) -> None:
-        """Check that there is a user to ask for the flags that are not given.
+        """Check that there is a user to ask for the missing flags.
 
         Raises:
             ConfigError: there is none; names the flags.
@@ -84,12 +84,12 @@ class Asker:
         missing = [flag for flag, value in flags.items() if not value]
         if self._needs_flags and missing:
             raise ConfigError(
-                f"no terminal to ask in, and not given: {', '.join(missing)}; give them, or --yes"
+                f"no terminal for prompts, and not given: {', '.join(missing)}; give them, or --yes"
                 " for the defaults"
             )
 
     def ask(self, question: str, default: Any, check: Callable[[str], T]) -> T:
-        """Ask until the answer is right."""
+        """Ask until the answer is valid."""
 
         def checked(text: str) -> T:
             try:
@@ -103,7 +103,7 @@ class Asker:
 
 
 def ask_robot(asker: Asker, robot: str | None, base_dir: Path) -> str:
-    """The robot's model."""
+    """Return the robot's model."""
     shipped = sorted(path.stem for path in data_path("robots").glob("*.yaml"))
 
     def check(text: str) -> str:
@@ -116,7 +116,7 @@ def ask_robot(asker: Asker, robot: str | None, base_dir: Path) -> str:
 
 
 def ask_speed(asker: Asker, speed: float | None, robot: str, base_dir: Path) -> float:
-    """The highest speed of the robot's fastest point, m/s."""
+    """Return the maximum speed of the robot's fastest point, m/s."""
 
     def check(text: str) -> float:
         try:
@@ -129,21 +129,21 @@ def ask_speed(asker: Asker, speed: float | None, robot: str, base_dir: Path) -> 
     return asker.take(
         "--max-speed",
         speed,
-        question="Its highest speed in production, m/s",
+        question="Its maximum speed in production, m/s",
         default=1.0,
         check=check,
     )
 
 
 def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
-    """Ask how separation is judged; no default ever decides that robots may touch people."""
+    """Ask for the mode of separation; no default allows robots to touch people."""
 
     def check(text: str) -> str:
         known: str = one_of("mode", text, RISK_MODES)
         if known == "hybrid" and not any(c.startswith("robots.0.contact=") for c in changes):
             raise ConfigError(
-                "hybrid lets the robot touch people: begin with predictive, and see the guide on"
-                " contact; or give --set robots.0.contact=allowed"
+                "hybrid lets the robot touch people: start with predictive and see the guide on "
+                "contact, or give --set robots.0.contact=allowed"
             )
         return known
 
@@ -152,7 +152,7 @@ def ask_mode(asker: Asker, mode: str | None, changes: list[str]) -> str:
 
 
 def ask_source(asker: Asker, kind: str | None, changes: list[str]) -> dict[str, Any]:
-    """The source's block, with the keys that it needs."""
+    """Return the source's block with its required keys."""
     kinds = [name for name in registry.names("sources") if name not in NOT_IN_A_CELL]
     if asker.asks and kind is None:
         say(f"Sources of people: {', '.join(kinds)}.")
@@ -162,7 +162,7 @@ def ask_source(asker: Asker, kind: str | None, changes: list[str]) -> dict[str, 
 
 
 def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[str, Any]]:
-    """The links' blocks: of the flags, or of the user until there are no more."""
+    """Return the links' blocks, from the flags or from prompts."""
     found: list[dict[str, Any]] = []
 
     def check(text: str) -> dict[str, Any] | None:
@@ -188,14 +188,17 @@ def ask_links(asker: Asker, links: list[str], changes: list[str]) -> list[dict[s
 def with_controller_times(
     asker: Asker, model: type[Settings], block: dict[str, Any]
 ) -> dict[str, Any]:
-    """``block`` with what its controller achieves, as far as there is a user who knows.
+    """Return ``block`` with its controller's times, if a user can state them.
 
-    A time that is not stated stays out, so that ``check`` names it.
+    A time not stated is left out, so ``check`` reports it.
     """
     missing = {key: text for key, text in CONTROLLER_TIMES.items() if key not in block}
     if not asker.asks or not missing:
         return block
-    say("Measure the controller's times (docs/guides/plc.md): people may be as near as they allow.")
+    say(
+        "Measure the controller's times (docs/guides/plc.md): they determine how near people may "
+        "be."
+    )
     for key, question in missing.items():
 
         def check(text: str, key: str = key) -> Any:
@@ -213,10 +216,10 @@ def with_controller_times(
 def completed(
     asker: Asker, model: type[Settings], block: dict[str, Any], *, where: str, changes: list[str]
 ) -> dict[str, Any]:
-    """``block`` with what ``--set`` changes in it, and with the keys that it still needs.
+    """Return ``block`` with the changes from ``--set`` and the keys still required.
 
     Raises:
-        ConfigError: there is no user to ask for what is missing or wrong.
+        ConfigError: a key is missing or wrong, and there is no user to ask.
     """
     for change in [c for c in changes if c.startswith(f"{where}.")]:
         set_key(block, change.removeprefix(f"{where}."))
@@ -263,7 +266,7 @@ def ask_all(
     mode: str | None,
     changes: list[str],
 ) -> Answers:
-    """All questions, in order; those whose flag is given are not asked.
+    """Ask all questions in order, except those answered by a flag.
 
     Raises:
         ConfigError: a flag is wrong, or there is no user to ask.

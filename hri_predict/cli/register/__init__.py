@@ -1,1 +1,1 @@
-"""``hri-predict register``: where the sensor stands and how it is turned, from touched points."""
+"""``hri-predict register``: find the sensor's pose from touched points."""

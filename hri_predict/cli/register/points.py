@@ -1,4 +1,4 @@
-"""Places of the touched points in the room: given, asked for, or from a robot's tool."""
+"""Positions of the touched points in the room: given, prompted, or from a robot's tool."""
 
 import math
 import sys
@@ -19,16 +19,16 @@ from hri_predict.run import assemble
 from hri_predict.run.config import Config
 
 FRESH_S = 1.0
-"""A RobotState that is to say where the tool is must come within this time."""
+"""Time limit for the RobotState that gives the tool's position."""
 
 
 def say(text: str) -> None:
-    """Print for the user; standard output is kept for the result."""
+    """Print for the user on standard error; standard output is reserved for the result."""
     print(text, file=sys.stderr, flush=True)
 
 
 def ask(text: str) -> str:
-    """Ask for one line.
+    """Prompt for one line.
 
     Raises:
         ConfigError: the input ended.
@@ -44,7 +44,7 @@ def point_from(text: str, numbers: int, where: str) -> Floats:
     """Return ``x,y,z`` (or ``x,y``) as metres.
 
     Raises:
-        ConfigError: it does not have this number of finite values.
+        ConfigError: the number of finite values is wrong.
     """
     try:
         point = [float(part) for part in text.split(",")]
@@ -57,18 +57,18 @@ def point_from(text: str, numbers: int, where: str) -> Floats:
 
 
 class Hears(Protocol):
-    """Data of a link from which the place of a tool is computed."""
+    """Data of a link needed to compute the position of a tool."""
 
     @property
     def last_error(self) -> str | None:
-        """One line about the newest trouble."""
+        """One line about the newest error."""
 
     def take(self) -> list[Received]:
         """See ``Link``."""
 
 
 class Tool:
-    """The place of a robot's tool, from the RobotState that its controller sends."""
+    """Position of a robot's tool, from the RobotState of its controller."""
 
     def __init__(self, *, model: RobotModel, index: int, link: Hears, tool: Floats) -> None:
         self._model, self._index, self._link, self._tool = model, index, link, tool
@@ -77,7 +77,7 @@ class Tool:
         """(3,) metres in the room, now.
 
         Raises:
-            ConfigError: no RobotState comes.
+            ConfigError: no RobotState was received.
         """
         self._link.take()
         end_s = time.monotonic() + FRESH_S

@@ -46,10 +46,11 @@ def register(
         typer.Option(help="x,y,z of a point to touch (m, room); with --walk x,y. Repeatable."),
     ] = None,
     walk: Annotated[
-        bool, typer.Option("--walk", help="Stand on marks of the floor instead of touching points.")
+        bool, typer.Option("--walk", help="Stand on floor marks instead of touching points.")
     ] = False,
     robot: Annotated[
-        str | None, typer.Option(help="Touch the tool of this robot, which reports its state.")
+        str | None,
+        typer.Option(help="Touch the tool of this robot, whose controller reports its state."),
     ] = None,
     tool: Annotated[
         str, typer.Option(help="Tip of that tool in the frame of the robot's last link.")
@@ -66,31 +67,30 @@ def register(
             min=0.1, max=600, help="Do not prompt; move to the next point after this many seconds."
         ),
     ] = None,
-    yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Write without prompting.")] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print only JSON; write nothing.")
     ] = False,
 ) -> None:
-    """Find where the sensor stands and how it is turned; write room_from_source.
+    """Find the sensor's pose from touched points; write it to room_from_source.
 
-    Touch at least three known points that are not on one line, the farther
-    apart the better: a corner of the table, a screw of the robot's base. Each
-    is the median of what the source shows while you keep still. Axes and pose
-    in the configuration may be wrong before. Exit status 2 if the points do
-    not fit each other; nothing is written then.
+    Touch at least three known points that are not on one line, as far apart as possible, such as a
+    corner of the table or a screw of the robot's base. Each is the median of the observed positions
+    while you keep still. Axes and pose in the configuration may be wrong beforehand. Exit status 2
+    if the points do not fit each other; nothing is written then.
 
     Example: hri-predict register cell.yaml
     """
     loaded = configuration.load(config)
     if loaded.source.kind == "merged":
         raise ConfigError(
-            f"{config}: source: of several sensors none can be registered; name a configuration "
-            "with one of them as source"
+            f"{config}: source: sensors of a merged source cannot be registered; name a "
+            f"configuration with one of them as source"
         )
     if walk and (robot is not None or joint is not None):
         raise ConfigError("--walk: uses the feet and no robot; leave --robot and --joint out")
     if robot is not None and point:
-        raise ConfigError("--robot: gives the points by itself; leave --point out")
+        raise ConfigError("--robot: provides the points itself; leave --point out")
     if every is not None and not point:
         raise ConfigError("--every: needs the points; give --point at least three times")
     known = [point_from(text, 2 if walk else 3, "--point") for text in point or ()]
@@ -124,12 +124,12 @@ def register(
 
 @dataclass
 class Wizard:
-    """Asks for points and looks at them.
+    """Prompts for points and observes them.
 
     Attributes:
-        places: place of the joint at each point, by the source as configured now.
-        points: (3,) where each is in the room.
-        sights: all that was seen.
+        places: position of the joint at each point, seen by the source as configured now.
+        points: (3,) position of each in the room.
+        sights: all observations.
     """
 
     sensor: Sensor
@@ -145,7 +145,7 @@ class Wizard:
         self.sights: list[Sights] = []
 
     def collect(self, known: Sequence[Floats]) -> None:
-        """Look at the ``known`` points, or ask for points until an empty line."""
+        """Observe the ``known`` points, or prompt for points until an empty line."""
         for number, point in enumerate(known, 1):
             self._take(self._raised(point), f"Point {number} of {len(known)}, {_text(point)}: ")
         while not known:
@@ -153,7 +153,9 @@ class Wizard:
             end = "; empty when done" if number > LEAST_POINTS else ""
             if self.tool is not None:
                 end = " (q: done)" if number > LEAST_POINTS else ""
-                line = ask(f"Point {number}: move the tool there, let it stand, press Enter{end}:")
+                line = ask(
+                    f"Point {number}: move the tool there, let it come to rest, press Enter{end}:"
+                )
                 if line == "q" and number > LEAST_POINTS:
                     return
                 self._take(self.tool.position(), "")
@@ -170,17 +172,17 @@ class Wizard:
             self._take(self._raised(point), "")
 
     def _raised(self, point: Floats) -> Floats:
-        """A mark on the floor, raised to where the ankles are; any other point as it is."""
+        """Return a mark on the floor raised to ankle height; any other point unchanged."""
         return np.append(point, self.floor_m + ANKLE_M) if self.joint == FEET else point
 
     def _take(self, point: Floats, label: str) -> None:
-        """Look at one point, again if it was not good."""
+        """Observe one point, and repeat after a poor measurement."""
         doing = "stand on it" if self.joint == FEET else f"touch it with {self.joint}"
         for attempt in range(1, ATTEMPTS + 1):
             if self.every_s is None:
                 ask(f"{label}{doing}, keep still and press Enter:")
             else:
-                say(f"{label}{doing}; looking in {self.every_s:g} s")
+                say(f"{label}{doing}; measuring in {self.every_s:g} s")
                 time.sleep(self.every_s)
             sights = self.sensor.watch(self.seconds)
             try:
@@ -198,7 +200,7 @@ class Wizard:
 
 
 def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
-    """Solve for the pose, and refuse what cannot be right.
+    """Solve for the pose, and reject an implausible result.
 
     Raises:
         ConfigError: the points do not fit each other, or people would not stand upright.
@@ -236,7 +238,7 @@ def _solved(config: Config, wizard: Wizard) -> dict[str, Any]:
 
 
 def refuse_fallen(config: Config, seen: Sequence[Sights], correction: Floats) -> None:
-    """Refuse a pose in which who touched the points would not stand on the floor.
+    """Reject a pose in which the person who touched the points would not stand on the floor.
 
     Args:
         config: the cell.
@@ -244,7 +246,7 @@ def refuse_fallen(config: Config, seen: Sequence[Sights], correction: Floats) ->
         correction: (4, 4) from the pose as configured to the new one.
 
     Raises:
-        ConfigError: they would lie, float or hang upside down.
+        ConfigError: the person would lie, float or hang upside down.
     """
     for sights in seen:
         why = refusal_of(
@@ -265,8 +267,8 @@ def _show(found: dict[str, Any]) -> None:
         )
     if abs(found["scale"] - 1.0) > SCALE_WITHIN:
         print(
-            f"warning: the source's lengths are {1 / found['scale']:.2f} of the room's; look after "
-            f"its calibration and units"
+            f"warning: the source's lengths are {1 / found['scale']:.2f} of the room's; check its "
+            f"calibration and units"
         )
     print(lines_to_paste((found["xyz"], found["quaternion_xyzw"])))
 

@@ -1,4 +1,4 @@
-"""Watches one person of a source for a while: where a joint is, and how still it was kept."""
+"""Observes one person of a source: position and stillness of a joint."""
 
 import math
 from collections import deque
@@ -19,10 +19,9 @@ from hri_predict.contracts.source import Source, live_part, wait_for
 LEAST_SIGHTS = 10
 KEPT = 1000  # scenes whose times are kept
 MOST_SPREAD_M = 0.15
-"""Maximum scatter of a tracker that may work beside a robot."""
+"""Maximum scatter of a tracker used near a robot."""
 STILL_M = 0.03
-"""From the first half to the second, a joint that is kept still moves no farther than this, plus
-what its noise explains."""
+"""Maximum movement of a still joint from the first half to the second, besides its noise."""
 FEET = "feet"
 TOUCHING = ("r_hand", "r_wrist", "l_hand", "l_wrist")
 _SIGMA_OF_MAD = 1.4826  # standard deviation of a normal distribution per median absolute deviation
@@ -32,7 +31,7 @@ _MEDIAN_ERROR = 1.2533  # standard error of a median, of sigma / sqrt(n): sqrt(p
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Sights:
-    """Captures of a source over some seconds.
+    """Captures from a source over some seconds.
 
     Attributes:
         positions, observed: (n, J, 3) metres in the room as configured, (n, J); one person.
@@ -61,7 +60,7 @@ class SightedPoint:
 
 
 def choose_joint(source: Source, joint: str | None) -> str:
-    """Return the joint that touches, one that this source can send.
+    """Return the touching joint, which must be one that this source can send.
 
     Raises:
         ConfigError: the joint does not exist, or the source's joint map has none for it.
@@ -71,8 +70,8 @@ def choose_joint(source: Source, joint: str | None) -> str:
         joint = next((name for name in TOUCHING if name in mapped), None)
         if joint is None:
             raise ConfigError(
-                f"the joint map {source.joint_map.name} has neither hand nor wrist; name the joint "
-                f"that touches with --joint ({', '.join(mapped)})"
+                f"the joint map {source.joint_map.name} has neither hand nor wrist; name the "
+                f"touching joint with --joint ({', '.join(mapped)})"
             )
     if joint == FEET:
         return joint
@@ -86,7 +85,7 @@ def choose_joint(source: Source, joint: str | None) -> str:
 
 
 class Sensor:
-    """An open source that is watched for some seconds at a time.
+    """An open source, observed for some seconds at a time.
 
     Attributes:
         source: as given.
@@ -100,7 +99,7 @@ class Sensor:
         self._clock = clock
 
     def watch(self, seconds: float) -> Sights:
-        """Watch from now on; what came before is dropped.
+        """Observe from now on; earlier scenes are dropped.
 
         Raises:
             ConfigError: more than one person is in view.
@@ -117,7 +116,7 @@ class Sensor:
         return Sights(positions=_bodies(bodies), observed=_flags(seen), scenes=scenes)
 
     def everybody(self, seconds: float) -> tuple[dict[int, tuple[Floats, Bools]], int]:
-        """Watch any number of people; return each one's captures by id, and the scenes."""
+        """Observe any number of people; return each person's captures by id, and the scenes."""
         found: dict[int, tuple[list[Floats], list[Bools]]] = {}
         scenes = 0
         for scene in self._scenes(seconds):
@@ -142,15 +141,15 @@ class Sensor:
                 yield scene
 
     def trouble(self) -> str:
-        """Why nothing may have come, for a source that hears a sender."""
+        """Return why a source that listens to a sender may have received nothing."""
         live = live_part(self.source)
         if live is None:
             return "the source ended"
         if live.counters.last_error is not None:
-            return f"what came was refused: {live.counters.last_error}"
+            return f"the received data was rejected: {live.counters.last_error}"
         if not live.counters.packets:
             return "no sender; start the tracker and its sender, and check host and port"
-        return "no whole scene arrived"
+        return "no complete scene arrived"
 
 
 @contextmanager
@@ -173,9 +172,9 @@ def _flags(observed: list[Bools]) -> Bools:
 
 
 def place_of(sensor: Sensor, sights: Sights, joint: str) -> SightedPoint:
-    """Return where ``joint`` was kept.
+    """Return the position at which ``joint`` was held.
 
-    The median bears noise and outliers. What it can't bear is a joint that moved meanwhile.
+    The median tolerates noise and outliers, but not a joint that moved.
 
     Raises:
         ConfigError: no sender, no person in view, the joint not in view, not still, or too noisy.
@@ -200,7 +199,7 @@ def place_of(sensor: Sensor, sights: Sights, joint: str) -> SightedPoint:
     if spread > MOST_SPREAD_M:
         raise ConfigError(
             f"{joint}: scatters by {spread * 1e3:.0f} mm (at most {MOST_SPREAD_M * 1e3:.0f}); keep "
-            f"it still, and look after the tracker"
+            f"it still, and check the tracker"
         )
     if moved > STILL_M + explained:
         raise ConfigError(f"{joint}: it moved by {moved * 1e3:.0f} mm; keep it still and repeat")
@@ -208,7 +207,7 @@ def place_of(sensor: Sensor, sights: Sights, joint: str) -> SightedPoint:
 
 
 def _points(sights: Sights, joint: str) -> Floats:
-    """(n, 3) where the joint was; for ``feet`` the middle of both ankles."""
+    """(n, 3) positions of the joint; for ``feet``, the midpoint of the ankles."""
     names = ("l_ankle", "r_ankle") if joint == FEET else (joint,)
     indices = [CANONICAL.index(name) for name in names]
     there = sights.observed[:, indices].all(axis=1)
@@ -217,7 +216,7 @@ def _points(sights: Sights, joint: str) -> Floats:
 
 
 def _spread(points: Floats) -> float:
-    """Standard deviation per axis, by the median absolute deviation: outliers do not count."""
+    """Standard deviation per axis, from the median absolute deviation, which ignores outliers."""
     mads = np.median(np.abs(points - np.median(points, axis=0)), axis=0)
     return float(_SIGMA_OF_MAD * np.sqrt(np.mean(mads**2)))
 
@@ -225,18 +224,18 @@ def _spread(points: Floats) -> float:
 # -- check --listen: do a sender's stamps run as fast as time passes? ------------------------------
 
 TOO_SLOW = {1e9: "seconds", 1e6: "milliseconds", 1e3: "microseconds"}
-"""Units in place of nanoseconds, by the factor that the stamps lack."""
+"""Wrong units used instead of nanoseconds, by the missing factor."""
 TOO_FAST = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds"}
-"""Units in place of seconds, by the factor that the stamps have too much."""
+"""Wrong units used instead of seconds, by the excess factor."""
 LEAST_SPAN_NS = 200_000_000
-"""Over a shorter time, the arrival of bursts says nothing about stamps."""
+"""Minimum duration; over less, arrival in bursts makes the stamps impossible to judge."""
 LEAST_STAMPS = 10
 WITHIN = 3.0
-"""Factor within which the two times agree: units differ by a thousand, and clocks by much less."""
+"""Factor within which the two times agree: units differ by a thousand, clocks by much less."""
 
 
 def stamps_remedy(captured_ns: Sequence[int], arrived_ns: Sequence[int]) -> str | None:
-    """Return the problem of the stamps and the remedy, in one line; ``None`` if there is none.
+    """Return a problem with the stamps and its remedy, in one line; ``None`` without a problem.
 
     Args:
         captured_ns: the stamps, in the order of arrival.
@@ -273,5 +272,5 @@ def stamps_remedy(captured_ns: Sequence[int], arrived_ns: Sequence[int]) -> str 
 
 
 def _is_near(pace: float) -> bool:
-    """Whether a pace is that of time."""
+    """Whether the stamps advance at the pace of real time."""
     return pace > 0 and abs(math.log(pace)) < math.log(WITHIN)

@@ -1,7 +1,7 @@
-"""The pose of a sensor from points that it saw and whose places in the room are known.
+"""The pose of a sensor, from points that it saw at known positions in the room.
 
 Least squares over rotations: W. Kabsch, "A solution for the best rotation to relate two sets of
-vectors", Acta Crystallographica A32, 1976; the sign that keeps it a rotation and the scale are of
+vectors", Acta Crystallographica A32, 1976; the sign that keeps it a rotation and the scale are from
 S. Umeyama, "Least-squares estimation of transformation parameters between two point patterns", IEEE
 PAMI 13(4), 1991, equations 40 to 43.
 """
@@ -17,13 +17,13 @@ from hri_predict.base.geometry import norm, transform
 
 LEAST_POINTS = 3
 LEAST_APART_M = 0.5
-"""Points nearer than this turn the sensor by a degree for each 9 mm of error."""
+"""Minimum distance of the points: at it, each 9 mm of error turns the sensor by a degree."""
 LEAST_OFF_LINE_M = 0.1
-"""Root mean square distance of the points from the line that fits them best."""
+"""Minimum RMS distance of the points from their best-fitting line."""
 SAME_PLACE_M = 0.05
-"""A hand that rests is seen within this: trackers' noise and a swaying body."""
+"""Apparent movement of a resting hand: tracker noise and body sway."""
 SCALE_WITHIN = 0.03
-"""Lengths of source and room that differ by more than this are worth a warning."""
+"""Relative difference between lengths of source and room above which a warning is given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -32,8 +32,9 @@ class Registration:
 
     Attributes:
         matrix: (4, 4) room from source: a rotation and a shift, no scale.
-        residuals_m: (n,) distance of each point from where the pose puts what the source saw.
-        scale: the room's lengths per length of the source, by the same points; 1 if all is well.
+        residuals_m: (n,) distance of each point from its observed position, placed by the pose.
+        scale: ratio of lengths in the room to lengths of the source, from the same points; ideally
+            1.
     """
 
     matrix: Floats
@@ -52,18 +53,18 @@ class Registration:
 
 
 def solve(seen: Floats, known: Floats) -> Registration:
-    """Return the pose that carries the points ``seen`` (n, 3) by the source to ``known`` (n, 3).
+    """Return the pose that maps the points ``seen`` (n, 3) by the source to ``known`` (n, 3).
 
     Raises:
-        ConfigError: too few points, too close to each other, or on one line; or the joint stayed
-            where it was.
+        ConfigError: too few points, too close to each other, or on one line; or the joint did not
+            move between them.
     """
     _check_spread(known, "the points")
     if len(seen) >= LEAST_POINTS and _apart(seen) < SAME_PLACE_M:
         raise ConfigError(
-            "the hand was seen in the same place each time: touch each point when it is named"
+            "the hand was seen in the same place each time: touch each point when prompted"
         )
-    _check_spread(seen, "the places where the source saw the joint")
+    _check_spread(seen, "the observed positions of the joint")
     seen_middle, known_middle = seen.mean(axis=0), known.mean(axis=0)
     a, b = seen - seen_middle, known - known_middle
     u, singular, vt = np.linalg.svd(b.T @ a)
@@ -79,7 +80,7 @@ def solve(seen: Floats, known: Floats) -> Registration:
 
 
 def _apart(points: Floats) -> float:
-    """The largest distance of two points."""
+    """Return the largest distance between two points."""
     return float(norm(points[:, None] - points[None]).max())
 
 
@@ -94,7 +95,7 @@ def _check_spread(points: Floats, what: str) -> None:
         )
     off_line = float(np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1])
     if off_line / math.sqrt(len(points)) < LEAST_OFF_LINE_M:
-        raise ConfigError(f"{what} lie on one line; choose one well beside it")
+        raise ConfigError(f"{what} lie on one line; choose a point well off the line")
 
 
 def quaternion(rotation: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Writes a pose into ``source.room_from_source`` of a configuration; all else stays as it is."""
+"""Writes a pose into ``source.room_from_source`` of a configuration and changes nothing else."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ PoseLists = tuple[list[float], list[float]]
 
 
 def lines_to_paste(pose: PoseLists) -> str:
-    """The pose as it stands under ``source:``."""
+    """Return the pose as a line under ``source:``."""
     xyz, quaternion = pose
     return f"room_from_source: {{xyz: {_listed(xyz)}, quaternion_xyzw: {_listed(quaternion)}}}"
 
@@ -22,8 +22,8 @@ def lines_to_paste(pose: PoseLists) -> str:
 def with_pose(text: str, pose: PoseLists) -> str | None:
     """Return a configuration's text with another pose; ``None`` if its form is unusual.
 
-    Only the pose's own numbers are replaced, so comments stay. The result reads back as the same
-    configuration with this pose.
+    Only the pose's own numbers are replaced, so comments stay. The result is verified by reading it
+    back.
     """
     before = load_yaml(text)
     node = _value(_value(yaml.compose(text, Loader=yaml.SafeLoader), "source"), "room_from_source")
@@ -55,11 +55,11 @@ def with_pose(text: str, pose: PoseLists) -> str | None:
 
 
 def write_pose(path: Path, pose: PoseLists) -> Path:
-    """Write the pose into a configuration; return the backup of what it was before.
+    """Write the pose into a configuration; return the path of the backup.
 
     Raises:
-        ConfigError: the file is one that the package ships, cannot be written, or has an unusual
-            form; the line to paste is in the message.
+        ConfigError: the file is shipped with the package, cannot be written, or has an unusual
+            form; the message contains the line to paste.
     """
     paste = f"write under 'source:' yourself: {lines_to_paste(pose)}"
     if path.resolve().is_relative_to(data_path().resolve()):
@@ -68,7 +68,7 @@ def write_pose(path: Path, pose: PoseLists) -> Path:
         text = path.read_bytes().decode()  # with the file's own line ends
         new = with_pose(text, pose)
     except (OSError, ValueError, yaml.YAMLError) as error:
-        raise ConfigError(f"{path}: cannot be read any more; {paste}") from error
+        raise ConfigError(f"{path}: can no longer be read; {paste}") from error
     if new is None:
         raise ConfigError(f"{path}: 'room_from_source' has an unusual form; {paste}")
     backup = _free_name(path)
@@ -86,14 +86,14 @@ def _listed(numbers: Sequence[float]) -> str:
 
 
 def _number(value: float) -> str:
-    """A number without an exponent: YAML reads 5e-06 as a word."""
+    """Return a number without an exponent, because YAML reads 5e-06 as a word."""
     text = f"{value:.6f}".rstrip("0")
     text = text + "0" if text.endswith(".") else text
     return "0.0" if float(text) == 0 else text
 
 
 def _value(node: yaml.Node | None, key: str) -> yaml.Node | None:
-    """The value under a key of a mapping; ``None`` if it is another kind of node, or has none."""
+    """Return the value of a mapping's key; ``None`` for other nodes, or without the key."""
     if not isinstance(node, yaml.MappingNode):
         return None
     return next((value for name, value in node.value if name.value == key), None)

@@ -1,1 +1,1 @@
-"""``--viewer``, ``--operator`` and ``view``: what people look at."""
+"""``--viewer``, ``--operator`` and ``view``: the graphical views."""

@@ -1,4 +1,4 @@
-"""The options of commands that run the node: a 3D view and an operator page."""
+"""Options for a 3D view and an operator page, for commands that run the node."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -28,7 +28,7 @@ Host = Annotated[
     typer.Option(
         "--viewer-host",
         help="Address that the 3D view and the operator's page listen on. Everyone who can reach "
-        "it sees where people are.",
+        "it can see where people are.",
     ),
 ]
 OperatorUrl = Annotated[
@@ -74,7 +74,7 @@ def screens(
 ) -> AbstractContextManager[Feed | None]:
     """Return the feed of the requested screens; nothing if none was requested.
 
-    ``opened`` is called with the address of each screen when it listens.
+    ``opened`` is called with the address of each screen once it is listening.
 
     Raises:
         ConfigError: the 3D view's library is missing, or an address of a proxy is wrong.
@@ -90,14 +90,14 @@ def screens(
 
 
 def addresses(shown: Feed | None) -> str:
-    """Return the line with the screens' addresses, which stands below the terminal's view."""
+    """Return the line with the screens' addresses for the bottom of the terminal's view."""
     places = [] if shown is None else [f"{k}: {v}" for k, v in shown.addresses.items()]
     return "  ".join([*places, "Ctrl-C ends it"] if places else [])
 
 
 def how_to_see() -> str:
-    """Return one line that says how to continue after the demo."""
-    text = "in 3D for as long as you like, or with yourself before a camera: hri-predict try"
+    """Return one line that suggests the next step after the demo."""
+    text = "in 3D without a time limit, or with yourself in front of a camera: hri-predict try"
     if feed.has_viser():
         return text
     return f"{text}; it needs: pip install 'hri-predict[viewer,camera]'"

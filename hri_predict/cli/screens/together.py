@@ -1,4 +1,4 @@
-"""Several views of one run."""
+"""Several views of the same run."""
 
 from collections.abc import Sequence
 
@@ -8,17 +8,17 @@ from hri_predict.run.session import View
 
 
 class Together(View):
-    """Hands everything on to each of these views; there may be none."""
+    """Forwards everything to each of its views, of which there may be none."""
 
     def __init__(self, views: Sequence[View]) -> None:
         self._views = tuple(views)
 
     def bind(self, assembly: Assembly) -> None:
-        """Take the assembly for all of them."""
+        """Pass the assembly to all views."""
         for view in self._views:
             view.bind(assembly)
 
     def on_tick(self, tick: Tick) -> None:
-        """Hand a tick on to all of them."""
+        """Pass a tick to all views."""
         for view in self._views:
             view.on_tick(tick)

@@ -1,4 +1,4 @@
-"""``view``: a recording in the 3D view."""
+"""``view``: show a recording in the 3D view."""
 
 import sys
 from pathlib import Path
@@ -23,7 +23,7 @@ def view(
         str,
         typer.Option(
             "--viewer-host",
-            help="Address to listen on. Everyone who can reach it sees where people were.",
+            help="Address to listen on. Everyone who can reach it can see where people were.",
         ),
     ] = LOOPBACK,
 ) -> None:

@@ -1,1 +1,1 @@
-"""The allowed content of a configuration: a JSON schema for editors, a page of the documents."""
+"""Reference of all configuration keys: a JSON schema for editors, and a page for the docs."""

@@ -14,10 +14,10 @@ HEAD = """\
 All keys of a cell's YAML file, by block. `hri-predict config document` writes this
 page from the descriptions in the code; change them there.
 
-- `hri-predict init cell.yaml` writes a first configuration.
-- `hri-predict check cell.yaml` names file, line and remedy of each mistake.
-- `hri-predict config schema` prints the same as a JSON schema, with the parts that other packages
-  registered. An editor uses it to complete keys and to mark mistakes.
+- `hri-predict init cell.yaml` writes a first configuration. - `hri-predict check cell.yaml` reports
+file, line and remedy of each mistake. - `hri-predict config schema` prints the same as a JSON
+schema, with the parts registered by other packages. Editors use it to complete keys and to mark
+mistakes.
 
 Lengths are metres, times are seconds, angles are radians. Unknown keys are refused. `[]` is an
 entry of a list. Relative paths start from the folder of the YAML file.
@@ -25,10 +25,10 @@ entry of a list. Relative paths start from the folder of the YAML file.
 
 
 def page() -> str:
-    """The whole page, of this package's own parts.
+    """Return the whole page, for this package's own parts.
 
     Raises:
-        ConfigError: a part cannot be loaded, as its package is not installed.
+        ConfigError: a part cannot be loaded because its package is not installed.
     """
     whole = schema(ours_only=True)
     sections = _sections(whole)
@@ -41,10 +41,10 @@ class _Section:
     """One block of keys.
 
     Attributes:
-        places: keys that it may be the value of, such as ``robots[].motion``.
-        kind: the name that chooses it among others at its place.
+        places: keys that may have it as their value, such as ``robots[].motion``.
+        kind: the name that selects it among the alternatives.
         block: its schema.
-        common: keys that others of its kind have alike, and where they are described.
+        common: keys that it shares with other blocks of its kind, and where they are described.
     """
 
     places: list[str]
@@ -62,7 +62,7 @@ class _Section:
         return f"`{self.places[0]}`" if len(set(self.places)) == 1 else self._words()
 
     def _words(self) -> str:
-        """Readable name of a model that several keys use."""
+        """Readable name of a model used by several keys."""
         name = self.block["title"]
         for end in ("Settings", "File", "Mode"):
             name = name.removesuffix(end)
@@ -101,7 +101,7 @@ class _Section:
 
 
 def _sections(whole: Schema) -> dict[str, _Section]:
-    """The blocks by the name of their definition, in the order in which keys lead to them."""
+    """Return the blocks by definition name, in the order in which keys refer to them."""
     top = {k: v for k, v in whole.items() if k != "$defs"}
     found = {"": _Section([""], "", top)}
     waiting = [("", "")]
@@ -122,7 +122,7 @@ def _sections(whole: Schema) -> dict[str, _Section]:
 
 
 def _order(top: Schema, section: _Section) -> tuple[int, str, str]:
-    """Blocks in the order of the top level's keys; blocks of several places last."""
+    """Return the blocks in the order of the top-level keys; blocks used in several places last."""
     if not section.places[0]:
         return -1, "", ""
     keys = list(top["properties"])
@@ -132,7 +132,7 @@ def _order(top: Schema, section: _Section) -> tuple[int, str, str]:
 
 
 def _share(found: dict[str, _Section], group: str) -> None:
-    """Describe the keys that all members of a union have alike only once."""
+    """Describe keys common to all members of a union only once."""
     members = {name: s for name, s in found.items() if name.startswith(f"{group}.")}
     blocks = [section.block["properties"] for section in members.values()]
     alike = {k: v for k, v in blocks[0].items() if all(b.get(k) == v for b in blocks)}
@@ -151,13 +151,13 @@ def _block(definition: Schema) -> Schema:
 
 
 def _kind(block: Schema) -> str:
-    """``kind: udp`` where a key's only value chooses this block."""
+    """Return ``kind: udp`` if a key with a single value selects this block."""
     chosen = ((k, v["const"]) for k, v in block["properties"].items() if "const" in v)
     return next((f"`{key}: {value}`" for key, value in chosen), "")
 
 
 def _inner(value: Any, place: str) -> Iterator[tuple[str, str]]:
-    """The definitions that a key's value refers to, and their places."""
+    """Return the definitions that a key's value refers to, and their places."""
     if "$ref" in value:
         yield _name(value), place
     for way in ("anyOf", "oneOf", "allOf"):
@@ -210,7 +210,7 @@ def _name(reference: Schema) -> str:
 
 
 def _choice(titles: list[str]) -> str:
-    """A union, by the key that chooses: ``kind``: ``udp``, ``json``, each with its link."""
+    """Describe a union by its selecting key: ``kind``: ``udp``, ``json``, each with its link."""
     chosen = [title.rsplit("`: `", 1)[-1].rstrip("`").partition(": ") for title in titles]
     links = (f"[`{c[2]}`](#{_anchor(t)})" for c, t in zip(chosen, titles, strict=True))
     return f"by `{chosen[0][0]}`: {', '.join(links)}"
@@ -247,13 +247,13 @@ def _default(value: Schema) -> str:
 
 
 def _yaml(value: Any) -> str:
-    """A value as written in YAML."""
+    """Return a value as YAML."""
     if isinstance(value, float):
         return f"{value:g}"
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def _anchor(title: str) -> str:
-    """A heading's anchor, as the site and code hosts make it."""
+    """Return a heading's anchor, as generated by the site and code hosts."""
     kept = "".join(c for c in title.lower() if c.isalnum() or c in "_- ")
     return kept.strip().replace(" ", "-")

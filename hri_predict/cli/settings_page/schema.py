@@ -1,8 +1,8 @@
 """The JSON schema of a whole configuration, merged from the settings models of all its parts.
 
-The models are the only source. What is registered by name is a union: of sources and links by
-``kind``, of predictors by ``name``. Editors use the schema to complete keys and to mark mistakes;
-it is a little stricter than the node (no numbers in quotes) and knows no rule between keys.
+The models are the only source. Registered parts form unions: sources and links by ``kind``,
+predictors by ``name``. Editors use the schema to complete keys and to mark mistakes; it is slightly
+stricter than the node (no numbers in quotes) and contains no rules between keys.
 """
 
 from collections.abc import Iterable, Iterator
@@ -25,7 +25,7 @@ Schema = dict[str, Any]
 
 class _Generate(GenerateJsonSchema):
     def str_schema(self, schema: core_schema.StringSchema) -> JsonSchemaValue:
-        """Text; numbers too where they are taken as text (channel: 0)."""
+        """Text, or a number that is read as text (channel: 0)."""
         found = super().str_schema(schema)
         if schema.get("coerce_numbers_to_str"):
             found["type"] = ["string", "number"]
@@ -33,10 +33,10 @@ class _Generate(GenerateJsonSchema):
 
 
 def schema(*, ours_only: bool = False) -> Schema:
-    """The schema (draft 7) of a configuration.
+    """Return the JSON schema (draft 7) of a configuration.
 
     Args:
-        ours_only: without the parts that third parties registered; the document's page needs that.
+        ours_only: leave out the parts of third parties, for the page of the docs.
 
     Raises:
         ConfigError: a fault or a simulated controller cannot be loaded.
@@ -76,7 +76,7 @@ def schema(*, ours_only: bool = False) -> Schema:
 
 
 def _parts(kind: registry.PartKind, ours_only: bool) -> Iterator[tuple[str, type[Settings] | str]]:
-    """The settings model of each registered part; why there is none where it cannot be loaded."""
+    """Return the settings model of each registered part, or the reason why it cannot be loaded."""
     for name in registry.names(kind):
         if ours_only and not registry.is_ours(kind, name):
             continue
@@ -107,7 +107,7 @@ class _Merged:
         }
 
     def put(self, group: str, key: str, value: Schema) -> None:
-        """As ``_put``, in every definition that has ``key`` and a name beginning with ``group``."""
+        """As ``_put``, in every definition with ``key`` and a name that starts with ``group``."""
         for name, block in self.defs.items():
             if name.startswith(group) and key in block["properties"]:
                 _put(block, key, value)
@@ -127,7 +127,7 @@ class _Merged:
 
 
 def _inherit_descriptions(model: type[Settings], block: Schema) -> None:
-    """A key that a model only narrows means what it means in the model's base."""
+    """Inherit the description of a key that a model only narrows."""
     for key, value in block.get("properties", {}).items():
         fields = (getattr(base, "model_fields", {}).get(key) for base in model.__mro__)
         said = (field.description for field in fields if field is not None and field.description)
@@ -136,14 +136,14 @@ def _inherit_descriptions(model: type[Settings], block: Schema) -> None:
 
 
 def _put(block: Schema, key: str, value: Schema) -> None:
-    """Say more of a key that its model leaves open; its description and default stay."""
+    """Refine the schema of a key that its model leaves open; description and default stay."""
     before = block["properties"][key]
     kept = {k: v for k, v in before.items() if k not in ("anyOf", "items", "additionalProperties")}
     block["properties"][key] = kept | value
 
 
 def _only_used(whole: Schema) -> Schema:
-    """Leave out definitions that nothing refers to, and sort the rest."""
+    """Remove unused definitions, and sort the rest."""
     used: set[str] = set()
     waiting = list(_references({k: v for k, v in whole.items() if k != "$defs"}))
     while waiting:
@@ -155,7 +155,7 @@ def _only_used(whole: Schema) -> Schema:
 
 
 def _references(value: Any) -> Iterator[str]:
-    """Names of the definitions that a schema refers to."""
+    """Return the names of the definitions that a schema refers to."""
     if isinstance(value, dict):
         if isinstance(value.get("$ref"), str):
             yield value["$ref"].rsplit("/", 1)[-1]
@@ -167,7 +167,7 @@ def _references(value: Any) -> Iterator[str]:
 
 
 def undescribed(whole: Schema) -> Iterable[str]:
-    """Keys without a description, as ``definition.key``: a test allows none."""
+    """Return keys without a description, as ``definition.key``; a test rejects them."""
     blocks = {"": whole} | whole["$defs"]
     for name, block in blocks.items():
         for member in (block, *block.get("anyOf", [])):

@@ -1,7 +1,7 @@
-"""A live view for the terminal: a plan of the room, the advice, and what is wrong.
+"""A live view for the terminal: a plan of the room, the advice, and any problems.
 
-A thread of its own draws the newest tick; the node's loop only stores the tick here. The page fits
-the terminal, from 80 x 24 characters on.
+A separate thread draws the newest tick; the node's loop only stores the tick here. The page fits
+terminals of at least 80 x 24 characters.
 """
 
 import threading
@@ -31,9 +31,9 @@ from hri_predict.run.session import View
 # -- a plan of the room in characters: people, their zones and the robots, seen from above ---------
 
 LEAST_M = 2.0
-"""The plan shows at least this much around every robot's base."""
+"""Minimum distance shown around every robot's base."""
 FARTHEST_M = 30.0
-"""Maximum distance from the first robot that is shown: no impossible place shrinks the plan."""
+"""Maximum distance shown from the first robot, so that absurd positions cannot shrink the plan."""
 _MARGIN_M = 0.3
 _STEPS_M = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0)
 _DOT_M = 0.06  # radius of a joint
@@ -41,10 +41,11 @@ _NEAREST = 1.12  # columns from any point to the middle of the nearest character
 
 
 class Extent:
-    """The part of the room that the plan shows. It only grows, so that the picture stays calm.
+    """The part of the room that the plan shows. It only grows, which keeps the picture steady.
 
     Args:
-        bases: (R, 2) where the robots stand, metres in the room's frame; with none, the origin.
+        bases: (R, 2) positions of the robots, metres in the room's frame; the origin if there are
+            none.
     """
 
     def __init__(self, bases: Floats) -> None:
@@ -54,7 +55,7 @@ class Extent:
         self.high: Floats = bases.max(0) + LEAST_M
 
     def include(self, points: Floats) -> None:
-        """Grow to hold (N, 2) or (N, 3) points; those that are too far away or NaN do not count."""
+        """Grow to include (N, 2) or (N, 3) points; distant points and NaN are ignored."""
         xy = points.reshape(-1, points.shape[-1])[:, :2]
         xy = xy[np.isfinite(xy).all(1)]
         xy = xy[(np.abs(xy - self._middle) <= FARTHEST_M).all(1)]
@@ -64,7 +65,7 @@ class Extent:
 
 
 class CharacterPlan:
-    """Characters that show an extent: x to the right, y up.
+    """Grid of characters for an extent: x to the right, y up.
 
     A character is about twice as high as it is wide, so a row is twice as long as a column.
 
@@ -85,7 +86,7 @@ class CharacterPlan:
         self._cells = [[(" ", "")] * columns for _ in range(rows)]
 
     def capsules(self, capsules: Capsules, mark: str, style: str) -> None:
-        """Mark every character whose middle lies under one of C capsules."""
+        """Mark every character with its centre under one of C capsules."""
         if not len(capsules.radius):
             return
         a, b = capsules.a[:, :2], capsules.b[:, :2]
@@ -98,12 +99,12 @@ class CharacterPlan:
         )
 
     def dots(self, points: Floats, mark: str, style: str) -> None:
-        """Mark (N, 3) points; those that are not finite are left out."""
+        """Mark (N, 3) points; points that are not finite are skipped."""
         ends = points[np.isfinite(points).all(axis=-1)]
         self.capsules(Capsules(ends, ends, np.full(len(ends), _DOT_M)), mark, style)
 
     def text(self) -> Text:
-        """The plan, a line a row."""
+        """Return the plan, one line per row."""
         lines = (
             Text.assemble(*[(mark, style) for mark, style in row], no_wrap=True)
             for row in self._cells
@@ -122,7 +123,7 @@ SIDE, LEAST_SIDE = 58, 36  # columns beside the plan
 MOST_ROWS = 40
 _CHANGES = 8  # that are remembered; the page shows as many as fit
 _TROUBLE = {
-    "unknown_joints": "joints of unknown names",
+    "unknown_joints": "joints with unknown names",
     "malformed": "not understood",
     "unauthenticated": "not authenticated",
     "crc_errors": "CRC errors",
@@ -136,8 +137,8 @@ class TerminalView(View):
 
     Args:
         console: default: standard error.
-        utc_s: gives the time of the wall clock, seconds since 1970.
-        footer: gives the last line, below all else; "": none.
+        utc_s: returns the wall-clock time, seconds since 1970.
+        footer: returns the bottom line; "": none.
     """
 
     def __init__(
@@ -160,7 +161,7 @@ class TerminalView(View):
         self._thread = threading.Thread(target=self._draw_often, name="view", daemon=True)
 
     def bind(self, assembly: Assembly) -> None:
-        """Take the assembly whose robots and links are shown."""
+        """Store the assembly with the robots and links to show."""
         self._assembly = assembly
         bases = [robot.base[:2] for robot in assembly.robots if robot.base is not None]
         self._extent = Extent(np.array(bases).reshape(-1, 2))
@@ -195,7 +196,7 @@ class TerminalView(View):
                 self._live.update(page, refresh=True)
 
     def page(self) -> RenderableType | None:
-        """The page for the console as large as it is now; ``None`` before the first tick."""
+        """Return the page for the console's current size; ``None`` before the first tick."""
         tick, assembly = self._tick, self._assembly
         if tick is None or assembly is None:
             return None
@@ -214,7 +215,7 @@ class TerminalView(View):
         return Group(page, Text(footer, style="bold", no_wrap=True, overflow="ellipsis"))
 
     def _side(self, tick: Tick, assembly: Assembly) -> list[RenderableType]:
-        """Return the parts next to the plan, most important first; what does not fit is cut."""
+        """Return the parts next to the plan, most important first; the rest is cut off."""
         changes = Group(*reversed(self._changes))  # the newest first
         return [
             *(self._advice_panel(tick, advice, assembly) for advice in tick.advices),
@@ -263,7 +264,7 @@ class TerminalView(View):
 
 
 class _High:
-    """A part of a fixed height in lines, whatever the terminal's is."""
+    """A part of a fixed height in lines, regardless of the terminal's height."""
 
     def __init__(self, part: RenderableType, rows: int) -> None:
         self._part, self._rows = part, rows
@@ -273,7 +274,7 @@ class _High:
 
 
 class _Cropped:
-    """Parts below each other, cut off at a number of lines."""
+    """Parts stacked vertically, cut off at a number of lines."""
 
     def __init__(self, parts: list[RenderableType], rows: int) -> None:
         self._parts, self._rows = parts, rows
@@ -286,7 +287,7 @@ class _Cropped:
 
 
 def _clock(utc_s: float) -> str:
-    """The time of day, UTC, as alerts and ``explain --at`` have it."""
+    """Return the time of day, UTC, in the format of alerts and ``explain --at``."""
     return time.strftime("%H:%M:%SZ", time.gmtime(utc_s))
 
 
@@ -314,7 +315,7 @@ def _links(assembly: Assembly) -> Table:
 
 
 def trouble(counters: SourceCounters) -> list[str]:
-    """Return the problems of a live source, a line each; its newest error last."""
+    """Return the problems of a live source, one line each, with its newest error last."""
     counts = ((getattr(counters, name), words) for name, words in _TROUBLE.items())
     lines = [f"{count} {words}" for count, words in counts if count]
     return [*lines, counters.last_error] if counters.last_error else lines

@@ -1,6 +1,6 @@
-"""Runs a command that ends with the process that started it, however that ends.
+"""Runs a command that exits whenever its parent process exits, even if that is killed.
 
-``python -m hri_predict.cli.tryout.beside WORDS``: the other process holds its standard input open.
+``python -m hri_predict.cli.tryout.beside WORDS``: the parent holds the standard input open.
 """
 
 import os
@@ -12,7 +12,7 @@ import time
 from hri_predict.cli import main
 
 END_S = 2.0
-"""Time for the command to end by itself, as after Ctrl-C."""
+"""Time for the command to exit by itself, as after Ctrl-C."""
 
 
 def _end_with_input() -> None:

@@ -1,4 +1,4 @@
-"""The camera's process: it sends scenes to a port of this machine, and says why it ended."""
+"""The camera's process: it sends scenes to a local port and reports why it exited."""
 
 import contextlib
 import secrets
@@ -19,9 +19,9 @@ from hri_predict.base.errors import SourceError
 COMMAND = [sys.executable, "-m", "hri_predict.cli.tryout.beside", "camera"]
 LOOPBACK = "127.0.0.1"
 START_S = 60.0
-"""Time to the first scene: a network is loaded, and a camera may take seconds to open."""
+"""Maximum time to the first scene: loading a network and opening a camera may take seconds."""
 END_S = 3.0
-"""Time after which a process that was asked to end is killed."""
+"""Time after which a process that was asked to exit is killed."""
 _KEY_BYTES = 32
 
 
@@ -32,7 +32,7 @@ class Camera:
 
     Args:
         arguments: of the command, besides host, port and key.
-        ended: called when the process ended before it was closed, in a thread of its own.
+        ended: called in a separate thread if the process exits before it is closed.
 
     Attributes:
         port: the UDP port that it sends to.
@@ -65,8 +65,8 @@ class Camera:
         """Wait for the first scene; afterwards the port is free for the node.
 
         Raises:
-            SourceError: the process ended first, and the message is its own error; or it sent
-                nothing for ``START_S``.
+            SourceError: the process exited first (the message is its own error), or sent nothing
+                for ``START_S``.
         """
         end_s = time.monotonic() + START_S
         with self._probe:
@@ -77,7 +77,7 @@ class Camera:
                     raise SourceError(f"the camera sent nothing in {START_S:.0f} s")
 
     def reason(self) -> str:
-        """Return why the process ended: the error that it printed, or its traceback's last line."""
+        """Return why the process exited: its printed error, or its traceback's last line."""
         self._reader.join(END_S)
         lines = [line for line in self._lines if line]
         errors = [line.removeprefix("error: ") for line in lines if line.startswith("error: ")]
@@ -88,7 +88,7 @@ class Camera:
         return f"{status}: {lines[-1]}" if faulty else f"{status} without a reason"
 
     def _read(self) -> None:
-        """Keep the last lines of the process; print all but errors and its libraries' messages."""
+        """Keep the last lines of the process; print all except errors and library messages."""
         assert self.process.stderr is not None
         for line in self.process.stderr:
             text = "".join(c for c in line.decode("utf-8", "replace") if c.isprintable()).strip()

@@ -1,4 +1,4 @@
-"""The cell of ``try``: the demo's, with the robot at another place, and perhaps a camera."""
+"""The cell of ``try``: the demo's cell with a moved robot and, optionally, a camera."""
 
 import math
 from dataclasses import dataclass
@@ -14,13 +14,12 @@ from hri_predict.run.config import Config, checked
 FARTHEST_M = 20.0
 """Maximum distance of the robot from the room's origin, along x and along y."""
 ACKNOWLEDGED_S = 4.0
-"""Time after which the simulated controllers acknowledge a lost person, as a user would by a
-button."""
+"""Time after which the simulated controllers acknowledge a lost person."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The place of the robot: metres, and radians from +x counter-clockwise."""
+    """Pose of the robot: metres, and radians counter-clockwise from +x."""
 
     x: float
     y: float
@@ -39,7 +38,7 @@ class Place:
 
 
 def place_of(text: str) -> Place:
-    """Return the place that ``--robot`` states.
+    """Return the pose given by ``--robot``.
 
     Raises:
         ConfigError: it is not two or three numbers, or too far away.
@@ -58,7 +57,7 @@ def place_of(text: str) -> Place:
 
 
 def with_person(robot: Place) -> Config:
-    """Return the demo's cell with the robot at ``robot``; exits and person move with it."""
+    """Return the demo's cell with the robot at ``robot``; exits and the person move with it."""
     data = _demo(robot)
     data["source"]["room_from_source"] = robot.pose()
     for region in data["people"]["exits"]:
@@ -69,15 +68,15 @@ def with_person(robot: Place) -> Config:
 def with_camera(robot: Place, port: int, key_file: Path, *, repeats: bool = False) -> Config:
     """Return the shipped ``camera.yaml``, heard at a port of this machine, with the demo's robot.
 
-    Its rate and predictor take less of the computer than the demo's: the computer also looks at
-    pictures.
+    Its rate and predictor need less computing time than the demo's, because the computer also
+    processes images.
 
     Args:
-        robot: where the robot stands.
+        robot: pose of the robot.
         port: UDP port of the source.
         key_file: with the source's key.
-        repeats: whether the input is a video that begins again: the same joints then come again,
-            which of a camera means that it is frozen.
+        repeats: whether the input is a looping video: repeated joints are then normal, while from a
+            camera they mean that it is frozen.
     """
     data: dict[str, Any] = read_yaml(data_path("camera.yaml"), "configuration")
     data |= {key: value for key, value in _demo(robot).items() if key in ("robots", "links")}

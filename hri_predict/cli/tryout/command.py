@@ -22,11 +22,11 @@ from hri_predict.viewing.feed import VIEWER, Feed, check_viser
 from hri_predict.viewing.screen import ScreenSettings, check_port
 
 BESIDE_THE_VIEW = Place(3.0, -1.5)
-"""Default place of the robot; the camera is at the room's origin and looks along x."""
+"""Default pose of the robot; the camera is at the room's origin and looks along x."""
 FIRST_CAMERA = "0"
 AGAIN = "--loop"
 SLOWER = ["--max-fps", "15"]
-"""The rate of ``camera.yaml``: two cores also compute forecasts meanwhile."""
+"""Rate of ``camera.yaml``, which leaves time for forecasts on two cores."""
 MAX_SECONDS = 1e6
 
 
@@ -49,7 +49,7 @@ def try_it(
     ] = False,
     robot: Annotated[
         str | None,
-        typer.Option(metavar="X,Y[,YAW]", help="Where the UR5e stands in the room (m, m, rad)."),
+        typer.Option(metavar="X,Y[,YAW]", help="Pose of the UR5e in the room (m, m, rad)."),
     ] = None,
     viewer: Annotated[
         int, typer.Option(metavar="PORT", help="Port of the 3D view; 0: any free port.")
@@ -57,11 +57,11 @@ def try_it(
     no_browser: Annotated[
         bool, typer.Option("--no-browser", help="Only print the address; open no browser.")
     ] = False,
-    seconds: Annotated[float | None, typer.Option(help="End after this many seconds.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this many seconds.")] = None,
 ) -> None:
     """See yourself in 3D: a camera, the node, the forecast and a moving robot; Ctrl-C ends it.
 
-    Without a camera, the demo's person walks up to the robot.
+    Without a camera, the demo's person approaches the robot.
 
     Example: hri-predict try
     """
@@ -88,12 +88,12 @@ def try_it(
             if asked or more:
                 played = "" if video is not None else "--video FILE plays a video, "
                 raise SourceError(f"{error}; {played}--person shows the demo's person") from None
-            print(f"no camera: {error}; here is the demo's person", file=sys.stderr)
+            print(f"no camera: {error}; showing the demo's person instead", file=sys.stderr)
     return go(with_person(place or Place(0.0, 0.0)), options, False, shown)
 
 
 class _NotStarted(Exception):
-    """The camera's process sent no scene."""
+    """Raised if the camera's process sent no scene."""
 
 
 def _with_camera(
@@ -102,11 +102,11 @@ def _with_camera(
     options: Options,
     shown: AbstractContextManager[Feed | None],
 ) -> None:
-    """Run the node with a camera's people until either ends.
+    """Run the node with people from a camera until either exits.
 
     Raises:
-        _NotStarted: the camera's process ended, or its time ran out, before the first scene.
-        SourceError: it ended later, before the node.
+        _NotStarted: the camera's process exited or timed out before the first scene.
+        SourceError: it exited later, before the node.
     """
     stop = threading.Event()
     with Camera(words, stop.set) as process:
@@ -123,7 +123,7 @@ def _with_camera(
 
 
 def open_page(url: str) -> None:
-    """Open a page in the user's browser, without output, if there is a display."""
+    """Open a page silently in the user's browser, if there is a display."""
     if sys.platform not in ("darwin", "win32") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):

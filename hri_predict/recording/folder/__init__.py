@@ -1,1 +1,1 @@
-"""Recordings that can be left on: files by time and size in a folder, the oldest give way."""
+"""Continuous recording: files by time and size in a folder, with the oldest removed."""

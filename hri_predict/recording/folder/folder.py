@@ -1,4 +1,4 @@
-"""A folder that recordings can go into for years."""
+"""A folder for years of recordings."""
 
 import contextlib
 import errno
@@ -36,7 +36,7 @@ class Kept:
 
 
 def name_of(cell: str, began: datetime, number: int = 1) -> str:
-    """The name of a file; ``number`` tells those of one second apart."""
+    """Return the name of a file; ``number`` distinguishes files of the same second."""
     more = f"-{number}" if number > 1 else ""
     return f"{cell}-{began:%Y%m%dT%H%M%SZ}{more}.mcap"
 
@@ -68,8 +68,8 @@ def own_files(folder: Path, cell: str) -> list[Kept]:
 def too_old(files: Sequence[Kept], now: datetime, days: float | None, most: int) -> list[Kept]:
     """Those of ``files``, oldest first, that began more than ``days`` ago, ``most`` at most.
 
-    A wall clock that is wrong by years must not cost everything before it is noticed: what is
-    old is so for the newest file, too.
+    A wall clock that is wrong by years must not delete everything: age is measured also against the
+    newest file.
     """
     if days is None or not files:
         return []
@@ -79,7 +79,7 @@ def too_old(files: Sequence[Kept], now: datetime, days: float | None, most: int)
 
 
 def over_budget(files: Sequence[Kept], budget_bytes: float) -> list[Kept]:
-    """The oldest, so that the rest fit."""
+    """Return the oldest files to remove, so that the rest fit."""
     total = sum(kept.size for kept in files)
     gone = []
     for kept in files:
@@ -91,7 +91,7 @@ def over_budget(files: Sequence[Kept], budget_bytes: float) -> list[Kept]:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether the file begins as this node's recordings do."""
+    """Whether the file starts like this node's recordings."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         head = os.read(descriptor, _HEAD_BYTES)
@@ -105,11 +105,11 @@ def _is_ours(path: Path) -> bool:
 log = logging.getLogger(__name__)
 
 MOST_OLD = 2
-"""Files that are removed for their age at a time: see ``too_old``."""
+"""Maximum number of files removed at a time for their age: see ``too_old``."""
 
 
 def free_bytes(folder: Path) -> int:
-    """Room on the folder's disk for who is not root."""
+    """Return the space on the folder's disk available to users other than root."""
     return shutil.disk_usage(folder).free
 
 
@@ -125,7 +125,7 @@ class Folder:
         free: room on the disk, bytes.
 
     Attributes:
-        removed: files that gave way.
+        removed: files removed to make room.
 
     Raises:
         ConfigError: the folder cannot be used, or another node records this cell there.
@@ -153,7 +153,7 @@ class Folder:
         return self._folder
 
     def open(self, at: Reading) -> tuple[Path, int]:
-        """A new file, after making room for all that it may become.
+        """Return a new file, after making room for its maximum size.
 
         Raises:
             OSError: it cannot be created, or there is no room.
@@ -176,11 +176,11 @@ class Folder:
                 number += 1
 
     def limit(self, settings: RecordSettings) -> None:
-        """Keep to the limits of ``settings`` from now on; any thread may call this."""
+        """Apply the limits of ``settings`` from now on; may be called from any thread."""
         self._settings = settings
 
     def wants_next(self, file: McapFile, now: Reading, stepped: bool) -> bool:
-        """Whether it is as long or large as it may be, was removed, or the wall clock was set."""
+        """Whether the file has reached its limit or was removed, or the wall clock was set."""
         lasted_s = (now.node_ns - file.began.node_ns) * 1e-9
         return (
             stepped
@@ -190,7 +190,7 @@ class Folder:
         )
 
     def why_not(self, writing: Path | None) -> str:
-        """Why nothing may be recorded now: others need the disk. The cell's oldest go first."""
+        """Return why recording must pause (low disk space), after removing old files."""
         wanted = self._settings.min_free_gb * 1e9
         try:
             missing = wanted - self._free(self._folder)
@@ -206,7 +206,7 @@ class Folder:
         return f"less than {self._settings.min_free_gb:g} GB free (min_free_gb)"
 
     def close(self) -> None:
-        """Let another node record here."""
+        """Release the folder for another node."""
         os.close(self._lock)
 
     def _remove(self, files: Sequence[Kept]) -> None:

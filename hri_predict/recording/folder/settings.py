@@ -9,9 +9,11 @@ _OF_FOLDERS = ("name", "max_minutes", "max_mb", "keep_days", "budget_gb", "min_f
 
 
 class RecordSettings(Abbreviated):
-    """A file's path; or a mapping with a ``folder``, which makes and removes its files itself."""
+    """A file's path, or a mapping with a ``folder`` whose files are managed automatically."""
 
-    file: str | None = Field(None, min_length=1, description="one file, until the disk is full")
+    file: str | None = Field(
+        None, min_length=1, description="single file, written until the disk is full"
+    )
     folder: str | None = Field(None, min_length=1, description="folder of files by cell and time")
     name: str | None = Field(
         None,
@@ -24,10 +26,13 @@ class RecordSettings(Abbreviated):
         None,
         ge=0.01,
         le=3650,
-        description="older files are removed; default: only the budget counts",
+        description="files older than this are removed; default: only the budget applies",
     )
     budget_gb: float = Field(
-        20.0, ge=0.001, le=1e6, description="all files of the cell; the oldest are removed first"
+        20.0,
+        ge=0.001,
+        le=1e6,
+        description="total size of the cell's files; the oldest are removed first",
     )
     min_free_gb: float = Field(
         1.0, ge=0, le=1e6, description="stop recording when less than this many GB are free"
@@ -42,7 +47,7 @@ class RecordSettings(Abbreviated):
     @model_validator(mode="after")
     def _one_place(self) -> "RecordSettings":
         if (self.file is None) == (self.folder is None):
-            raise ValueError("name a 'file' or a 'folder', one of them")
+            raise ValueError("name either a 'file' or a 'folder'")
         if self.file is not None:
             idle = [key for key in _OF_FOLDERS if key in self.model_fields_set]
             if idle:
@@ -56,7 +61,7 @@ class RecordSettings(Abbreviated):
 
     @property
     def rates(self) -> Rates:
-        """Recording rates of bulky data."""
+        """Recording rates of large data."""
         sent = self.folder is None if self.sent is None else self.sent
         return Rates(
             zones_hz=self.zones_hz, poses_hz=self.poses_hz, view_hz=self.view_hz, sent=sent

@@ -42,7 +42,7 @@ them."""
 
 
 def is_amass(path: Path) -> bool:
-    """Whether an archive has keys of this kind, and none of the data pack."""
+    """Whether an archive has keys of this kind, and none of the data pack's."""
     names = {name.removesuffix(".npy") for name in names_in_zip(path) or ()}
     return bool(names & {*JOINTS, *PARAMETERS}) and not names & {"positions_world", "positions"}
 
@@ -58,8 +58,9 @@ def read_amass(path: Path, wanted: Wanted) -> Recording:
     key = next((k for k in JOINTS if arrays.get(k) is not None), None)
     if key is None:
         raise RecordingError(
-            f"recording {path}: holds parameters of the SMPL body model, whose joints take that "
-            f"licensed model; compute them there and add them as 'joints' (frames, joints, 3), "
+            f"recording {path}: contains only SMPL body-model parameters, and computing joints "
+            f"needs that licensed model; compute them there and add them as 'joints' (frames, "
+            f"joints, 3), "
             f"metres"
         )
     raw = np.asarray(arrays[key])
@@ -90,7 +91,7 @@ def _names(path: Path, arrays: Mapping[str, Any], count: int) -> list[str]:
 def write_amass(path: Path, recording: Recording) -> Written:
     """Write one person: ``joints`` (32-bit), ``joint_names``, ``mocap_framerate``; NaN: not seen.
 
-    There are no parameters of a body model in it.
+    The archive contains no body-model parameters.
     """
     frames = frames_of_one(recording)
     joints: Floats = frames.positions[:, 0]

@@ -1,9 +1,9 @@
 """Reads BVH files; ``bvh_text`` reads their text, ``bvh_writer`` writes them.
 
-BVH: each joint has an offset from its parent, and channels per frame. World pose of a joint:
-``G_j = G_parent R_j``, ``p_j = p_parent + G_parent t_j``, where ``R_j`` is the product of its axis
-rotations in the order of its channels and ``t_j`` its offset; a position channel takes the place of
-the offset along its axis. Each ROOT is a body.
+BVH: each joint has an offset from its parent, and channels per frame. World pose of a joint: ``G_j
+= G_parent R_j``, ``p_j = p_parent + G_parent t_j``, where ``R_j`` is the product of its axis
+rotations in the order of its channels and ``t_j`` its offset; a position channel replaces the
+offset along its axis. Each ROOT is a body.
 """
 
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ def _map(names: Sequence[str]) -> JointMap:
 
 
 def _bodies(nodes: Sequence[BvhNode]) -> tuple[list[str], list[list[int]]]:
-    """Names of a body's joints, and for each body the nodes that are these joints.
+    """Return the names of a body's joints and, for each body, the corresponding nodes.
 
     Raises:
         BvhError: bodies of one file have different joints.

@@ -1,7 +1,7 @@
 """The text of a BVH file: its hierarchy, and one row of numbers for each frame.
 
-A value in the wrong column turns another joint, so channels are known by name, and each row has as
-many values as the hierarchy has channels, or the file is refused.
+A value in the wrong column would turn another joint. So channels are identified by name, and a file
+is rejected if a row does not have one value per channel.
 """
 
 import re
@@ -21,7 +21,7 @@ _HEADER = re.compile(r"(frames|frame\s+time)\s*:?\s*(\S*)", re.IGNORECASE)
 
 
 class BvhError(HriPredictError):
-    """Not a valid BVH file; the message says where and what, without the file's name."""
+    """Not a valid BVH file; the message gives place and cause, without the file's name."""
 
 
 @dataclass
@@ -234,10 +234,10 @@ def _value(number: int, frame: int, cell: str, numbers: Numbers) -> float:
 
 
 def _without_scale(nodes: list[BvhNode], values: Floats) -> list[str]:
-    """Return a note on channels of scale, which change nothing where all are 1.
+    """Return a note on scale channels, which have no effect if all values are 1.
 
     Raises:
-        BvhError: a scale is not 1, so that bones have other lengths than the file's offsets.
+        BvhError: a scale is not 1, so bone lengths differ from the file's offsets.
     """
     scaled = [
         (node.name, channel, values[:, node.column + k])

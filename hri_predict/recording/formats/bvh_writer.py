@@ -1,7 +1,7 @@
-"""Writes BVH: the canonical skeleton under the names that rigs use, with rigid bones.
+"""Writes BVH: the canonical skeleton under common rig names, with rigid bones.
 
-A BVH file holds rotations of one hierarchy for one person. So the joints become the canonical
-ones, bone lengths become constant, and an unobserved joint stays where it was last seen.
+A BVH file holds rotations of one hierarchy for one person. So only canonical joints are written,
+bone lengths are constant, and an unobserved joint stays where it was last seen.
 """
 
 from collections.abc import Sequence
@@ -135,7 +135,8 @@ HELPERS = {
     "torso": "LowerBack", "head": "Neck1", "l_shoulder": "LeftShoulder",
     "r_shoulder": "RightShoulder", "l_hip": "LHipJoint", "r_hip": "RHipJoint",
 }  # fmt: skip
-"""A joint with several bones has a helper for each bone; the helper turns only that bone."""
+"""Names of the helpers: with several bones, a joint has one per bone, which turns only that
+bone."""
 _REST = {"knee": (0, -1, 0), "ankle": (0, -1, 0), "foot": (0, 0, 1)}  # y up, left is +x
 _SIDE = {"l_": (1, 0, 0), "r_": (-1, 0, 0)}
 
@@ -161,13 +162,13 @@ def write_bvh(path: Path, recording: Recording) -> Written:
 
     used = sorted(set(joints))
     written = replace(frames.written, joints=len(used))
-    written.dropped["joints that are none of the canonical ones"] += int(
+    written.dropped["joints that are not canonical"] += int(
         np.count_nonzero(~recording.joint_map.used)
     )
     unseen = int(np.count_nonzero(~seen[:, used]))
     written.dropped["joint positions that were not observed"] += unseen
     if unseen:
-        written.notes.append("a BVH knows no missing joints: they stay where they were seen last")
+        written.notes.append("BVH cannot store missing joints: they stay where they were last seen")
     _measure(written, bones.positions, held[:, joints], seen[:, joints])
     return written
 

@@ -1,6 +1,6 @@
 """C3D files of optical motion capture: their 3D points; the residual marks unseen points.
 
-After the C3D User Guide (Motion Lab Systems, c3d.org): blocks of 512 bytes; a header; parameters
+Based on the C3D User Guide (Motion Lab Systems, c3d.org): blocks of 512 bytes; a header; parameters
 in groups; then for each frame the points (x, y, z and a word of cameras and residual, below 0 where
 the point was not reconstructed) and the analog samples, which are skipped. Numbers are integers or
 floats of Intel, DEC (VAX F_floating) or MIPS machines.
@@ -69,8 +69,8 @@ class _Layout:
 def read_c3d(path: Path, wanted: Wanted) -> Recording:
     """Read the points of a C3D file; ``Anna:LWrist`` is a marker of the person Anna.
 
-    ``wanted.person`` is the first id for people whose labels give no number. Without a wish, units
-    are POINT:UNITS, and up is POINT:Y_SCREEN, or z if the file does not state it.
+    ``wanted.person`` is the first id for people whose labels give no number. By default, units are
+    POINT:UNITS, and up is POINT:Y_SCREEN, or z if the file does not state it.
 
     Raises:
         RecordingError: the file is not C3D, is truncated or damaged, or has no points.
@@ -106,8 +106,8 @@ def read_c3d(path: Path, wanted: Wanted) -> Recording:
 def _layout(path: Path, data: bytes, parameters: Parameters) -> tuple[_Layout, str]:
     """The layout, and a note where the file's own counts of frames differ.
 
-    Header and parameters may be stale: a count of 0 says nothing, and of several counts of frames
-    the one holds that the file's length confirms.
+    Header and parameters may be stale: a count of 0 is ignored, and of several frame counts, the
+    one that matches the file's length is used.
     """
     word = parameters.header_word
     number = parameters.number
@@ -140,12 +140,12 @@ def _layout(path: Path, data: bytes, parameters: Parameters) -> tuple[_Layout, s
             f"recording {path}: truncated: {held} of {stated} frames are there; export it again"
         )
     said = ", ".join(f"{name} {n}" for name, n in counts.items() if n != frames)
-    note = f"{frames} frames are read, as its length says; other counts in it: {said}"
+    note = f"{frames} frames are read, according to its length; other counts in it: {said}"
     return replace(layout, frames=frames), note if said else ""
 
 
 def _counts(data: bytes, parameters: Parameters) -> dict[str, int]:
-    """The counts of frames that the file states, the most specific first; none of 0 or less."""
+    """Return the positive frame counts that the file states, most specific first."""
     word = parameters.header_word
     counts: dict[str, int] = {}
     start = parameters.words("TRIAL", "ACTUAL_START_FIELD")
@@ -163,10 +163,10 @@ def _counts(data: bytes, parameters: Parameters) -> dict[str, int]:
 
 
 def _held(data: bytes, layout: _Layout) -> tuple[int, int]:
-    """The number of frames that the data have room for, and how many of them may be padding.
+    """Return the number of frames that fit in the data, and how many of them may be padding.
 
-    Files are padded with zeros to a whole block; -1 where the data end otherwise, such as when
-    they were cut.
+    Files are padded with zeros to a whole block; -1 if the data end elsewhere, such as in a
+    truncated file.
     """
     parameters_at = (data[0] - 1) * BLOCK
     end = parameters_at if parameters_at > layout.start else len(data)

@@ -23,7 +23,7 @@ MAX_SECTION = 2**20  # bytes; the format counts 255 blocks of 512, and some prog
 
 
 class Damaged(Exception):
-    """The section contradicts itself."""
+    """Raised if the section is inconsistent."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Numbers and rows of text files, as programs of any country write them.
+"""Numbers and rows of text files, in the notation of any country.
 
 A shifted cell puts a joint metres away, so rows are taken only if all have the same number of
-cells. A comma is a decimal sign only where nothing else in the file has a decimal point.
+cells. A comma is a decimal sign only if the file has no decimal points.
 """
 
 import math
@@ -9,7 +9,7 @@ import re
 from collections.abc import Sequence
 
 _NOT_A_NUMBER = re.compile(r"[-+]?(?:n/?a|nan|null|none|[-+]?1[.,]#\w+)", re.IGNORECASE)
-"""As Python, R, MATLAB, databases and Microsoft's C library write a missing number."""
+"""Missing numbers as written by Python, R, MATLAB, databases and Microsoft's C library."""
 _POINT = re.compile(r"\d\.\d")
 
 
@@ -63,7 +63,7 @@ class RowLengths:
         self._first: int | None = None
 
     def wrong(self, cells: Sequence[str]) -> str:
-        """Return what is wrong with this row, such as "has 78 cells; expected 79"; "" if right."""
+        """Return the error in this row, such as "has 78 cells; expected 79"; "" if none."""
         if wrong := wrong_length(cells, self._named):
             return wrong
         if self._first is None:
@@ -74,7 +74,7 @@ class RowLengths:
 
 
 def wrong_length(cells: Sequence[str], expected: int) -> str:
-    """Return what is wrong with a row that may have empty cells at its end; "" if it is right."""
+    """Return the error in a row that may end with empty cells; "" if there is none."""
     if len(cells) < expected or any(cell.strip() for cell in cells[expected:]):
         return f"has {len(cells)} cells; expected {expected}"
     return ""

@@ -30,7 +30,7 @@ PEOPLE = (
     "person", "personid", "bodyid", "body", "trackid", "trackingid", "subject", "subjectid",
     "skeletonid", "skeleton", "playerid", "player", "userid", "actor", "id",
 )  # fmt: skip
-"""Names of a column that says whose joints a row has, without case and separators."""
+"""Names of a column that identifies the person of a row, without case and separators."""
 _SURE = (
     "confidence|conf|visibility|vis|score|likelihood|presence|probability|prob|quality|"
     "tracked|tracking_?state|state|valid|observed|seen|c|p|v|w"
@@ -38,7 +38,8 @@ _SURE = (
 _COORDINATE = re.compile(r"(.+?)[ _.:\-]([xyz])", re.IGNORECASE)
 _OF_JOINT = re.compile(rf"(.+?)[ _.:\-]({_SURE})", re.IGNORECASE)
 _PIXELS = re.compile(r".+[ _.:\-](2d|color|colour|depth|image|img|pixel|screen|uv)", re.IGNORECASE)
-"""A joint's place in a picture, as recorders of Kinect write it besides its place in space."""
+"""A joint's image coordinates, which Kinect recorders write in addition to its position in
+space."""
 _MAX_HEAD = 100_000
 _SHOWN = 8
 
@@ -54,9 +55,9 @@ class Columns:
         second_s: seconds per unit of the time; ``None``: seconds, or Unix time in any unit.
         not_times: columns of times where a rate was given instead; they must be empty.
         sees_room: column of a flag.
-        person: column that says whose joints these are.
+        person: column that identifies the person.
         joints: columns of x, y and z.
-        sure: for each joint, columns that say how sure it is.
+        sure: for each joint, its confidence columns.
         unused: names of the columns that are not used.
     """
 
@@ -73,7 +74,7 @@ class Columns:
 
     @property
     def note(self) -> str:
-        """Which columns are not used; "" if all are."""
+        """Return a note on the unused columns; "" if all are used."""
         shown = ", ".join(f"'{name}'" for name in self.unused[:_SHOWN])
         more = len(self.unused) - _SHOWN
         return f"columns not used: {shown}{f', and {more} more' if more > 0 else ''}" * bool(shown)
@@ -113,7 +114,7 @@ def _numbered(rows: Iterator[list[str]], before: int) -> Iterator[tuple[int, lis
 
 
 def names_joints(header: Sequence[str]) -> bool:
-    """Whether some joint has an x, y and z here."""
+    """Whether at least one joint has an x, y and z here."""
     matches = [_COORDINATE.fullmatch(name.strip()) for name in header]
     axes = {(match[1], match[2].lower()) for match in matches if match}
     return any({(joint, axis) for axis in "xyz"} <= axes for joint, _ in axes)
@@ -199,8 +200,8 @@ def _joints(path: Path, names: Sequence[str]) -> dict[str, list[int]]:
     flat = [joint for joint, (*_, z) in joints.items() if z < 0]
     if flat and len(flat) == len(joints):
         raise RecordingError(
-            f"recording {path}: its joints have no z ('{flat[0]}'): places in a picture hold no "
-            f"place in the room; record 3-D positions in metres"
+            f"recording {path}: its joints have no z ('{flat[0]}'): image coordinates do not give "
+            f"a position in the room; record 3-D positions in metres"
         )
     for joint in filter(_PIXELS.fullmatch, flat):
         del joints[joint]

@@ -55,9 +55,9 @@ from hri_predict.recording.recording import Recording, check_gaps, check_rate
 from hri_predict.recording.wanted import Wanted
 
 MIN_CONFIDENCE = 0.3
-"""A joint with less is unobserved, as by default in live sources."""
+"""Confidence below which a joint is unobserved, as by default in live sources."""
 MOST_PEOPLE = 20
-"""More people than this, and more than half the rows: the column numbers something else."""
+"""With more people than this, in more than half the rows, the column identifies something else."""
 _MAX_HEAD = 100_000
 _FLAGS = {"true": 1.0, "yes": 1.0, "tracked": 1.0, "inferred": 1.0}
 _FLAGS |= {"false": 0.0, "no": 0.0, "nottracked": 0.0, "not tracked": 0.0}
@@ -90,7 +90,7 @@ def read_csv(path: Path, wanted: Wanted) -> Recording:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a table in a folder is meant as a recording: its first row names joints.
+    """Whether a table in a folder is intended as a recording: its first row names joints.
 
     Raises:
         RecordingError: it names joints, but not as a recording does.
@@ -221,7 +221,7 @@ class _Table:
             raise RecordingError(
                 f"recording {self._path}: column '{self._columns.names[self._columns.person]}' "
                 f"names {len(names)} people in {self._rows} rows; rename the column if it does not "
-                f"say whose joints a row has"
+                f"identify the person of a row"
             )
         if len(names) > MAX_ID:
             raise RecordingError(f"recording {self._path}: names {len(names)} people; cut it")
@@ -261,7 +261,7 @@ class _Table:
         return round(time_s * 1e9)
 
     def _look_for_times(self, row: Sequence[str]) -> None:
-        """Note the first time in a table whose times were to come from a rate."""
+        """Record the first time in a table that was to get its times from a rate."""
         for column in self._columns.not_times:
             if self._stated or not (cell := row[column].strip()):
                 continue
@@ -273,7 +273,7 @@ class _Table:
                 self._stated = f"'{self._columns.names[column]}' is {cell[:30]!r}"
 
     def _hide_unsure(self, number: int, row: Sequence[str], values: list[float]) -> None:
-        """Make joints unobserved that their own columns are not sure of."""
+        """Mark joints with a low confidence as unobserved."""
         for k, columns in self._sure:
             if any(not self._flag(number, row, c) >= MIN_CONFIDENCE for c in columns):
                 if not math.isnan(values[3 * k]):

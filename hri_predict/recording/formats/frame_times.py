@@ -1,7 +1,7 @@
-"""When frames were captured, from their times, their numbers and a nominal rate.
+"""Capture times of frames, from their times, numbers and a nominal rate.
 
-Times in a file are rounded, and its rate may be stale. The nominal rate holds where it explains all
-times; or else the times hold. Numbers and times that both jump are a gap.
+Times in a file are rounded, and its rate may be stale. The nominal rate is used if it explains all
+times; otherwise the times are used. A jump in both numbers and times is a gap.
 """
 
 from dataclasses import dataclass
@@ -16,11 +16,11 @@ from hri_predict.recording.recording import check_gaps, check_rate
 _ROUNDED = 0.1
 """Part of a period by which a rounded time may be off where the nominal rate explains it."""
 _COARSE_S = 0.0055
-"""A time with two decimals is off by up to half of the last one."""
+"""Rounding error of a time with two decimals."""
 _SAME = 0.01
-"""Rates that differ by less are one rate."""
+"""Rates that differ by less are considered equal."""
 _FAR_S = 1e9
-"""Times beyond this are as wrong as this: ``check_gaps`` refuses them, and it fits nanoseconds."""
+"""Times are clipped to this value, which ``check_gaps`` rejects and which fits nanoseconds."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def frame_times(path: Path, numbers: Floats, times_s: Floats, nominal_hz: float)
 
 
 def _explains(nominal_hz: float, counts: Floats, since_s: Floats) -> bool:
-    """Whether all times are those of evenly counted frames, except for rounding."""
+    """Whether all times match evenly spaced frames, except for rounding."""
     if not nominal_hz > 0:
         return False
     off_s = np.abs(since_s - counts / nominal_hz)
@@ -100,7 +100,7 @@ def _made(path: Path, since_s: Floats, rate_hz: float, notes: list[str]) -> Fram
 
 
 def gaps(stamps_ns: list[int], rate_hz: float) -> list[str]:
-    """Return a note where frames are missing; none if no two are two periods apart."""
+    """Return a note on missing frames, if any gap reaches two periods."""
     steps_s = np.diff(np.asarray(stamps_ns, np.float64)) * 1e-9
     missing = np.round(steps_s * rate_hz) - 1
     if not (missing > 0).any():

@@ -1,4 +1,4 @@
-"""Writes a recording as the node's own MCAP, which says whether its scenes are in the room."""
+"""Writes a recording as the node's own MCAP, which states the frame of its scenes."""
 
 from collections import deque
 from pathlib import Path
@@ -15,7 +15,7 @@ from hri_predict.recording.recording import Recording
 
 
 def write_mcap(path: Path, recording: Recording) -> Written:
-    """Write every scene as it arrived, exactly, and what controllers sent.
+    """Write every scene exactly as it arrived, and the messages of the controllers.
 
     Raises:
         RecordingError: it cannot be written.
@@ -46,5 +46,5 @@ def write_mcap(path: Path, recording: Recording) -> Written:
             f"recording {path}: cannot be written: {recorder.error or 'a scene is not JSON'}"
         )
     if recording.kind == "mcap":
-        written.notes.append("what the node computed and sent is left out: a replay computes it")
+        written.notes.append("the node's output is left out, because a replay computes it")
     return written

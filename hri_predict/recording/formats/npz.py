@@ -40,7 +40,7 @@ _BROKEN += (zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 _KEYS = {"positions_world", "world_ok", "floor_height", "rest_pose_frames"}
 _KEYS |= {"positions", "joint_names", "parents", "valid", "jump"}
 RATES = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate", "rate_hz")
-"""Names of the frames per second; a file may have several, which then say the same."""
+"""Names of the frame rate; a file may have several, which must agree."""
 _KEYS |= set(RATES)
 MAX_BYTES = 2**30  # unpacked; two hours of 38 joints at 120 frames per second
 
@@ -99,7 +99,7 @@ def _unpacked(path: Path, archive: Any, keys: Collection[str]) -> dict[str, Any]
 
 
 def _check_size(path: Path, archive: zipfile.ZipFile | None, keys: Collection[str]) -> None:
-    """Refuse an archive that would fill the memory; arrays that are not read do not count."""
+    """Reject an archive that would fill the memory, counting only the arrays that are read."""
     entries = [] if archive is None else archive.infolist()
     size = sum(e.file_size for e in entries if e.filename.removesuffix(".npy") in keys)
     if size > MAX_BYTES:
@@ -211,7 +211,7 @@ def _number(path: Path, arrays: Mapping[str, Any], key: str, default: float) -> 
 
 
 def single_number(array: Any) -> float:
-    """The number of an array of one element, whatever its shape; NaN where it is not that."""
+    """Return the number in an array of one element of any shape; NaN for other arrays."""
     flat = np.asarray(array).ravel()
     try:
         return float(flat[0]) if flat.size == 1 else math.nan
@@ -254,7 +254,7 @@ def texts(array: Any) -> list[str]:
 
 
 def write_pack(path: Path, recording: Recording) -> Written:
-    """Write one person in the layout of cmu_mocap or of assembly, by the joints' names.
+    """Write one person in the layout of cmu_mocap or assembly, depending on the joints' names.
 
     Raises:
         ConfigError: the joints fit neither.
@@ -264,7 +264,7 @@ def write_pack(path: Path, recording: Recording) -> Written:
     if not names:
         raise ConfigError(
             "the data pack's layouts hold the 38 joints of cmu38 or the 6 of assembly_arms, not "
-            f"{', '.join(frames.joints[:4])}, ...; take --to amass, which holds any"
+            f"{', '.join(frames.joints[:4])}, ...; use --to amass, which holds any joints"
         )
     joint_map = load_joint_map(names[0])
     order = [frames.joints.index(joint) for joint in joint_map.source_joints]

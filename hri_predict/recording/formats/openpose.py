@@ -90,14 +90,15 @@ def read_openpose(path: Path, wanted: Wanted) -> Recording:
 
 
 def _left_out(name: str, others: Counter[str]) -> str:
-    """Which other sequences the folder has, with the number of their frames; "" if none."""
+    """Return a note on the folder's other sequences, with frame counts; "" if none."""
     if not others:
         return ""
     shown = ", ".join(f"{other[:40]!r} ({others[other]})" for other in sorted(others)[:_SHOWN])
     more = len(others) - _SHOWN
     return (
         f"of the folder only the sequence {name[:40]!r} is read, not {shown}"
-        f"{f', and {more} more' if more > 0 else ''} (name a frame of the one that you want)"
+        f"{f', and {more} more' if more > 0 else ''} (to read another sequence, name one of its "
+        f"frames)"
     )
 
 
@@ -143,7 +144,8 @@ def _joints(path: Path, person: dict[str, Any]) -> Floats:
     numbers = person.get("pose_keypoints_3d")
     if not numbers:
         raise RecordingError(
-            f"recording {path}: has 2-D pixels alone, which hold no place in the room; record with "
+            f"recording {path}: has only 2-D pixels, which give no position in the room; record "
+            f"with "
             f"calibrated cameras and --3d, or triangulate with Pose2Sim and give its .trc"
         )
     good = isinstance(numbers, list) and all(type(n) in (int, float) for n in numbers)

@@ -20,7 +20,8 @@ from hri_predict.base.arrays import Floats
 
 MAX_BYTES = 2**28
 MAX_STEPS = 1_000_000
-"""Instructions of a pickle: each may add an object. One of 3DPW's has some thousands."""
+"""Maximum number of instructions in a pickle: each may add an object. One of 3DPW's has a few
+thousand."""
 MAX_ARGUMENTS = 4
 """Arguments of a constructor: NumPy's have three, and a long tuple may be used again and again."""
 _NUMBER = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248])")
@@ -28,7 +29,7 @@ _LATIN = "latin1"
 
 
 class _Opaque:
-    """A value that is not needed, such as a scalar of NumPy."""
+    """A value that is ignored, such as a NumPy scalar."""
 
 
 @dataclass
@@ -39,7 +40,7 @@ class _Type:
 
 @dataclass
 class Array:
-    """An array as its pickle states it, not checked yet."""
+    """An array as stated in its pickle, not yet checked."""
 
     shape: Any = ()
     kind: Any = None
@@ -47,7 +48,7 @@ class Array:
     data: Any = b""
 
     def numbers(self, most: int) -> Floats:
-        """Return its numbers, at most ``most`` of them: each takes eight bytes.
+        """Return its numbers, at most ``most`` of eight bytes each.
 
         Raises:
             ValueError: it holds other things, or less or more than its shape says, or too many;
@@ -242,10 +243,10 @@ _Reader.dispatch = {step[0]: _BASE[step[0]] for step in _TAKEN} | {
 
 
 def read_pickle(data: bytes) -> Any:
-    """Return the object of a pickle: dictionaries, lists, tuples, text, numbers, and ``Array``.
+    """Return a pickle's object: dictionaries, lists, tuples, text, numbers and ``Array``.
 
     Raises:
-        ValueError: it is damaged, or holds other things than data.
+        ValueError: it is damaged, or contains more than data.
     """
     try:
         return _Reader(io.BytesIO(data), encoding=_LATIN).run()

@@ -26,7 +26,7 @@ from hri_predict.recording.wanted import Wanted
 KEY = "jointPositions"
 RATE_HZ = 30.0
 AXES = ("x", "-z", "y")
-"""Forward, left and up where people do not say otherwise: y is up."""
+"""Default for the axes that are forward, left and up: y is up."""
 MOST_PEOPLE = 20
 
 
@@ -100,7 +100,7 @@ def _body(path: Path, each: Any, most: int) -> Floats:
 
 
 def _placed(path: Path, content: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
-    """(F, P) whether a person is placed; all where the file does not say."""
+    """(F, P) whether a person is placed; all are if the file does not state it."""
     flags = content.get("campose_valid")
     if flags is None:
         return np.ones(shape, np.bool_)

@@ -32,8 +32,8 @@ MM_PER_M = 1000.0
 def read_trc(path: Path, wanted: Wanted) -> Recording:
     """Read a TRC file; ``Anna:LWrist`` is a marker of the person Anna.
 
-    ``wanted.person`` is the first id for people whose labels give no number. Without a wish, units
-    are the file's, and axes ``AXES``.
+    ``wanted.person`` is the first id for people whose labels give no number. By default, units are
+    the file's, and axes are ``AXES``.
 
     Raises:
         RecordingError: the file is not TRC, is truncated or empty, or a cell is not a number.
@@ -87,8 +87,8 @@ def _labels(path: Path, row: int, line: str, promised: float) -> list[str]:
     """Names of the markers, each above the first of its three columns.
 
     Raises:
-        RecordingError: a name is above another column, a marker has none, or their number is not
-            the promised one.
+        RecordingError: a name is above another column, a marker has none, or their number differs
+            from the header.
     """
     names = _cells(line)[2:]
     while names and not names[-1]:
@@ -130,7 +130,7 @@ def _value(path: Path, header: Mapping[str, str], key: str, numbers: Numbers) ->
 
 
 def _table(path: Path, rows: Sequence[tuple[int, str]], count: int, numbers: Numbers) -> Floats:
-    """(F, 2 + 3 count) numbers of all rows; NaN where a cell is empty.
+    """(F, 2 + 3 count) numbers of all rows; NaN for empty cells.
 
     Raises:
         RecordingError: a row has too few or too many cells, or a marker has not three of them:

@@ -1,7 +1,7 @@
-"""Which UTC a moment of the node's clock has; the node itself never asks for the wall clock.
+"""UTC of times on the node's clock; the node itself never reads the wall clock.
 
-The node's clock stops while the machine is suspended, and does not see it when the wall
-clock is set. A recording holds both, and says once a second how they lie to each other.
+The node's clock stops while the machine is suspended, and is not affected when the wall clock is
+set. A recording holds both, and their offset once a second.
 """
 
 import time
@@ -13,8 +13,8 @@ from typing import Any, Protocol
 from hri_predict.base.clock import Clock
 
 STEP_NS = 1_000_000_000
-"""A wall clock that moves by more than this against the node's clock was set, or the machine was
-suspended; less is how clocks drift."""
+"""A larger change of the wall clock against the node's clock means that it was set or that the
+machine was suspended; a smaller one is drift."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +65,7 @@ class Clocks(Protocol):
 
 
 class VirtualClocks:
-    """The node's clock alone: two virtual runs give the same bytes, and begin in 1970.
+    """The node's clock alone: two virtual runs give the same bytes, and start in 1970.
 
     Args:
         start_ns: when the recording begins.
@@ -77,7 +77,7 @@ class VirtualClocks:
         self.name = "virtual" if offset_ns is None else "system"
 
     def read(self, node_ns: int) -> Reading:
-        """The item's time, three times."""
+        """Return the item's time for all three clocks."""
         at_ns = max(node_ns, self._start_ns)
         return Reading(node_ns=at_ns, utc_ns=at_ns + self._offset_ns, boot_ns=at_ns)
 
@@ -87,8 +87,8 @@ class SystemClocks:
 
     Args:
         clock: the node's.
-        is_true: its seconds are true ones. Else (``--speed 2``) UTC counts the node's seconds from
-            the moment of the first reading on.
+        is_true: its seconds are real. Otherwise (``--speed 2``) UTC counts the node's seconds from
+            the first reading.
         utc_ns, boot_ns: the machine's clocks.
     """
 
@@ -107,7 +107,7 @@ class SystemClocks:
         self._first: Reading | None = None
 
     def read(self, node_ns: int) -> Reading:
-        """Read the three clocks at once; the item's time is not needed."""
+        """Read the three clocks together; the item's time is not needed."""
         now_ns, utc_ns, boot_ns = self._clock.now_ns(), self._utc_ns(), self._boot_ns()
         if self._first is None:
             self._first = Reading(node_ns=now_ns, utc_ns=utc_ns, boot_ns=boot_ns)

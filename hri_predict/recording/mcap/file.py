@@ -1,8 +1,8 @@
-"""One MCAP file that is being written, and that can be read even if its writer dies.
+"""An MCAP file being written, which stays readable even if its writer dies.
 
-The library writes into memory. What it finished goes to the disk at once, at least each second, so
-that a killed writer loses no more. What the disk does not take stays in memory, so that the file
-continues without a gap in its bytes when there is room again.
+The library writes into memory. Finished data are written to disk at least each second, which limits
+the loss of a killed writer. Data that the disk rejects stay in memory, so the file continues
+without a gap when there is space again.
 """
 
 import json
@@ -36,7 +36,7 @@ class _Stream:
         return len(data)
 
     def tell(self) -> int:
-        """The place in the file, with what is still in memory."""
+        """Return the position in the file, including data still in memory."""
         return self._on_disk + len(self._pending)
 
     def flush(self) -> None:
@@ -68,8 +68,8 @@ class McapFile:
         info: facts that a replay needs.
         began: as above.
         clocks: name of the clocks, see ``Clocks``.
-        sync: bring each write to the disk itself, past the machine's memory: also who pulls the
-            plug loses no more than a second.
+        sync: force each write to the disk, past the system's cache: a power failure also loses at
+            most a second.
 
     Raises:
         OSError: it cannot be written.
@@ -95,7 +95,7 @@ class McapFile:
         self._stream.push()
 
     def _begin(self, info: RecordingInfo, clocks: str) -> dict[str, int]:
-        """Write header, metadata, schemas and channels: they come first, so a cut file has them."""
+        """Write header, metadata, schemas and channels first, so a truncated file has them."""
         writer = self._writer
         writer.start(profile="", library=LIBRARY)
         began = {
@@ -142,7 +142,7 @@ class McapFile:
         self.unsafe += 1
 
     def push(self) -> None:
-        """Bring the chunks that are full to the disk.
+        """Write full chunks to the disk.
 
         Raises:
             OSError: as ``flush``.

@@ -33,9 +33,10 @@ _encode = json.JSONEncoder(separators=(",", ":"), allow_nan=False).encode
 
 
 def to_json(data: dict[str, Any]) -> bytes:
-    """Compact JSON, without what is not known.
+    """Return compact JSON without unknown values.
 
-    A number that is not finite is not known: JSON cannot express it. Within a list it is ``null``.
+    A number that is not finite counts as unknown, because JSON cannot express it. Within a list it
+    is ``null``.
     """
     try:
         text = _encode(_known(data))
@@ -68,7 +69,7 @@ def _finite(data: Any) -> Any:
 def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
     """A scene as received. Numbers are exact; ``observed`` is a string of 0 and 1 per joint.
 
-    What only a merged source says is left out of all other scenes, and an error of 0 of a place.
+    Fields of merged sources are left out of other scenes, and so are position errors of 0.
     """
     merged: dict[str, Any] = {}
     if scene.doubts:
@@ -95,7 +96,7 @@ def scene_to_dict(scene: Scene, receipt_ns: int) -> dict[str, Any]:
 
 
 def _error_m(person: Person) -> dict[str, float]:
-    """The error of a person's place; -1 where it is absurd: a replay refuses it again."""
+    """Return a person's position error; -1 if absurd, so that a replay rejects it again."""
     error_m = sound_error_m(person.error_m)
     return {} if error_m == 0 else {"error_m": -1.0 if math.isnan(error_m) else error_m}
 
@@ -139,7 +140,7 @@ def scene_from_dict(data: dict[str, Any], joints: int) -> tuple[Scene, int]:
 
 
 def whole(value: Any, least: int = -MAX_COUNT, most: int = MAX_COUNT) -> int:
-    """A whole number of nanoseconds, a sequence, or an id.
+    """Return a whole number of nanoseconds, a sequence number, or an id.
 
     Raises:
         ValueError, TypeError, OverflowError: it is not one, or is out of range.
@@ -201,7 +202,7 @@ def received_from_dict(data: dict[str, Any]) -> RobotState | Acknowledge | SetCh
 
 
 def _since_version_2(data: dict[str, Any]) -> dict[str, Any]:
-    """Fields of a RobotState that recordings of protocol version 1 lack."""
+    """Fields of a RobotState missing in recordings of protocol version 1."""
     tool, base = data.get("tool"), data.get("base")
     return {
         "request": OperatingMode.__members__.get(data.get("request", ""), OperatingMode.AUTOMATIC),

@@ -1,4 +1,4 @@
-"""Description of a recording by itself: the metadata that a replay needs."""
+"""Metadata of a recording, as needed for a replay."""
 
 import json
 import math
@@ -15,7 +15,7 @@ from hri_predict.contracts.rigid_joint import RigidJoint
 from hri_predict.protocol.definition import SCHEMA_VERSION
 
 FORMAT_VERSION = "2"
-"""In format 1, MCAP's log time was the node's clock; it is UTC now."""
+"""In format 1, MCAP's log time was on the node's clock; now it is UTC."""
 READABLE = ("1", "2")
 LIBRARY = "hri-predict"
 METADATA = "hri_predict"

@@ -1,7 +1,7 @@
-"""Inputs and outputs of the node, as items that a recording may hold.
+"""Inputs and outputs of the node, as items of a recording.
 
-The code that keeps them decides what to do with each: write it at once, or hold it for a while.
-Arrays are decimated and copied when an item is made, so that the node may use its own again.
+The receiving code decides whether to write each immediately or hold it for a while.
+Arrays are decimated and copied when an item is created, so the node may reuse its own.
 """
 
 from collections.abc import Callable, Mapping
@@ -68,14 +68,14 @@ class Rates:
 
 
 class Every:
-    """Says when a thing is due that happens ``hz`` times a second, at ticks."""
+    """Determines, at each tick, whether an action of rate ``hz`` is due."""
 
     def __init__(self, hz: float) -> None:
         self._period_ns = round(1e9 / hz) if hz > 0 else None
         self._next_ns: int | None = None
 
     def is_due(self, now_ns: int) -> bool:
-        """Whether it is due at this tick; the first tick always is."""
+        """Whether the action is due at this tick; it always is at the first."""
         if self._period_ns is None:
             return False
         if self._next_ns is not None and now_ns < self._next_ns:

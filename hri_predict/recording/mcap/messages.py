@@ -5,7 +5,7 @@
         print(message.utc, message.data["level"])
     then = moment(path, utc_ns)          # everything as it was known then
 
-Of a file that was cut (the node was killed, the power went), everything before the cut is given.
+Of a truncated file (after a kill or a power failure), everything before the cut is returned.
 """
 
 import json
@@ -24,7 +24,7 @@ from hri_predict.recording.mcap.reader import CUT, records
 from hri_predict.recording.mcap.schemas import with_unknown
 
 SLOWEST_S = 2.0
-"""Time span that ``moment`` searches: everything comes at least each second."""
+"""Time span that ``moment`` searches; every topic has a message at least each second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Told:
 
 @dataclass(slots=True)
 class Moment:
-    """Knowledge of the node at one instant: the newest earlier message of each topic and source.
+    """State known to the node at one instant: the newest earlier message of each topic and source.
 
     Attributes:
         status, scene, forecast, zones, node: as the topics say; ``None``: there was none.
@@ -99,7 +99,7 @@ def read_messages(
     end_utc_ns: int | None = None,
     on_cut: Callable[[], None] | None = None,
 ) -> Iterator[Told]:
-    """Every message in the order of writing, from ``start_utc_ns`` to before ``end_utc_ns``.
+    """Yield the messages in file order, from ``start_utc_ns`` to before ``end_utc_ns``.
 
     Args:
         path: the file.

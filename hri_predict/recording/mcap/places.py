@@ -12,7 +12,7 @@ from hri_predict.recording.mcap.file import McapFile
 
 
 class RecordingFiles(Protocol):
-    """Gives files to a recorder; only the recorder's own thread calls it, after the start."""
+    """Provides files for a recorder; after the start, only the recorder's thread calls it."""
 
     @property
     def name(self) -> Path:
@@ -27,20 +27,20 @@ class RecordingFiles(Protocol):
 
     @property
     def has_many(self) -> bool:
-        """Whether it gives another file when one is over or broken."""
+        """Whether it provides another file after one is finished or broken."""
 
     def wants_next(self, file: McapFile, now: Reading, stepped: bool) -> bool:
-        """Whether the file is over; ``stepped``: the wall clock was set, or stood still."""
+        """Whether the file is finished; ``stepped``: the wall clock was set, or stood still."""
 
     def why_not(self, writing: Path | None) -> str:
-        """Why nothing may be recorded now, after making room; "" if it may."""
+        """Return why nothing may be recorded now, after making room; "" if it may."""
 
     def close(self) -> None:
-        """No more files are needed."""
+        """Release resources: no more files are needed."""
 
 
 class OneFile:
-    """A file that the user named. It is written once and for all.
+    """A file named by the user, which is written only once.
 
     Args:
         path: the file.
@@ -80,7 +80,7 @@ class OneFile:
         return False
 
     def why_not(self, writing: Path | None) -> str:
-        """Nothing speaks against it."""
+        """Return "": recording is always possible."""
         return ""
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Reads the node's own recordings; a cut recording is read up to the cut."""
+"""Reads the node's own recordings; a truncated one is read up to the cut."""
 
 import json
 import struct
@@ -107,7 +107,7 @@ def records(
     end_ns: int | None = None,
     is_wanted: Callable[[str], bool] | None = None,
 ) -> Iterator[Any]:
-    """The records of a file, chunks unpacked; those outside of the log times are left packed.
+    """The records of a file, chunks unpacked; those outside the log times stay packed.
 
     The first chunk is always unpacked: it names the channels. ``is_wanted``, of a topic: messages
     of others are left out.
@@ -134,7 +134,7 @@ def records(
 
 
 def _check_unpacked(chunk: Chunk) -> None:
-    """Refuse data that would fill the memory: a few bytes may unpack to any number.
+    """Reject data that would fill the memory, because a few bytes may unpack to any size.
 
     Raises:
         ValueError, zstandard.ZstdError: too large when unpacked, or not packed as ours are.

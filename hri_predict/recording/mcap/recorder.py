@@ -1,10 +1,10 @@
 """Records all input and output into MCAP files, without ever delaying the node.
 
-In real time the caller hands references over to a bounded queue, and a thread of the recorder's
-encodes and writes; what the queue cannot take is dropped and counted. A disk that is full or gone
-costs what comes meanwhile: the recorder tries again, and goes on when it can. On the virtual clock
-the recorder writes at once. Nothing in the file depends on the wall clock then, so that two virtual
-runs give the same bytes.
+In real time the caller puts references into a bounded queue, and the recorder's own thread encodes
+and writes them; items beyond the queue's size are dropped and counted. While a disk is full or
+missing, items are lost; the recorder retries and continues when it can. On the virtual clock the
+recorder writes immediately, and nothing in the file depends on the wall clock, so two virtual runs
+give the same bytes.
 """
 
 import contextlib
@@ -28,15 +28,16 @@ log = logging.getLogger(__name__)
 
 QUEUE_ITEMS = 4096
 GATHER_S = 0.05
-"""Pause of the thread when it has written what waited: it wakes for a tick, not for each item."""
+"""Pause of the thread after it has emptied the queue, so it wakes once per tick, not for each
+item."""
 CLOSE_TIMEOUT_S = 10.0
 FLUSH_NS = 500_000_000
-"""Maximum loss of a killed writer, besides the content of the queue."""
+"""Maximum time span lost by a killed writer, in addition to the queue's content."""
 LOOK_NS = 1_000_000_000
 """Interval at which the clocks are compared and the free disk space is checked."""
 RETRY_NS = 2_000_000_000
 REMIND_NS = 60_000_000_000
-"""While nothing can be recorded, the log says so each minute."""
+"""Interval of the log message while nothing can be recorded."""
 
 
 class Recorder(Items):
@@ -96,7 +97,7 @@ class Recorder(Items):
             self._thread.start()
 
     def _start(self) -> None:
-        """Begin the first file; a mistake shows now.
+        """Start the first file, so that mistakes show immediately.
 
         Raises:
             RecordingError: it cannot be created.
@@ -148,7 +149,7 @@ class Recorder(Items):
         self.close()
 
     def take(self, item: Item) -> None:
-        """Queue it, or write it at once; what cannot be written is counted."""
+        """Queue it, or write it immediately; messages that fail are counted."""
         if self._closed:
             self._drop()
         elif self._thread is None:
@@ -188,7 +189,7 @@ class Recorder(Items):
             self._ends.wait(GATHER_S)
 
     def _idle(self) -> None:
-        """Nothing came for a while: what is there goes to the disk."""
+        """After a pause in the input, write all pending data to the disk."""
         if self._file is not None and self.error is None and self._file.unsafe:
             try:
                 self._file.flush()
@@ -213,7 +214,7 @@ class Recorder(Items):
             self._drop()
 
     def _do_what_is_due(self, now_ns: int) -> None:
-        """Compare the clocks, begin the next file, try again, flush.
+        """Compare the clocks, start the next file, retry, and flush.
 
         Raises:
             OSError: the disk refused.
@@ -268,7 +269,7 @@ class Recorder(Items):
         self.files += 1
 
     def _end_file(self) -> None:
-        """Finish the file and close it; what the disk did not take is lost then."""
+        """Finish the file and close it; data rejected by the disk are then lost."""
         file, self._file = self._file, None
         if file is None:
             return
@@ -321,7 +322,7 @@ class Recorder(Items):
             self.dropped += 1
 
     def _remind(self, now_ns: int) -> None:
-        """Say again and again, at a limited rate, that nothing is recorded."""
+        """Log at a limited rate that nothing is recorded."""
         if self._may_say(now_ns):
             log.error("recording %s: %s; lost: %d", self._place.name, self.error, self.dropped)
 

@@ -175,7 +175,7 @@ def schemas(robots: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def with_unknown(topic: str, data: dict[str, Any]) -> dict[str, Any]:
-    """A message as it was before ``to_json``: what was left out is ``None``."""
+    """Return a message as before ``to_json``, with ``None`` for fields that were left out."""
     if topic.startswith("/advice"):
         filled = {**_UNKNOWN_ADVICE, **data}
         grounds = filled["grounds"]

@@ -1,4 +1,4 @@
-"""Reads only the part of a recording that is asked for.
+"""Reads only the requested part of a recording.
 
 Chunks of other times are skipped unread, and messages of other topics are not decoded: half a
 minute of an hour is found in a fraction of a second, and the advice of an hour in seconds. The CRC
@@ -99,7 +99,7 @@ class Unpacker:
                 yield channel
 
     def see(self, channel: Channel) -> None:
-        """Note a channel that stands outside of chunks."""
+        """Store a channel that is outside the chunks."""
         if self._is_wanted is not None and not self._is_wanted(channel.topic):
             self._others.add(channel.id)
 

@@ -1,6 +1,6 @@
 """Content of a 3D view of a recording: people, zones, robots and their levels.
 
-It is decimated, and it is for the eye: the exact numbers are in /scene, /zones and /advice.
+It is decimated and only for display: the exact numbers are in /scene, /zones and /advice.
 """
 
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ from hri_predict.risk.types import Grounds
 from hri_predict.risk.wording import apart_text
 
 ROOM = "room"
-"""The frame that everything else stands in: z up, as configured."""
+"""The common parent frame: the room's, z up."""
 SHOWN_S = 0.5
-"""Time ahead for which the zones are drawn: about when a robot that is advised now has stopped."""
+"""Time ahead for which the zones are drawn: about the time a robot needs to stop."""
 BODY_M, PAIR_M = 0.09, 0.02
 ZONE_OPACITY = 0.04
 """Opacity of a capsule's part: a zone has forty, one behind the other, and a person within."""
@@ -97,7 +97,7 @@ def _ends(capsules: Capsules, where: Any) -> tuple[Floats, Floats]:
 
 
 def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
-    """``foxglove.SceneUpdate``: what is not there any more fades by its lifetime."""
+    """``foxglove.SceneUpdate``: removed entities disappear at the end of their lifetime."""
     levels = [level for *_, level, _ in picture.robots]
     worst = max(levels, key=attrgetter("urgency"), default=Level.UNKNOWN)
     entities = []
@@ -133,7 +133,7 @@ def scene_update(picture: Seen, utc_ns: int) -> dict[str, Any]:
 
 
 def people_poses(picture: Seen, utc_ns: int) -> dict[str, Any]:
-    """``foxglove.PosesInFrame``: where the waists of all people are who are tracked."""
+    """``foxglove.PosesInFrame``: positions of the waists of all tracked people."""
     waists = np.array([joints[_WAIST] for _, joints, lost in picture.people if not lost])
     waists = waists.reshape(-1, 3)
     return well_known.poses(waists[np.isfinite(waists).all(axis=1)], utc_ns, ROOM)

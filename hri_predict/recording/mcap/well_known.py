@@ -135,7 +135,7 @@ _PARTS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "text
 
 
 def time_of(utc_ns: int) -> dict[str, int]:
-    """A moment, never before 1970."""
+    """Return a time, never before 1970."""
     sec, nsec = divmod(max(0, utc_ns), 1_000_000_000)
     return {"sec": sec, "nsec": nsec}
 
@@ -249,7 +249,7 @@ def _along(a: Sequence[float], b: Sequence[float], length: float) -> dict[str, f
 DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 """Raised by those below for an entity that this node did not write."""
 FARTHEST_M = 1e4
-"""Coordinates beyond this are in no room: they become NaN."""
+"""Maximum coordinate; larger ones become NaN."""
 
 
 def lines_of(entity: dict[str, Any]) -> Floats:

@@ -1,1 +1,1 @@
-"""Data of a recording that were never seen, and places where no person can be."""
+"""Checks for joints that were never seen, and for coordinates that are not positions in a room."""

@@ -1,4 +1,4 @@
-"""Refuses landmarks of a picture: places in an image, with a depth counted from the hips.
+"""Rejects image landmarks: image coordinates with a depth relative to the hips.
 
 MediaPipe's ``pose_landmarks`` (normalised, or times the picture's size) have x to the right and y
 down in the image, and z "with the midpoint of hips as the origin" (MediaPipe, "Pose landmark
@@ -16,7 +16,7 @@ KINDS = ("csv", "npy")
 _SHALLOW = 0.02
 """Depth of the hips' midpoint per size of the body in the picture: the origin, with rounding."""
 _MOST = 0.95
-"""Part of the judged frames that must be so."""
+"""Share of the judged frames that must match."""
 _PAIRS = [[JOINTS.index(f"{side}_{part}") for side in "lr"] for part in ("hip", "shoulder")]
 
 

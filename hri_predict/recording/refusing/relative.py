@@ -1,4 +1,5 @@
-"""Refuses recordings whose coordinates are relative to the hips: they hold no person's place."""
+"""Refuses recordings whose coordinates are relative to the hips: they do not contain a person's
+position."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Takes out of a recording the joints that its tracker lost and wrote as a place all the same."""
+"""Removes joints from a recording that its tracker lost but still wrote as a position."""
 
 from dataclasses import replace
 

@@ -11,14 +11,14 @@ from hri_predict.recording.mcap.info import RecordingInfo
 from hri_predict.recording.ros.bag import Bag, open_bag
 
 PREFIX = "/recorded"
-"""Before the names of all topics that this node writes into a bag."""
+"""Prefix of all topics that this node writes into a bag."""
 ABOUT, PEOPLE = f"{PREFIX}/about", f"{PREFIX}/people"
 STRING = "std_msgs/msg/String"
 MAX_BYTES = 4 * 1024 * 1024
 
 
 def is_in_room(path: Path) -> bool:
-    """Whether a bag was made of a recording of this node, whose people are in the room already.
+    """Whether a bag was made from a recording of this node, with people in the room's frame.
 
     Raises:
         RecordingError: it cannot be read.

@@ -20,7 +20,7 @@ _REMEDY = "copy it again, or repair it ('ros2 bag reindex', 'mcap recover', 'ros
 
 
 def is_ros_mcap(path: Path) -> bool:
-    """Whether an MCAP file says that ROS recorded it; one of this node's does not."""
+    """Whether an MCAP file states that ROS recorded it, unlike the node's own."""
     with path.open("rb") as file:
         head = file.read(len(_MCAP_START) + _LENGTHS.size + _MAX_PROFILE)
     rest = head.removeprefix(_MCAP_START)
@@ -31,7 +31,7 @@ def is_ros_mcap(path: Path) -> bool:
 
 
 def file_of(path: Path) -> Path:
-    """The file in the folder of a ROS 2 bag; any other path unchanged.
+    """Return the file in the folder of a ROS 2 bag; any other path unchanged.
 
     Raises:
         RecordingError: the bag was split into several files, or its file is missing.
@@ -68,7 +68,7 @@ class Bag:
 
         Raises:
             RecordingError: at the end, if the bag counts more messages than could be read: where
-                its index is damaged, the reader leaves messages out without a word.
+                its index is damaged, the reader silently skips messages.
         """
         read, counted = 0, sum(c.msgcount for c in connections)
         if connections:

@@ -74,7 +74,7 @@ class Outputs:
 
 
 def full_speed(config: str) -> float | None:
-    """Return the speed of which speed fractions are, m/s; ``None`` if a configuration has none.
+    """Return the full speed, 1.0 in speed fractions, m/s; ``None`` if a configuration has none.
 
     It is that of its first ``ros2`` link; or else the highest ``max_speed_m_s`` of its robots, by
     which fractions are lowest.

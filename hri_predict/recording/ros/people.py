@@ -33,7 +33,7 @@ from hri_predict.recording.wanted import Wanted
 
 KIND = "rosbag"
 WAIT_NS = 1_000_000_000
-"""A message is placed when the bag is this much further: transforms come after it, too."""
+"""Delay before a message is placed, because some transforms arrive after it."""
 Read = tuple[int, Bodies]
 """Receipt, ns, and people."""
 
@@ -64,7 +64,7 @@ def read_bag(path: Path, wanted: Wanted) -> Recording:
 
 
 def _as_recorded(recording: Recording, own: RecordingInfo) -> Recording:
-    """The recording with what the bag says of itself: this node wrote it."""
+    """Return the recording with the bag's own description, if this node wrote the bag."""
     return replace(
         recording,
         rate_hz=own.rate_hz,
@@ -101,7 +101,7 @@ def _topmost(bag: Bag, people: list[Any]) -> str:
 
 
 def _placed(bag: Bag, people: list[Any], frame: str, joints: Sequence[str]) -> Iterator[Read | str]:
-    """Receipt and people of each message, or why it cannot be used."""
+    """Yield receipt and people of each message, or why it cannot be used."""
     tree = FrameTree()
     frames = [c for c in bag.connections if c.msgtype == TF_MESSAGE]
     for _, _, data in bag.messages([c for c in frames if _is_static(c)]):
@@ -161,7 +161,7 @@ def _recording(
 
 
 def _in_order(found: list[Read], notes: list[str]) -> tuple[list[Bodies], list[int]]:
-    """The messages whose times rise, and their times; adds to the notes."""
+    """Return the messages with increasing times, and these times; adds to the notes."""
     stamped = [bodies.stamp_ns for _, bodies in found if bodies.stamp_ns is not None]
     by_receipt = not any(stamped)
     if by_receipt:
@@ -186,7 +186,7 @@ def _offset_ns(found: list[Read]) -> int:
 
 
 def _rate_hz(stamps: list[int]) -> float:
-    """Scenes per second where none is missing: by the middle interval."""
+    """Return the scenes per second without gaps, from the median interval."""
     if len(stamps) < 2:
         return 1.0
     return float(f"{1e9 / float(np.median(np.diff(stamps))):.6g}")

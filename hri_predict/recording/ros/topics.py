@@ -1,4 +1,4 @@
-"""Topics of a bag that could be people, and the joint maps that fit."""
+"""Topics of a bag that could contain people, and the matching joint maps."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from hri_predict.recording.ros.bag import Bag, open_bag
 NO_ORDER = ("bvh", "motive21", "qualisys24", "rokoko23", "ros4hri", "unity22")
 """Maps whose joints are found by their names."""
 LOOKED_AT = 100
-"""Messages in which a topic is looked for people."""
+"""Number of messages searched for people in a topic."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +44,7 @@ class BagTopic:
 
 
 def topics_of(path: Path) -> list[BagTopic]:
-    """Return the topics that could be people.
+    """Return the topics that could contain people.
 
     Raises:
         ConfigError: rosbags is not installed.

@@ -1,7 +1,7 @@
-"""Writes a recording as a bag of ROS 2: the people, and what the node said.
+"""Writes a recording as a ROS 2 bag: the people and the node's output.
 
-Topics are those of the ROS 2 link with ``/recorded`` before them, so that a bag that is played
-near a live cell reaches no robot that listens to the link: a recorded *clear* is not advice.
+Topics are those of the ROS 2 link with ``/recorded`` before them, so a bag played near a live cell
+does not reach robots that listen to the link: a recorded *clear* is not advice.
 """
 
 import heapq
@@ -33,7 +33,7 @@ from hri_predict.recording.ros.outputs import Outputs
 ROOM, OWN = "room", "recording"
 """Frames of scenes in the room, and of those in a motion file's own frame."""
 BEGIN_NS = 86_400 * 10**9
-"""A bag without UTC begins here: stamps of zero would mean that there are none."""
+"""Start time of a bag without UTC: stamps of zero would mean missing stamps."""
 _TOPICS = Topics("/hri", {})
 
 
@@ -86,7 +86,7 @@ def write_bag(path: Path, recording: Recording, storage: str) -> Written:
 
 
 class _Clock:
-    """Times of a recording as times of the bag: UTC, where that is known."""
+    """Converts times of a recording to times of the bag: UTC if known."""
 
     def __init__(self, recording: Recording) -> None:
         self._utc = bool(recording.utc_ns)
@@ -172,10 +172,10 @@ def _say(recording: Recording, outputs: Outputs, written: Written) -> None:
     if recording.kind != "mcap":
         return
     if recording.outputs_ns is None:
-        written.notes.append("what the node said was for all people, and is left out")
+        written.notes.append("the node's output was for all people, and is left out")
     elif outputs.full_speed_m_s is None:
         written.notes.append(
-            "its configuration states no full speed, so what the node said is left out"
+            "its configuration states no full speed, so the node's output is left out"
         )
     else:
         written.notes.append(f"speed fractions are of {outputs.full_speed_m_s:g} m/s")

@@ -159,7 +159,7 @@ def test_plots_that_cannot_be_made_are_refused_before_the_work(cli, made, tmp_pa
         ([*CV, "--horizon", "100"], "horizon_s"),
         ([*CV, "--split", "test"], "--split test: has no effect"),
         ([*CV, "--split", "tset"], "--split tset: unknown; did you mean 'test'"),
-        ([*CV, "--out", "."], "--out .: not a calibration, so it stays"),
+        ([*CV, "--out", "."], "--out .: exists and is not a calibration, so it is not replaced"),
         ([*CV, "--check", "--calibration", "nowhere.json"], "nowhere.json"),
         ([*CV, "--check", "--horizon", "1.2", "--calibration", "FOREIGN"], "is of predictor"),
         (["--predictor", "aggregated", "--check"], "no calibration is shipped"),
@@ -180,7 +180,7 @@ def test_a_recording_is_not_replaced_by_its_calibration(cli, folder):
     before = (folder / "walking_0.npz").read_bytes()
     status, _, err = cli(*CV, "--data", folder, "--out", folder / "walking_0.npz")
     assert status == 2
-    assert ": not a calibration, so it stays" in err
+    assert ": exists and is not a calibration, so it is not replaced" in err
     assert (folder / "walking_0.npz").read_bytes() == before
 
 

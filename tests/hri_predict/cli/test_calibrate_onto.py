@@ -102,7 +102,7 @@ def test_what_moves_no_zone_is_told_as_too_little(place, tmp_path, capsys, monke
 def test_a_recording_of_the_base_would_count_twice(place, tmp_path, refused):
     data = ["--data", place / "many" / "walking_0.npz", "--onto", place / "base.json"]
     line = refused(*CV, *data, "--out", tmp_path / "site.json")
-    assert "made the base calibration and would count twice; leave it out" in line
+    assert "is part of the base calibration and would count twice; leave it out" in line
 
 
 def test_a_calibration_of_another_predictor_is_refused(place, tmp_path, refused):
@@ -116,13 +116,13 @@ def test_a_moved_calibration_is_not_moved_again(place, tmp_path, refused):
     data = ["--data", place / "site", "--onto"]
     assert run(*CV, *data, place / "base.json", "--out", out) == 0
     line = refused(*CV, *data, out, "--out", tmp_path / "again.json")
-    assert "was moved to a site already; give the one it came from" in line
+    assert "was already moved to a site; give the original calibration" in line
 
 
 def test_the_base_is_not_overwritten(place, refused):
     base = place / "base.json"
     line = refused(*CV, "--data", place / "site", "--onto", base, "--out", base)
-    assert "is the base itself, which stays; name another file" in line
+    assert "is the base calibration, which is not overwritten; name another file" in line
 
 
 def test_a_recording_without_anybody_is_refused(place, tmp_path, refused, capsys):

@@ -25,7 +25,7 @@ def told(capsys, *paths):
 def test_recordings_of_simulated_people_are_named_in_one_line(recorded, tmp_path, capsys):
     assert told(capsys, recorded) == (
         f"warning: {recorded}: its people were simulated; zones calibrated on simulated motion "
-        f"claim nothing about people\n"
+        f"are not valid for real people\n"
     )
     other = tmp_path / "night2.mcap"
     other.write_bytes(recorded.read_bytes() + b" ")  # no copy: those are refused

@@ -118,9 +118,9 @@ def test_the_file_is_replaced_by_force_alone_and_never_the_one_that_is_read(cli,
     assert "cannot be written: not a file" in mistake("two.csv", "pipe.csv", "--force")
     assert cli("two.csv", "two.trc", "--rate", 10, "--force")[0] == 0
     assert Path("two.trc").read_bytes() != before
-    assert "is the recording that is read" in mistake("two.csv", "two.csv", "--force")
+    assert "is the input recording" in mistake("two.csv", "two.csv", "--force")
     Path("link.csv").symlink_to("two.csv")
-    assert "is the recording that is read" in mistake("two.csv", "link.csv", "--force")
+    assert "is the input recording" in mistake("two.csv", "link.csv", "--force")
 
 
 @pytest.mark.parametrize("ending", OF_ANY_JOINTS)
@@ -146,11 +146,11 @@ def test_what_breaks_off_leaves_nothing_half(cli, tmp_path, monkeypatch, ending,
 
 def test_mistakes_are_one_line_with_the_remedy(mistake):
     assert "unknown ending '.fbx'; use .npz" in mistake("two.csv", "a.fbx")
-    assert "only read, never written: ending '.bag'; use" in mistake("two.csv", "a.bag")
+    assert "can be read but not written: ending '.bag'; use" in mistake("two.csv", "a.bag")
     assert "--to bvg: unknown; did you mean 'bvh'?" in mistake("two.csv", "a.fbx", "--to", "bvg")
-    assert "take --to amass" in mistake("two.csv", "a.npz", "--to", "pack")
+    assert "use --to amass" in mistake("two.csv", "a.npz", "--to", "pack")
     said = mistake("two.csv", "a.db3", "--to", "rosbag2")
-    assert "name it a.mcap, or take --to rosbag2-sqlite" in said
+    assert "name it a.mcap, or use --to rosbag2-sqlite" in said
     assert "name it a.bvh" in mistake("two.csv", "a.bag", "--to", "bvh")
     said = mistake("two.csv", "a.xyz", "--to", "csv")
     assert "writes '.csv' files, and '.xyz' means no format; name it a.csv" in said

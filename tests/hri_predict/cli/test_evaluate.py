@@ -133,7 +133,7 @@ def test_euler_error_is_read_twice(cli, pack):
         (["--benchmark", "cmu", "--split", "test"], "--split: has no effect with --benchmark"),
         (["--benchmark", "cmu", "--disturb"], "--disturb: has no effect with --benchmark"),
         (["--benchmark", "cmu", "--n-out", "0"], "10 or 25"),
-        (["--benchmark", "cmu", "--n-in", "1"], "2 to 50 frames"),
+        (["--benchmark", "cmu", "--n-in", "1"], "2 to 50 observed frames"),
         (["--benchmark", "cmu", "--horizon", "2"], "--horizon: has no effect with --benchmark"),
         (["--set", "sinn.threads=2"], "write it as NAME.key=value"),
         (["--set", "zero_velocity.process"], "write it as NAME.key=value"),

@@ -97,7 +97,7 @@ def test_a_broken_log_that_was_set_aside_stays_wrong(folder, asked):
     Run(folder.parent).close()
     status, said = asked(folder)
     assert status == 1
-    assert "is an earlier log that was broken" in said
+    assert "is an earlier, damaged log" in said
 
 
 def test_a_narrow_table_breaks_no_word(monkeypatch, folder, asked):

@@ -82,7 +82,7 @@ def test_alerts_say_each_trouble_with_the_schema_once(listened):
     [
         ("serial", "give serial:PORT or can:INTERFACE:CHANNEL"),
         ("can:can0", "give serial:PORT or can:INTERFACE:CHANNEL"),
-        ("zenoh:cell", "its KIND, and --set key=value"),
+        ("zenoh:cell", "for another kind of link, KIND and --set key=value"),
         ("nothing", "listen nothing: give serial:PORT"),
     ],
 )

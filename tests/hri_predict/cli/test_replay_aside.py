@@ -54,4 +54,4 @@ def test_it_says_to_which_real_links_it_sends(cell, capsys):
     cell.write_text(yaml.safe_dump(data), encoding="utf-8")
     with pytest.raises(LinkError, match="absent"):
         replay(recording=PATH, config=cell, speed="5", as_json=True)
-    assert "replay: sends to drive, as a live cell does; --no-links" in capsys.readouterr().err
+    assert "replay: sends to drive, like a live cell; --no-links" in capsys.readouterr().err

@@ -98,7 +98,7 @@ def test_frames_of_a_bvh_that_are_not_numbers_are_counted(tmp_path: Path, value:
         recording = open_recording(_bvh(tmp_path / "a.bvh", "0.04", rows))
     assert [bool(s.people[0].observed.all()) for s in recording.scenes] == [True, True, False]
     assert not recording.scenes[2].people[0].observed[1:].any()
-    assert recording.note == "in 1 of 3 frames some joint is not a sane number"
+    assert recording.note == "in 1 of 3 frames some joint is not a valid number"
 
 
 @pytest.mark.parametrize("value", [1e300, -1001.0, np.inf, np.nan])

@@ -89,7 +89,7 @@ def test_units_and_axes_are_refused_with_a_remedy_that_works(
     name, base, option, tmp_path, monkeypatch
 ):
     error = refused(name)
-    command = re.search(r"this makes a right file of it: hri-predict (.+)$", error)
+    command = re.search(r"this writes a correct file: hri-predict (.+)$", error)
     assert command is not None
     assert command[1].endswith(option)
     monkeypatch.chdir(tmp_path)

@@ -65,7 +65,7 @@ def mended(path: Path, monkeypatch) -> tuple[Path, str]:
     with pytest.raises(RecordingError) as error:
         opened(path)
     assert "\n" not in str(error.value)
-    command = re.search(r"makes a right file of it: hri-predict (.+)$", str(error.value))
+    command = re.search(r"writes a correct file: hri-predict (.+)$", str(error.value))
     assert command is not None, str(error.value)
     monkeypatch.chdir(path.parent)
     words = shlex.split(command[1])

@@ -23,7 +23,7 @@ def lines(**changes):
         (None, "it does not say when it was made; from 20 recordings"),
         (date(2026, 6, 2), "made on 2026-06-02, 0 days ago; from 20 recordings"),
         (date(2026, 6, 1), "1 day ago; from 20 recordings"),
-        (date(2025, 6, 1), "366 days ago; is it still true of these people and this tracker? See"),
+        (date(2025, 6, 1), "366 days ago; does it still match the people and the tracker? See"),
         (date(2026, 6, 3), "in the future: check this computer's date; from"),
     ],
 )

@@ -16,7 +16,7 @@ ARM = {"name": "arm", "model": "ur5e", "room_from_robot": {}, "max_speed_m_s": 1
 MODES = {"teach": {}, "recovery": {"speed_m_s": 0.06}, "muting": {"max_s": 4}}
 WORDS = {
     "teach": "robot arm: TEACH is allowed: in manual mode, while the enabling device is held",
-    "recovery": "robot arm: RECOVERY is allowed: beside people it may go back along its plan at up "
+    "recovery": "robot arm: RECOVERY is allowed: near people it may move back along its plan at up "
     "to 0.06 m/s",
     "muting": "robot arm: MUTING is allowed: for up to 4 s no person stops it, at up to 1 m/s",
 }
@@ -41,7 +41,7 @@ def test_a_robot_that_a_file_moves_is_named() -> None:
 
 def test_muting_says_for_which_share_of_the_time() -> None:
     (note,) = notes(muting={"max_s": 4, "rest_s": 12})
-    assert "recovers in 12 s without a request, so people may be ignored for 25% of" in note
+    assert "after 12 s without a request, so people may be ignored for 25% of" in note
 
 
 def test_nothing_is_said_by_default_and_all_where_all_is_allowed() -> None:

@@ -99,7 +99,7 @@ def test_a_part_that_cannot_be_built_is_one_line(monkeypatch, error):
     [
         ("kalmann", {}, "did you mean 'kalman'"),
         ("serial:x", {}, "predictor, source, link"),
-        ("zenoh", {}, "say which: source:zenoh, link:zenoh"),
+        ("zenoh", {}, "write one of: source:zenoh, link:zenoh"),
         ("link:cann", {}, "unknown link 'cann'"),
         ("link:serial", {}, "give 'port'"),
         ("kalman", {"change": ["rate_hz"]}, "write it as key=value"),
@@ -123,7 +123,7 @@ def test_a_part_that_hangs_ends_in_one_line():
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.returncode == 1
-    assert done.stderr == "error: link:mine: it hangs: no end after 0.2 s (--limit)\n"
+    assert done.stderr == "error: link:mine: hangs: not finished after 0.2 s (--limit)\n"
 
 
 def test_a_part_that_ends_in_time_is_left_alone():

@@ -33,7 +33,7 @@ def test_the_settings_are_told(facts, tmp_path):
 
 
 def test_none_is_told_too(tmp_path):
-    assert evidence_line(evidence_facts(load_cell(tmp_path))) == "evidence: none is kept"
+    assert evidence_line(evidence_facts(load_cell(tmp_path))) == "evidence: not recorded"
     assert evidence_notes(None) == []
 
 

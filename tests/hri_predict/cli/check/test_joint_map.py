@@ -60,7 +60,7 @@ def test_a_map_with_all_joints_costs_nothing(written, capsys):
 def test_what_the_posture_gives_is_named_as_such(written, capsys):
     check(config=written("assembly_arms"))
     lines = [line for line in capsys.readouterr().out.splitlines() if "joint map" in line]
-    (rest,) = [line for line in lines if "inferred from the posture of what is seen" in line]
+    (rest,) = [line for line in lines if "inferred from the posture of the joints seen" in line]
     assert "l_knee" in rest
 
 

@@ -128,7 +128,7 @@ def test_only_what_was_verified_is_fine(found, fine, capsys):
     assert show(whole, configured(), as_json=False) is fine
     told = capsys.readouterr().out
     assert ("ok: " in told) is fine
-    assert ("never came, though mapped: l_ankle" in told) == bool(whole["people"])
+    assert ("mapped, but never received: l_ankle" in told) == bool(whole["people"])
 
 
 def test_coordinates_about_the_hips_are_named(monkeypatch):

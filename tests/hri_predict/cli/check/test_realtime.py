@@ -30,7 +30,7 @@ def test_what_is_configured_and_cannot_be_had_ends_with_status_1(cli, write):
     path = write((("realtime",), {"cpus": [1000], "inference_cpus": [1001]}))
     status, out, err = cli("check", path, "--realtime")
     assert status == 1
-    assert "realtime.cpus: cannot be had on this machine" in out
+    assert "realtime.cpus: not available on this machine" in out
     assert err == ""
 
 

@@ -161,7 +161,7 @@ def test_the_same_cell_gives_the_same_advice(folder, cli):
     ("key", "value", "status", "line"),
     [
         ("person_uncertainty_m", 0.0, 1, "LESS SAFE: robot arm: a higher speed limit"),
-        ("person_uncertainty_m", 0.15, 0, "nothing got less safe"),
+        ("person_uncertainty_m", 0.15, 0, "nothing became less safe"),
     ],
 )
 def test_another_configuration_is_compared(folder, cli, key, value, status, line):
@@ -198,7 +198,7 @@ def test_check_says_whether_the_cell_is_as_commissioned(folder, cli):
     (folder / "cell.yaml").open("a").write("commissioning: {report: out/report.json}\n")
     status, out, _ = cli("check", folder / "cell.yaml")
     assert status == 0
-    assert "the cell is as it was" in out
+    assert "the cell is unchanged" in out
     assert "made with simulated people" in out
     change(folder, "intrusion_m", 0.1)
     status, out, _ = cli("check", folder / "cell.yaml")
@@ -241,7 +241,7 @@ def test_check_does_not_pass_a_commissioning_that_failed(folder, cli):
         ([], "CONFIG: missing"),
         (["cell.yaml"], "--out: missing"),
         (["cell.yaml", "--out", "new", "--step", "wlak"], "did you mean 'walk'"),
-        (["cell.yaml", "--out", "new", "--skip", "walk"], "say why"),
+        (["cell.yaml", "--out", "new", "--skip", "walk"], "give the reason"),
         (["cell.yaml", "--out", "new", "--skip", "wlak=x"], "did you mean 'walk'"),
         (["cell.yaml", "--out", "cell.yaml"], "cannot be written"),
         (["--repeat", "out", "--out", "new"], "--out: has no effect with --repeat"),

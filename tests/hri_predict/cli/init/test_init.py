@@ -121,7 +121,7 @@ def test_every_key_has_a_comment_and_lines_fit_80_columns(call, tmp_path):
     call("--simulated", "--yes")
     lines = (tmp_path / "cell.yaml").read_text().splitlines()
     body = lines[
-        4 : lines.index("# Remove the # before what this cell has, and put in its values:")
+        4 : lines.index("# Uncomment the keys that this cell needs, and enter its values:")
     ]
     for above, line in zip(["", *body], body, strict=False):
         if re.match(r" *(- )?[a-z_]+:", line):
@@ -133,7 +133,7 @@ def test_every_key_has_a_comment_and_lines_fit_80_columns(call, tmp_path):
 def test_what_is_written_as_comments_is_right_when_it_is_taken_in(call, tmp_path):
     call("--yes", "--no-schema")
     path = tmp_path / "cell.yaml"
-    before, _, after = path.read_text().partition("# Remove the # before")
+    before, _, after = path.read_text().partition("# Uncomment the keys")
     hints = [re.sub("^# ?", "", line) for line in after.splitlines()[1:]]
     path.write_text(before + "\n".join(hints) + "\n")
     _, data = read(tmp_path)
@@ -173,7 +173,8 @@ def test_somebody_elses_schema_is_never_replaced_without_force(call, tmp_path):
     [
         (
             [],
-            "no terminal to ask in, and not given: --robot, --max-speed, --mode, --source, --link",
+            "no terminal for prompts, and not given: --robot, --max-speed, --mode, --source, "
+            "--link",
         ),
         (["--yes", "--robot", "ur5x"], "--robot ur5x: model: unknown robot model 'ur5x'; did you"),
         (["--yes", "--max-speed", "300"], "--max-speed 300.0: robot: max_speed_m_s: "),
@@ -227,10 +228,10 @@ def test_in_a_terminal_it_asks_again_until_an_answer_is_right(tmp_path):
         ("got 'perhaps'", None),
         ("source.sees_room: ", "true"),
         ("Link 1 ('none' ends) [none]: ", "can:socketcan:can0"),
-        ("by itself [0.06]: ", "0.001"),
+        ("by itself, s [0.06]: ", "0.001"),
         ("got 0.001", None),
-        ("by itself [0.06]: ", "0.08"),
-        ("begins to brake [0.02]: ", ""),
+        ("by itself, s [0.06]: ", "0.08"),
+        ("starts to brake, s [0.02]: ", ""),
         ("Link 2 ('none' ends) [none]: ", ""),
         ("[predictive]: ", "reactive"),
         ("hri-predict check cell.yaml", None),

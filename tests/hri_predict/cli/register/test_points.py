@@ -99,7 +99,7 @@ def test_several_sensors_at_once_are_refused():
     [
         ({"point": ["0,0,0"]}, "1 given; give at least 3"),
         ({"walk": True, "joint": "r_hand"}, "--walk: uses the feet"),
-        ({"robot": "arm", "point": ["0,0,0"] * 3}, "--robot: gives the points by itself"),
+        ({"robot": "arm", "point": ["0,0,0"] * 3}, "--robot: provides the points itself"),
         ({"every": 1.0}, "--every: needs the points"),
         ({"point": ["0,0"] * 3}, "give 3 numbers"),
     ],

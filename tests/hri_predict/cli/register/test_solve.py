@@ -84,5 +84,5 @@ def test_a_hand_that_touched_no_point_is_told_from_points_that_are_too_near():
     resting = np.zeros((4, 3)) + np.random.default_rng(0).normal(0.0, 0.003, (4, 3))
     with pytest.raises(ConfigError, match="seen in the same place each time: touch each point"):
         solve(resting, CORNERS)
-    with pytest.raises(ConfigError, match=r"where the source saw the joint are at most 0\.25 m"):
+    with pytest.raises(ConfigError, match=r"observed positions of the joint are at most 0\.25 m"):
         solve(CORNERS * 0.1, CORNERS)

@@ -50,7 +50,7 @@ def test_trouble_at_a_live_source_is_told_while_the_node_runs():
     counters = SourceCounters(unknown_joints=12, lost=3)
     counters.note("joint 'Hand_L' is not in the joint map coco17")
     assert trouble(counters) == [
-        "12 joints of unknown names",
+        "12 joints with unknown names",
         "3 lost",
         "joint 'Hand_L' is not in the joint map coco17",
     ]

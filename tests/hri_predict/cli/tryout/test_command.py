@@ -59,7 +59,7 @@ def test_without_a_camera_one_line_says_so_and_the_demos_person_comes(runs, monk
     result = started(monkeypatch, FAILS)
     assert result.exception is None
     (notice,) = [line for line in result.stderr.splitlines() if "none found" in line]
-    assert notice == "no camera: camera 0: none found; here is the demo's person"
+    assert notice == "no camera: camera 0: none found; showing the demo's person instead"
     ((config, _),) = runs
     assert config.source.kind == "procedural"
 

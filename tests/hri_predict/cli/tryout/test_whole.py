@@ -48,7 +48,7 @@ def test_without_a_camera_it_runs_with_the_demos_person_and_ends_by_itself(tmp_p
     assert process.returncode == 0, err
     notices = [line for line in err.splitlines() if line.startswith("no camera: ")]
     assert len(notices) == 1
-    assert notices[0].endswith("; here is the demo's person")
+    assert notices[0].endswith("; showing the demo's person instead")
     assert len([line for line in err.splitlines() if line.startswith("viewer: http://")]) == 1
     assert "Traceback" not in err
     assert int(re.findall(r"frames in *│ *(\d+)", out)[0]) > 0

@@ -246,8 +246,8 @@ def test_a_folder_that_is_read_only_is_one_line(tmp_path):
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        ({"max_mb": 5}, "name a 'file' or a 'folder'"),
-        ({"file": "a.mcap", "folder": "b"}, "one of them"),
+        ({"max_mb": 5}, "name either a 'file' or a 'folder'"),
+        ({"file": "a.mcap", "folder": "b"}, "name either a 'file' or a 'folder'"),
         ({"file": "a.mcap", "max_mb": 5}, "max_mb has no effect on a single file"),
         ({"folder": "b", "budget_gb": 0.5}, "budget_gb 0.5 holds no two files"),
         ({"folder": "b", "name": "../up"}, "name"),

@@ -338,7 +338,7 @@ def test_decimal_commas_and_missing_numbers(tmp_path: Path) -> None:
     assert "decimal point" in _error(path)
     row = text.splitlines()[-1].split()
     path.write_text(text.replace(row[-1], "-1.#IND"))
-    assert "some joint is not a sane number" in open_recording(path).note
+    assert "some joint is not a valid number" in open_recording(path).note
 
 
 def test_each_root_is_a_person(tmp_path: Path) -> None:

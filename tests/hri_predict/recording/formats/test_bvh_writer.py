@@ -105,7 +105,7 @@ def test_what_is_not_observed_stays_and_is_counted(tmp_path):
     written = write_recording(recording_of(joints, seen), tmp_path / "a.bvh", "bvh")
     assert written.dropped["joint positions that were not observed"] == 2
     assert "HeadTop" not in (tmp_path / "a.bvh").read_text()
-    assert any("stay where they were seen last" in note for note in written.notes)
+    assert any("stay where they were last seen" in note for note in written.notes)
 
 
 def test_arms_alone_hang_on_the_neck(tmp_path):

@@ -65,7 +65,7 @@ def test_other_sequences_in_a_folder_of_openpose_are_noted(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"pose_keypoints_3d": []}, "2-D pixels alone"),
+        ({"pose_keypoints_3d": []}, "only 2-D pixels"),
         ({"pose_keypoints_3d": [1.0, 2.0]}, "x, y, z and c of 25 joints"),
         ({"pose_keypoints_3d": ["1"] * 100}, "x, y, z and c of 25 joints"),
         ({"pose_keypoints_3d": [10**400] * 100}, "a number is too large"),

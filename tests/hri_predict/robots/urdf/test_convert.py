@@ -221,7 +221,7 @@ def test_extensions_of_other_programs_are_named(
     urdf.write_text(text.replace('<link name="top"/>', f'<link name="top">{more}</link>'))
     assert run(urdf, *CHAIN, *STOP) == 0
     said = capsys.readouterr().out.splitlines()[-1]
-    assert said == "not read, of other programs: <hint> of http://drake.mit.edu (2)"
+    assert said == "ignored, from other programs: <hint> of http://drake.mit.edu (2)"
 
 
 def test_a_turn_of_two_pi_with_few_digits_and_a_mirrored_mesh_are_accepted(urdf: Path) -> None:
