@@ -36,7 +36,8 @@ class State(Settings):
 def load_state(folder: Path, config: Config) -> State:
     """Return the state of a folder, or a new state if it has none.
 
-    Raises: ConfigError: the state cannot be read, or belongs to another cell.
+    Raises:
+        ConfigError: the state cannot be read, or belongs to another cell.
     """
     path = folder / STATE
     if not path.exists():

@@ -1,6 +1,7 @@
-"""A link on which a test can restrict a robot further, but never permit more. The node assesses
-people as always. The governor can lower a speed limit granted by the node, or replace it with a
-stop; it cannot lift a stop of the node.
+"""A link on which a test can restrict a robot further, but never permit more.
+
+The node assesses people as always. The governor can lower a speed limit granted by the node, or
+replace it with a stop; it cannot lift a stop of the node.
 """
 
 from collections.abc import Callable, Collection

@@ -155,7 +155,8 @@ _SHOWN = 80
 def identity_of(config: Config) -> Identity:
     """Return the current identity of a cell.
 
-    Raises: HriPredictError: a robot or trajectory named in the configuration is not shipped.
+    Raises:
+        HriPredictError: a robot or trajectory named in the configuration is not shipped.
     """
     flat = flattened(canonical(config))
     files = {

@@ -1,5 +1,6 @@
-"""Plays a recorded walk test through the node on the virtual clock, so results are repeatable. The
-recording holds every scene as received and every RobotState. No link is opened.
+"""Plays a recorded walk test through the node on the virtual clock, so results are repeatable.
+
+The recording holds every scene as received and every RobotState. No link is opened.
 """
 
 import json
@@ -45,7 +46,8 @@ class Grid:
             everything.
         exclude: polygons (N, 2) where no person can stand, such as machines and walls.
 
-    Raises: ConfigError: there would be more than ``MAX_CELLS`` cells, or none.
+    Raises:
+        ConfigError: there would be more than ``MAX_CELLS`` cells, or none.
     """
 
     def __init__(
@@ -246,7 +248,8 @@ def grid_of(config: Config, cell_m: float, exclude: Sequence[JsonValue]) -> Grid
 def play(config: Config, recording: Path, grid: Grid) -> Played:
     """Play a recording through the node with this configuration.
 
-    Raises: HriPredictError: the recording cannot be played; one line with the remedy.
+    Raises:
+        HriPredictError: the recording cannot be played; one line with the remedy.
     """
     watch = _Watch([robot.name for robot in config.node.robots], grid)
     run_session(_playing(config, recording), Options(factor=None, until_exhausted=True, view=watch))
@@ -272,7 +275,8 @@ def _playing(config: Config, recording: Path) -> Config:
 def write_rows(path: Path, rows: Sequence[AdviceRow]) -> None:
     """Write advice as JSON lines.
 
-    Raises: OSError: the file cannot be written.
+    Raises:
+        OSError: the file cannot be written.
     """
     lines = (json.dumps(asdict(row), separators=(",", ":")) for row in rows)
     atomic_write(path, "".join(f"{line}\n" for line in lines).encode())
@@ -281,7 +285,8 @@ def write_rows(path: Path, rows: Sequence[AdviceRow]) -> None:
 def read_rows(path: Path) -> list[AdviceRow]:
     """Read what ``write_rows`` wrote.
 
-    Raises: RecordingError: the file cannot be read.
+    Raises:
+        RecordingError: the file cannot be read.
     """
     try:
         return list(_parsed(path.read_text(encoding="utf-8")))

@@ -1,4 +1,5 @@
 """The report of a validation: a model that is checked when read, and a hash of its whole content.
+
 The hash contains no secret. It reveals damage and careless editing, but anyone can recompute it:
 only signatures on paper, or a copy kept by others, reveal deliberate changes.
 """
@@ -34,6 +35,7 @@ R = TypeVar("R")
 
 class TouchedPoint(Settings):
     """A point touched by a hand: its position and the joint as seen; metres, room frame.
+
     ``error_m`` uses the configured pose of the sensor, ``residual_m`` the best-fitting pose.
     """
 
@@ -72,7 +74,7 @@ class LinkEcho(Settings):
         link: its name.
         states, echoes: number of RobotStates received, and of different counters echoed.
         in_node: from the receipt of a RobotState until an advice with its echo was written.
-            round_trip: from the sending of a RobotState until the advice with its echo, at the
+        round_trip: from the sending of a RobotState until the advice with its echo, at the
             controller.
         measured_by: the party that measured the round trip.
         both_ways_ms: longest time on the link, both directions together; ``None``: not measured.
@@ -110,8 +112,8 @@ class Stop(Settings):
         allowed_s, allowed_m: sum of the link, the controller's reaction and the table.
         resolution_s: longest time between two RobotStates during the stop.
         measured_by: the node, from RobotState, or the integrator.
-        stood: whether the robot came to a standstill. passed: whether it stopped within the allowed
-            time and distance.
+        stood: whether the robot came to a standstill.
+        passed: whether it stopped within the allowed time and distance.
     """
 
     robot: str
@@ -201,8 +203,10 @@ class Walk(Settings):
 
 
 class Step(Settings, Generic[R]):
-    """One step, done or skipped. ``identity`` is the hash of configuration, files and versions at
-    that time; ``why`` lists failures and checks without a result.
+    """One step, done or skipped.
+
+    ``identity`` is the hash of configuration, files and versions at that time; ``why`` lists
+    failures and checks without a result.
     """
 
     outcome: Outcome
@@ -241,8 +245,9 @@ class Signature(Settings):
 
 
 class Report(Settings):
-    """The whole report, without its own hash. ``less_safe`` has a line to be signed for each
-    setting that is less safe than its default.
+    """The whole report, without its own hash.
+
+    ``less_safe`` has a line to be signed for each setting that is less safe than its default.
     """
 
     format: Literal[1] = FORMAT
@@ -293,7 +298,8 @@ def to_data(report: Report) -> dict[str, Any]:
 def write_report(report: Report, folder: Path) -> str:
     """Write ``report.json``; return its hash.
 
-    Raises: OSError: the file cannot be written.
+    Raises:
+        OSError: the file cannot be written.
     """
     data = to_data(report)
     atomic_write(folder / REPORT, (json.dumps(data, indent=1) + "\n").encode())
@@ -303,8 +309,8 @@ def write_report(report: Report, folder: Path) -> str:
 def read_report(path: Path) -> tuple[Report, str]:
     """Read a report; return it and its hash.
 
-    Raises: ConfigError: the file cannot be read, is not a report, or was changed after it was
-    written.
+    Raises:
+        ConfigError: the file cannot be read, is not a report, or was changed after it was written.
     """
     try:
         data = json.loads(read_text(path, "report"))
@@ -335,7 +341,8 @@ def read_report(path: Path) -> tuple[Report, str]:
 def find_report(path: Path) -> Path:
     """Return the report at a path: the file, or the newest report in a folder and its subfolders.
 
-    Raises: ConfigError: there is no report.
+    Raises:
+        ConfigError: there is no report.
     """
     if not path.is_dir():
         if not path.is_file():

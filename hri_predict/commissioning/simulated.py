@@ -1,4 +1,5 @@
 """A simulated cell: simulated people instead of the tracker, and mock controllers at its links.
+
 Every step of a validation can thus be tried before the cell is wired. Its results do not apply to
 the real cell, and the report states this.
 """
@@ -44,7 +45,8 @@ def simulated(config: Config, circles: Floats) -> Config:
         config: the cell.
         circles: (R, 3) x, y and radius of the floor to walk, metres.
 
-    Raises: ConfigError: a robot is configured as standing, or no shipped trajectory fits it.
+    Raises:
+        ConfigError: a robot is configured as standing, or no shipped trajectory fits it.
     """
     return replace(with_people(config, walkers(circles)), links=_mocked(config))
 
@@ -80,6 +82,7 @@ def walkers(circles: Floats) -> list[dict[str, Any]]:
 
 def with_toucher(config: Config, point: Floats) -> Config:
     """Return the cell with a person who holds the finger tips at a point (3,), room frame, metres.
+
     All joints are sent: without hand joints, the wrist would be used, a hand's length away.
     """
     moved = with_people(config, toucher(point))

@@ -1,5 +1,6 @@
-"""The stopping test: robots are stopped at given speeds and measured from their RobotState. The
-node runs as always, in an empty cell. At each given speed the test commands a stop (see
+"""The stopping test: robots are stopped at given speeds and measured from their RobotState.
+
+The node runs as always, in an empty cell. At each given speed the test commands a stop (see
 ``governed_link``) and follows the robot's fastest point until it stops. The delay budget and the
 stopping table together set the allowed time and distance.
 """
@@ -43,6 +44,7 @@ Sample = tuple[int, float]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoppingTrials:
     """Tests to run: speeds (m/s), runs per speed, and the maximum wait for a robot to reach it.
+
     Without speeds, ``PARTS`` of each robot's own maximum speed are used.
     """
 
@@ -82,7 +84,8 @@ class StopTest(Listener):
     """Lets one robot at a time move, and stops it at each given speed.
 
     Attributes:
-        trials: all trials started, in order. done: set when all trials are over.
+        trials: all trials started, in order.
+        done: set when all trials are over.
     """
 
     def __init__(

@@ -1,6 +1,7 @@
-"""The walk test: a person walks through the cell while the node records. The grid and the advice
-come from playing the recording, not from the live run, so a later version or configuration can be
-compared on exactly the same input.
+"""The walk test: a person walks through the cell while the node records.
+
+The grid and the advice come from playing the recording, not from the live run, so a later version
+or configuration can be compared on exactly the same input.
 """
 
 from collections.abc import Sequence
@@ -27,8 +28,10 @@ MOST_UNKNOWN = 0.5
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkPlan:
     """Plan of a walk: duration in seconds, side of a grid cell in metres, minimum coverage as a
-    share, and polygons where no person can stand. ``shadow``: links send *unknown*, so that no
-    robot moves. ``virtual``: run with simulated people and controllers, as fast as possible.
+    share, and polygons where no person can stand.
+
+    ``shadow``: links send *unknown*, so that no robot moves. ``virtual``: run with simulated people
+    and controllers, as fast as possible.
     """
 
     seconds: float
@@ -48,7 +51,8 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
         plan: see ``WalkPlan``.
         folder: receives the recording and the advice; those of an earlier walk are replaced.
 
-    Raises: HriPredictError: the run cannot start, or the recording is incomplete.
+    Raises:
+        HriPredictError: the run cannot start, or the recording is incomplete.
     """
     grid = grid_of(config, plan.cell_m, plan.exclude)  # a mistake shows before anybody walks
     recording, advices = folder / RECORDING, folder / ADVICES
