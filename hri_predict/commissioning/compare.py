@@ -199,8 +199,7 @@ def _of(some: set[tuple[int, int]], all_of: set[tuple[int, int]]) -> str:
 
 
 def _places(grid: GridResult, cells: Iterable[int]) -> set[tuple[int, int]]:
-    """Return the cells by position in the room, so that grids of different sizes can be
-    compared."""
+    """Return the cells by position in the room, to compare grids of different sizes."""
     x, y = (round(v / grid.cell_m) for v in grid.origin)
     return {(x + cell % grid.columns, y + cell // grid.columns) for cell in cells}
 

@@ -49,8 +49,7 @@ class GovernedLink:
         self.inner.on_sent = call
 
     def post(self, message: Message) -> None:
-        """Post advice, with the limit lowered if the test asks for it; skip robots of other
-        links."""
+        """Post advice, with a lower limit if the test requires it; skip robots of other links."""
         if isinstance(message, Advice):
             if message.robot not in self._robots:
                 return

@@ -120,7 +120,7 @@ class Identity(Settings):
         config: dotted key -> value, all defaults included.
         config_hash: SHA-256 of ``config``.
         files: dotted key -> file that the key names or implies.
-        versions: of this program, Python, the protocol and some libraries.
+        versions: versions of this program, Python, the protocol and some libraries.
     """
 
     config: dict[str, JsonValue]

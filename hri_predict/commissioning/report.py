@@ -57,8 +57,7 @@ class Registration(Settings):
 
 
 class Times(Settings):
-    """A distribution of times in milliseconds; ``bins`` holds counts per whole millisecond from
-    0."""
+    """A distribution of times in milliseconds; ``bins`` holds counts per millisecond from 0."""
 
     count: int = Field(ge=0)
     p50_ms: Amount

@@ -120,8 +120,7 @@ class StopTest(Listener):
         return now.stated_m_s
 
     def on_received(self, link: str, received: Received) -> None:
-        """Record a RobotState; if several links report a robot, only those of the first link are
-        used."""
+        """Record a RobotState; if several links report a robot, only the first link is used."""
         state = received.message
         if not isinstance(state, RobotState) or state.robot >= len(self._models):
             return

@@ -82,8 +82,7 @@ def _turned(positions: Floats, whole: Bools, pair: NDArray[np.intp]) -> Bools:
 
 
 def _shift(positions: Floats, measured: Bools, since: int, at: int) -> Floats | None:
-    """Return (3,) motion of a body (T, J, 3) between two steps; ``None``: no joint is seen in
-    both."""
+    """Return (3,) motion of a body (T, J, 3) between two steps; ``None``: no common joint."""
     both = measured[since] & measured[at]
     head = both[_HEAD]
     of = _HEAD[head] if head.any() else np.flatnonzero(both)

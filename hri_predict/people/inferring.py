@@ -39,7 +39,7 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 
     Args:
         snapshot: snapshot of measured joints.
-        inference: see ``body.inferred``.
+        inference: inference of joints, see ``body.inferred``.
         rate_hz: steps per second of the history.
     """
     lost = tuple(_lost(person, inference) for person in snapshot.lost)

@@ -14,7 +14,7 @@ def join(roster: Roster, pairs: Iterable[tuple[int, int]], capture_ns: int) -> N
 
     Args:
         roster: the tracked people.
-        pairs: of ids (gone, kept).
+        pairs: pairs of ids (gone, kept).
         capture_ns: capture time of the scene.
     """
     for gone, kept in pairs:

@@ -50,8 +50,8 @@ class Roster:
         history: function that returns an empty ring buffer.
 
     Attributes:
-        tracks: by id.
-        lost: as given.
+        tracks: tracks by id.
+        lost: the lost people.
         counters: number of bodies by outcome.
     """
 

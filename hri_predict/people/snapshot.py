@@ -78,7 +78,7 @@ class Inferred:
         within_m: (P, J) metres: maximum distance of the true joint from its inferred position in 99
             of 100 cases; 0 for measured joints, and where nothing was inferred.
         measured: (P, T, J) where the history was measured.
-        shown: (P, J) which joints were measured in any of ``PeopleSnapshot.recent``.
+        shown: (P, J) whether joints were measured in any of ``PeopleSnapshot.recent``.
     """
 
     joints: Bools

@@ -163,8 +163,7 @@ class Track:
 
     @property
     def centroid(self) -> Floats:
-        """(3,) mean of the joints seen in the newest capture or, without any, of all joints ever
-        seen."""
+        """(3,) mean of the joints seen in the newest capture, or of all joints ever seen."""
         recent = self.stamps == self.capture_ns
         if not recent.any():
             recent = self.stamps != NEVER
@@ -293,8 +292,7 @@ class Track:
         return speed, np.maximum(np.nan_to_num(apart - speed), 0.0)
 
     def _joints_moved(self, span_s: float) -> tuple[Floats, float]:
-        """Return (J, 3) motion of each joint, NaN if not seen at both ends, and the seconds in
-        between."""
+        """Return (J, 3) motion of each joint, NaN if not seen at both ends, and the duration, s."""
         stamps, positions, observed = self.history.samples()
         nothing = np.full((self.history.joints, 3), np.nan)
         recent = np.flatnonzero(stamps >= self.capture_ns - round(span_s * 1e9))

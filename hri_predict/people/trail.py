@@ -52,8 +52,7 @@ class Trail:
         self._as_arrays: tuple[Floats, Floats] | None = None
 
     def add(self, capture_ns: int, moved: Floats, loose_m: float) -> None:
-        """Record that the body moved by ``moved`` (2,), with an error of ``loose_m``, to this
-        capture."""
+        """Record a motion of ``moved`` (2,) to this capture, with an error of ``loose_m``."""
         self.place = self.place + moved
         self._stamps.append(capture_ns)
         self._places.append(self.place)

@@ -269,8 +269,7 @@ class ZoneBuilder:
     def _segments(
         self, mid: Floats, around: Floats, joint_age: Floats
     ) -> tuple[Capsules, Ints, Floats]:
-        """Convert joints' spheres to capsules (P, K+1, S), with ``ends`` and ``extra`` of
-        ``Toward``."""
+        """Convert spheres to capsules (P, K+1, S), with ``ends`` and ``extra`` of ``Toward``."""
         a, b, radius, ends, extra = _capsules((plain(mid), plain(around), joint_age), self._segment)
         return Capsules(a, b, radius), ends, extra
 

@@ -132,8 +132,7 @@ _velocities = kernel(_velocities_by_loops, _velocities_by_arrays)
 
 
 def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
-    """Return (P, J) speed of every joint, m/s, and whether it was measured; see
-    ``joint_velocities``."""
+    """Return (P, J) joint speeds, m/s, and whether measured; see ``joint_velocities``."""
     velocity, measured = joint_velocities(history, observed, rate_hz)
     return norm(velocity), measured
 
@@ -258,7 +257,7 @@ class SpeedRule:
         """Return the speeds of all people and of their joints and segments.
 
         Args:
-            speeds: (P, J) of the joints.
+            speeds: (P, J) speeds of the joints.
             shown: (P, J) the joints that are not inferred; only these decide whether a person is
                 fast.
             ends: (S,) and (S,) the joints at both ends of each segment.

@@ -121,8 +121,7 @@ def _slope(place: Floats, ages: Floats, used: Bools) -> _Slope:
 
 
 def _noise(place: Floats, ages: Floats, used: Bools) -> Floats:
-    """Return (P,) standard deviations of a component, metres; 0 where there are too few
-    captures."""
+    """Return (P,) standard deviations of a component, metres; 0 for too few captures."""
     centred, spread, count = _centred(ages, used)
     square = np.where(used, centred**2, 0.0)
     square = np.where(used, square - (square.sum(1) / np.maximum(count, 1))[:, None], 0.0)

@@ -261,7 +261,7 @@ class JointZones:
         )
 
     def _lost(self, snapshot: PeopleSnapshot) -> list[Floats]:
-        """Return the rows of lost people: positions, joint ages, speeds, limb speeds, inferred
+        """Return rows of lost people: positions, joint ages, speeds, limb speeds, inferred
         radii."""
         lost, joints = snapshot.lost, len(self._rule.speed)
         onward = np.array([[p.speed_m_s] for p in lost])

@@ -143,8 +143,7 @@ def inputs_ahead(evidence: Evidence | EvidenceArrays, knots: Ints, rate_hz: floa
 
 
 def _velocity(history: Floats, seen: Bools, *, skip: int, back: int, rate_hz: float) -> Floats:
-    """Return (P, J, 3) m/s over ``back`` steps that end ``skip`` before the newest; 0 where not
-    observed."""
+    """Return (P, J, 3) m/s over ``back`` steps, ending ``skip`` before the newest; 0 if unseen."""
     end, start = history.shape[1] - 1 - skip, max(history.shape[1] - 1 - skip - back, 0)
     both = seen[:, end] & seen[:, start]
     moved = history[:, end] - history[:, start]
@@ -244,7 +243,7 @@ class LearnedScale:
 
     Args:
         network: see ``ScaleNetwork``.
-        skeleton: of the forecasts.
+        skeleton: skeleton of the forecasts.
         rate_hz: steps per second.
         horizon_steps: H.
     """
@@ -275,8 +274,7 @@ class LearnedScale:
         )
 
     def __call__(self, evidence: Evidence) -> Floats:
-        """Return (P, H, J) metres; never shrinks with the horizon; infinite for joints without a
-        kind."""
+        """Return (P, H, J) metres; never shrinks with the horizon; infinite without a kind."""
         seen = EvidenceArrays(
             history=plain(evidence.history),
             observed=plain_flags(evidence.observed),

@@ -45,8 +45,7 @@ class BodyReach(NamedTuple):
 
     @classmethod
     def of(cls, limits: HumanLimits, skeleton: Skeleton, rate_hz: float) -> Self:
-        """Return the bounds for a skeleton's joints, tree and parts, and a history at
-        ``rate_hz``."""
+        """Return the bounds for a skeleton's joints, tree and parts; history at ``rate_hz``."""
         part = np.full(len(skeleton.joints), "trunk", dtype=object)
         for kind in ("arm", "leg"):
             for side in ("left", "right"):
@@ -155,8 +154,7 @@ class BodyReach(NamedTuple):
 
 
 def _inside(square: Floats, radius: Floats, bound: Floats) -> Bools:
-    """Return whether spheres are inside other spheres, from the squared distance of their
-    centres."""
+    """Return whether spheres are inside others, from the squared distance of the centres."""
     room = bound - radius
     result: Bools = (room >= 0) & (square <= room * room)
     return result

@@ -44,8 +44,7 @@ class Trust:
         return tuple(reason for holds, reason in found if holds)
 
     def residual_alone(self) -> "Trust":
-        """Return a copy with the past errors for the scale, without widening and physical
-        limits."""
+        """Return a copy with only the past errors: no widening, no physical limits."""
         return replace(
             self,
             widen=np.ones_like(self.widen),

@@ -73,8 +73,7 @@ def standing_axes(
 
 
 def _across(bodies: Sequence[tuple[Floats, Bools]]) -> Floats:
-    """Return (n, 3) directions from right to left hip, or between the shoulders if hips are not
-    seen."""
+    """Return (n, 3) directions from right to left hip, or shoulder if hips are not seen."""
     found = []
     for positions, observed in bodies:
         for left, right in _PAIRS:

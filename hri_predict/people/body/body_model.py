@@ -71,7 +71,7 @@ class HeadingFrame:
 
     Attributes:
         origin: (N, 3) on the floor, z 0.
-        turn: (N, 3, 3) from the room to the frame.
+        turn: (N, 3, 3) rotation from the room to the frame.
         exists: (N,) whether a body has a frame.
     """
 
@@ -227,9 +227,9 @@ def _of_json(data: Any) -> BodyModel:
     most_odd, covariance = float(data["most_odd"]), lower + np.tril(lower, -1).T
     numbers = np.concatenate([mean.ravel(), factor, covariance.ravel(), [most_odd]])
     if data["joints"] != list(JOINTS) or len(data["covariance_m2"]) != size:
-        raise ValueError("of another skeleton")
+        raise ValueError("made for another skeleton")
     if mean.shape != (len(JOINTS), 3) or factor.shape != (len(JOINTS),) or most_odd <= 0:
-        raise ValueError("of another shape")
+        raise ValueError("an array has the wrong shape")
     if not np.isfinite(numbers).all() or (factor <= 0).any():
         raise ValueError("not finite, or a factor that is not above 0")
     np.linalg.cholesky(covariance)  # raises where it is no covariance

@@ -46,7 +46,7 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
     Args:
         person: the person as sent by the source.
         joint_map: joint map of the source.
-        origin: (3,) of the source's frame, in the room; a joint exactly there was not seen.
+        origin: (3,) origin of the source's frame, in the room; a joint exactly there was not seen.
     """
     count = len(joint_map.source_joints)
     if person.positions.shape != (count, 3) or person.observed.shape != (count,):

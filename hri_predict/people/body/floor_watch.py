@@ -170,8 +170,7 @@ class FloorWatch:
 
 
 def _stands(second: _Second) -> Floats | None:
-    """Return (3,) the middle of the ankles if the person stood for this second; otherwise
-    ``None``."""
+    """Return (3,) the middle of the ankles if the person stood for this second, or ``None``."""
     ankles = np.array(second.ankles)
     if len(ankles) < LEAST_SAMPLES or ankles.std(axis=0).max() > STILL_M:
         return None

@@ -156,8 +156,7 @@ class Inference:
 
 
 def rule_of(joint: str, observed: Bools) -> Rule | None:
-    """Return the rule with which a joint is inferred in a body with the seen joints ``observed``
-    (J,)."""
+    """Return the rule used to infer a joint in a body with seen joints ``observed`` (J,)."""
     seen = {name for name, there in zip(JOINTS, observed, strict=True) if there}
     for rule in RULES:
         if rule.anchors <= seen:

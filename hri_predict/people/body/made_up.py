@@ -126,7 +126,7 @@ class _Record:
         self.observed = self.all_observed[kept]
 
     def last(self, count: int) -> tuple[Floats, Floats, Bools]:
-        """Return seconds (n,), positions (n, m, 3) of the m joints seen in all captures, and their
+        """Return seconds (n,), positions (n, m, 3) of m joints seen in all captures, their
         indices."""
         always: Bools = np.logical_and.reduce(self.observed[-count:])
         stamps: Floats = np.multiply(self.stamps[-count:] - self.newest_ns, 1e-9)
@@ -223,8 +223,7 @@ class MadeUpWatch:
         return Sign.COASTING if self._coasts(record) else None
 
     def _froze(self, record: _Record) -> bool:
-        """Return whether all joints stopped from one capture to the next, ``_freeze`` captures
-        ago."""
+        """Return whether all joints stopped between two captures, ``_freeze`` captures ago."""
         count = self._freeze
         held = count + 3 * self._stride
         if len(record.stamps) < held or not self._is_still(record):
@@ -245,8 +244,7 @@ class MadeUpWatch:
         )
 
     def _is_still(self, record: _Record) -> bool:
-        """Return whether the body has not moved, from a quick comparison of both ends of the
-        span."""
+        """Return whether the body has not moved, from a comparison of both ends of the span."""
         common = record.observed[-1] & record.observed[-self._freeze]
         if not common.any():
             return False
@@ -254,7 +252,7 @@ class MadeUpWatch:
         return float((moved * moved).sum()) < 3 * MOST_NOISE_M**2 * moved.size
 
     def _coasts(self, record: _Record) -> bool:
-        """Return whether the body moves without a change of shape, or every joint keeps its
+        """Return whether the body moves without changing shape, or all joints keep their
         velocity."""
         count = record.within(COAST_S)
         if count < 6 or record.newest_ns - record.stamps[-count] < 0.8 * COAST_S * 1e9:
@@ -309,8 +307,7 @@ class MadeUpWatch:
         return False
 
     def _jumps(self, record: _Record) -> bool:
-        """Return whether the newest capture jumps farther than a body can move, or one did
-        recently."""
+        """Return whether a recent capture jumps farther than a body can move."""
         _, joints, always = record.last(self._freeze + 2)
         if not always.any():
             return False
@@ -331,8 +328,7 @@ class MadeUpWatch:
 
 
 def _leaps(stamps: Floats, joints: Floats) -> bool:
-    """Return whether most of the motion of (n, m, 3) is a jump: a glitch, or another body with this
-    id."""
+    """Return whether most motion of (n, m, 3) is a jump: a glitch, or another body with this id."""
     middle = mean_of(joints, 1)
     fastest = (norm(middle[1:] - middle[:-1]) / (stamps[1:] - stamps[:-1])).max()
     mean = np.linalg.norm(middle[-1] - middle[0]) / (stamps[-1] - stamps[0])
@@ -340,8 +336,7 @@ def _leaps(stamps: Floats, joints: Floats) -> bool:
 
 
 def _white(values: Floats) -> float:
-    """Return the variance of white noise in (n, ...) from second differences, small in smooth
-    motion."""
+    """Return the variance of white noise in (n, ...) from second differences."""
     turns = _turns(values)
     return float((turns * turns).sum()) / turns.size / 6.0 if turns.size else math.nan
 

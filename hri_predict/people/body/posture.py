@@ -144,8 +144,7 @@ def _bones_seen(observed: Bools) -> Bools:
 
 
 def _with_trunk(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
-    """Return the body with the midpoint of shoulders or hips in place of an unseen neck or
-    waist."""
+    """Return the body with the midpoint of shoulders or hips for an unseen neck or waist."""
     for name, *others in _INSTEAD:
         sides = [_AT[other] for other in others]
         if not observed[_AT[name]] and observed[sides].all():
@@ -156,7 +155,7 @@ def _with_trunk(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
 
 
 def _handed(positions: Floats, observed: Bools) -> float | None:
-    """Return ``Posture.handed_m``: knees and toes ahead, elbows behind, as half the sum over both
+    """Return ``Posture.handed_m``: knees and toes ahead, elbows behind; half the sum of both
     sides."""
     use = observed[_JOINTS].all(axis=1)
     left, right, top, bottom, tip = positions[_JOINTS].swapaxes(0, 1)

@@ -208,8 +208,7 @@ class PostureWatch:
         return self.upright_seen and near_floor and _speed(record) < GLIDING_M_S
 
     def _off_floor(self, record: _Record) -> bool:
-        """Return whether the feet are below the floor, or higher than a person can stand in this
-        room."""
+        """Return whether feet are below the floor, or higher than a person can stand here."""
         on_floor = record.feet_m is None or self._below <= record.feet_m <= self._above
         return not on_floor or self._out_of_reach(record)
 

@@ -61,8 +61,7 @@ def _is_origin(hips: Floats, positions: Floats, always: Bools, origin: Floats) -
 
 
 def _walk(positions: Floats, always: Bools) -> bool:
-    """Return whether the legs walk, with both feet swinging in opposition; (n, J, 3) about the
-    hips."""
+    """Return whether both feet swing in opposition, as in walking; (n, J, 3) about the hips."""
     pair = next((pair for pair in _LEGS if always[pair].all()), None)
     if pair is None:
         return False

@@ -93,8 +93,7 @@ class EvenCaptures:
 
 
 def _lateness(scenes: Floats, stamps: Floats) -> tuple[Floats, float]:
-    """Return (N,) ns above the lowest line with the least-squares slope, and the slope, ns per
-    scene."""
+    """Return (N,) ns above the lowest line of least-squares slope, and the slope (ns/scene)."""
     apart = scenes - scenes.mean()
     slope = float((apart @ stamps) / (apart @ apart))
     late: Floats = stamps - slope * scenes

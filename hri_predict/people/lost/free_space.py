@@ -232,8 +232,7 @@ class Whereabouts:
             self._dispute()
 
     def _dispute(self) -> None:
-        """Reset to all places within walking distance: space previously seen free is not
-        trusted."""
+        """Reset to all places within walking distance: earlier free space is not trusted."""
         self.disputed = True
         seconds = max(0, self.capture_ns - self._begun_ns) * 1e-9
         reached = self._space.within(self._place, STEP_M + CELL_M + self.speed_m_s * seconds)
@@ -254,8 +253,7 @@ class Whereabouts:
 
 
 def _discs(cells: Floats, block: Ints) -> Floats:
-    """Return (D, 3) a disc around all cells of each block, from their (M, 2) centres; x, y and
-    radius."""
+    """Return (D, 3) a disc around the cells of each block, from (M, 2) centres; x, y, radius."""
     if not len(cells):
         return np.zeros((0, 3))
     order = np.argsort(block, kind="stable")

@@ -97,8 +97,7 @@ class LostPeople:
         self._sets = 0
 
     def add(self, track: Track) -> None:
-        """Add a lost person. Beyond ``max_people``, the oldest entry is dropped, and that person
-        may be anywhere."""
+        """Add a lost person. Beyond ``max_people``, the oldest is dropped and may be anywhere."""
         ever = np.isfinite(track.positions).all(-1)
         age_s = np.where(ever, (track.capture_ns - np.where(ever, track.stamps, 0)) * 1e-9, np.inf)
         _, limbs_m_s = track.speeds(SPEED_SPAN_S)

@@ -47,8 +47,7 @@ class RemembersLost:
             self._has_recalled = True
 
     def distrust(self, why: str) -> None:
-        """Record that it is unknown who was lost: a person may be anywhere until an
-        acknowledgement."""
+        """Record unknown lost people: a person may be anywhere until an acknowledgement."""
         with self._lock:
             if not self._has_recalled:
                 self._lost.forgotten = self._lost.distrusted = True

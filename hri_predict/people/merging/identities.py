@@ -135,8 +135,7 @@ class Identities:
         return gone
 
     def _astray_m(self, person: OnePerson, body: Body) -> tuple[bool, float]:
-        """Return a sort key: distance from the person's last place; a body without a joint sorts
-        last."""
+        """Return a sort key: distance from the person's last place; without joints, last."""
         if not body.observed.any():
             return True, 0.0
         if person.place is None:

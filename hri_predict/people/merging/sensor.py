@@ -71,12 +71,12 @@ class Sensor:
     """One sensor. One thread only.
 
     Args:
-        name: as configured.
+        name: configured name.
         source: source of its scenes.
         settings: validated settings of its kind.
 
     Attributes:
-        name, source: as given.
+        name, source: the arguments.
         counters: number of scenes and bodies by fault.
         stale_ns: age of the newest capture at which the sensor counts as silent.
     """
@@ -224,8 +224,7 @@ class Sensor:
         wrong.add(reason)
 
     def _is_frozen(self, bodies: dict[Key, Body]) -> bool:
-        """Return whether a body was repeated bit for bit too often for a sensor that declares
-        noise."""
+        """Return whether a body was repeated too often for a sensor that declares noise."""
         shown: dict[Key, tuple[int, int]] = {}
         for key, body in bodies.items():
             if body.observed.any():

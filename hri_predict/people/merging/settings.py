@@ -96,8 +96,7 @@ class MergedSettings(SourceSettings):
 
     @property
     def judges_bodies(self) -> bool:
-        """Each sensor's own captures are judged, because merged bodies are interpolated between
-        captures."""
+        """Each sensor's own captures are judged, because merged bodies are interpolated."""
         return True
 
     @property

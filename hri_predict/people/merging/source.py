@@ -42,7 +42,7 @@ class MergedSource:
 
     Attributes:
         live: all live sensors as one; ``None`` if none is live.
-        sensors: in the configured order.
+        sensors: all sensors, in the configured order.
     """
 
     settings_model = MergedSettings

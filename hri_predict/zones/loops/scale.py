@@ -270,8 +270,7 @@ def _inputs_now(given: tuple[Floats, Bools], tables: Tables, now: Floats, veloci
 
 @part
 def _path(history: Floats, observed: Bools, j: int, rate_hz: float) -> tuple[float, float]:
-    """Return a joint's recent speed along its path, m/s, and the share of steps in which it was
-    seen."""
+    """Return a joint's recent speed along its path, m/s, and the share of seen steps."""
     length = len(observed)
     first = max(length - 1 - _LONG, 0)
     steps, seen, path = 0, 0, 0.0

@@ -50,7 +50,7 @@ class Drift:
     """The evidence against a calibration; one per run, deterministic.
 
     Args:
-        level: of the calibrated radii, 0 < level < 1.
+        level: level of the calibrated radii, 0 < level < 1.
     """
 
     def __init__(self, level: float) -> None:

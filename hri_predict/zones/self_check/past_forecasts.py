@@ -45,8 +45,7 @@ def mean_error(errors: Floats, judged: Bools) -> Floats:
 
 
 def _lower_step(steps: Floats, horizon_steps: int) -> tuple[Ints, Floats]:
-    """Return the knot before each time, and the fraction of the interval from it to the next
-    knot."""
+    """Return the knot before each time, and the fraction of the interval to the next knot."""
     lower = np.minimum(np.maximum(steps.astype(np.intp), 0), horizon_steps - 1)
     return lower, np.minimum(np.maximum(steps - lower, 0.0), 1.0)
 

@@ -178,7 +178,7 @@ class SelfCheck:
 
     Args:
         constants: see ``SelfCheckConstants``.
-        level: of the calibrated radii, 0 < level < 1.
+        level: level of the calibrated radii, 0 < level < 1.
         of: unit to which the level applies, the whole ``body`` at once or each ``joint``.
         rate_hz: steps per second of the forecasts and of the snapshots' history.
         horizon_steps: H of the forecasts.
@@ -385,7 +385,6 @@ class SelfCheck:
         )
 
     def _is_out_of_distribution(self, slots: Ints, capture: Stamps) -> Bools:
-        """Return (Q,) whether a person showed a sign within the hold time before ``capture``
-        (Q,)."""
+        """Return (Q,) whether a sign occurred within the hold time before ``capture`` (Q,)."""
         sign = self._sign_ns[slots]
         return (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)

@@ -52,7 +52,7 @@ class AdaptiveWidening:
     Args:
         people: S, slots for people.
         ends_s: (B,) upper end of each band of horizons, seconds ahead, ascending.
-        level: of the calibrated radii, 0 < level < 1.
+        level: level of the calibrated radii, 0 < level < 1.
         growth_per_s: growth of w in a second in which every forecast misses.
         recover_s: time of good coverage after which radii are no longer widened.
         max_factor: maximum factor.
@@ -87,7 +87,7 @@ class AdaptiveWidening:
         self._log[slot] = self._missed[slot] = self._lent[slot] = 0.0
 
     def own(self, slots: Ints) -> Floats:
-        """Return (Q, B) each band's own factor e^w; ``update`` needs the misses of radii with this
+        """Return (Q, B) each band's own factor e^w; ``update`` needs the misses with this
         factor."""
         factor: Floats = np.exp(self._log[slots])
         return factor
@@ -122,8 +122,7 @@ class AdaptiveWidening:
         return np.asarray(stuck.any(1))
 
     def _lend(self, slots: Ints, step: Floats, rise: Floats, log: Floats) -> None:
-        """Return the widening learned by shorter bands, used until a band has its own
-        judgements."""
+        """Return the widening learned by shorter bands, until a band has its own judgements."""
         rise = np.maximum.accumulate(np.maximum(rise, 0.0), axis=1)
         widest = np.maximum.accumulate(log, axis=1)
         lent = self._lent[slots] * np.exp(-step / self._ends_s)
