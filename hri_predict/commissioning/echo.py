@@ -136,7 +136,7 @@ def judge_echo(echo: Echo) -> tuple[list[str], list[str]]:
 
 
 def times(values_ms: Sequence[float]) -> Times | None:
-    """Return the distribution of these milliseconds; ``None`` for none."""
+    """Return the distribution of these times in milliseconds; ``None`` without any."""
     if not values_ms:
         return None
     array = np.asarray(values_ms)

@@ -225,7 +225,7 @@ def circles_of(config: Config) -> Floats:
         if model.base is None:
             raise ConfigError(
                 f"the walk test needs the place of each robot, but the base of {model.name} moves; "
-                f"skip the step (--skip walk=WHY), and test where it drives by hand"
+                f"skip the step (--skip walk=WHY), and test its area manually"
             )
         circles.append([*model.base[:2], model.reach_m + needed_m + margin_m])
     return np.array(circles)

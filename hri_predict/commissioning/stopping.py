@@ -255,7 +255,7 @@ def judge_stops(stopping: Stopping) -> list[str]:
             continue
         at = f"robot {stop.robot}, stopped at {stop.speed_m_s:.2f} m/s"
         if not stop.stood:
-            failed.append(f"{at}: did not stand after {STOPS_WITHIN_S:g} s")
+            failed.append(f"{at}: did not come to a standstill within {STOPS_WITHIN_S:g} s")
             continue
         whole = stop.total_s is not None and stop.total_m is not None
         took = stop.total_s if stop.total_s is not None else stop.braking_s

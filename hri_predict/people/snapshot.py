@@ -158,7 +158,7 @@ class PeopleSnapshot:
 
     @property
     def all_errors_m(self) -> Floats:
-        """(P + L,) the errors of all people, the lost ones last."""
+        """(P + L,) the errors of all people, lost people last."""
         here = np.zeros(len(self.ids)) if self.errors_m is None else self.errors_m
         return np.append(here, [person.error_m for person in self.lost])
 

@@ -13,7 +13,7 @@ from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.trail import FOUND_M_S2, SAME_ID_M_S2, Trail
 
 _STRETCH_M = 0.75
-"""Beyond ``_PARTS_M``: a hand and a foot of one stretched body are a metre apart on the floor."""
+"""Margin on ``_PARTS_M``: a stretched body's hand and foot are a metre apart on the floor."""
 _PARTS_M = 0.25
 """Maximum horizontal distance, in metres, between the centres of two fragments of one body."""
 _WHOLE_BODY_JOINTS = 4

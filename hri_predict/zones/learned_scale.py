@@ -214,7 +214,7 @@ class ScaleNetwork:
             mean, deviation = _array(data["mean"]), _array(data["deviation"])
             layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
         except (KeyError, TypeError, OverflowError) as error:
-            raise ValueError("the scale is not a network of numbers") from error
+            raise ValueError("the scale is not a valid network") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
         if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")
@@ -223,7 +223,7 @@ class ScaleNetwork:
                 raise ValueError("a layer of the scale does not fit the one before it")
             width = weights.shape[1]
         if width != 1 or len(layers) < 2:
-            raise ValueError("the scale's network must end in one number")
+            raise ValueError("the scale's network must have one output")
         return ScaleNetwork(mean=mean, deviation=deviation, layers=layers)
 
 

@@ -61,7 +61,7 @@ class Rule:
         return not self.joint.startswith("r_")
 
     def mirrored(self) -> "Rule":
-        """The same rule for the other side."""
+        """Return the same rule for the other side."""
         side = None if self.side is None else (_other(self.side[0]), _other(self.side[1]))
         return replace(
             self,

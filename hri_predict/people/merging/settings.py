@@ -32,33 +32,34 @@ class MergedSettings(SourceSettings):
 
     kind: Literal["merged"]
     room_from_source: Pose = Field(
-        Pose(), description="always the room's own frame; each sensor has its pose"
+        Pose(), description="always the room's own frame; each sensor has its own pose"
     )
     sensors: dict[Name, dict[str, Any]] = Field(
         min_length=2,
         max_length=MAX_SENSORS,
-        description="the sensors by name, each a block as source: is; the first one that is heard "
+        description="sensors by name, each a block like source:; the first sensor that is heard "
         "sets the times of the merged scenes",
     )
     same_m: float = Field(
         0.15,
         ge=0.02,
         le=0.25,
-        description="two bodies of two sensors become one person if the median distance of the "
-        "joints that both see is at most this",
+        description="maximum median distance of common joints at which bodies of two sensors "
+        "become one person",
     )
     apart_m: float = Field(
         0.25,
         ge=0.05,
         le=0.4,
-        description="one person becomes two if that distance exceeds this; a sensor with another "
-        "body within this distance does not make two people one",
+        description="distance beyond which one person becomes two again; two people are not "
+        "merged while a sensor sees another body within this distance",
     )
     joint_apart_m: float = Field(
         0.25,
         ge=0.05,
         le=0.4,
-        description="a joint that two sensors see farther apart than this counts as not observed",
+        description="maximum distance between two sensors' positions of a joint; beyond it, the "
+        "joint counts as not observed",
     )
     moved_m: float = Field(
         0.12,
@@ -71,7 +72,7 @@ class MergedSettings(SourceSettings):
         10.0,
         ge=2,
         le=600,
-        description="seconds of joint observation before that distance is known",
+        description="seconds of observation by both sensors before moved_m is applied",
     )
 
     safety: ClassVar[Safety] = harmless("sensors") | {
@@ -80,10 +81,10 @@ class MergedSettings(SourceSettings):
         ),
         "apart_m": LessSafe(
             above="two people {value:g} m apart who were merged into one stay one",
-            below="another body {more:.2g} m nearer does not keep two bodies from becoming one",
+            below="two bodies become one despite another body {more:.2g} m nearer",
         ),
         "joint_apart_m": LessSafe(
-            above="a joint counts as seen although two sensors put it {value:g} m apart"
+            above="a joint counts as seen although two sensors see it {value:g} m apart"
         ),
         "moved_m": LessSafe(above="a sensor that was moved by {value:g} m is not detected"),
         "moved_s": LessSafe(above="a sensor that was moved is detected {more:.2g} s later"),

@@ -82,7 +82,7 @@ class Tally:
         self._sums[slots] += sums
 
     def close(self, slot: int, number: int) -> None:
-        """The person with this id has left the slot."""
+        """Record that the person with this id has left the slot."""
         sums = self._sums[slot].copy()
         self._sums[slot] = 0.0
         self._past += sums
