@@ -1,1 +1,1 @@
-"""The validation of one cell: its steps, the report, and whether the cell is still the same."""
+"""Validation of one cell: its steps, the report, and the check that the cell has not changed."""

@@ -1,6 +1,6 @@
-"""The node with its real links, for measurements: real devices, or mock controllers' far ends.
+"""Run the node with its real links for measurements: on real devices or on mock controllers.
 
-On the virtual clock mock controllers run in the same thread, so that tests are quick and equal.
+On the virtual clock, mock controllers run in the node's thread: tests are fast and repeatable.
 """
 
 import threading
@@ -20,12 +20,12 @@ from hri_predict.run.config import Config
 from hri_predict.run.runtime import run_real_time, run_virtual
 
 Wrap = Callable[[str, Transport[Any]], Transport[Any]]
-"""Puts something between a link, by its name, and its wire."""
+"""Wraps the wire of the link with this name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """A cell whose far ends run, and the wires to them."""
+    """A cell with its running controllers, and the wires to them."""
 
     config: Config
     clock: Clock
@@ -76,13 +76,13 @@ class Bench:
         return assembly
 
     def reports(self) -> Sequence[ControllerReport]:
-        """End the mock controllers; what each of them experienced."""
+        """Stop the mock controllers and return the result of each."""
         return () if self.cell is None else self.cell.stop()
 
 
 @contextmanager
 def bench(config: Config, clock: Clock, wrap: Wrap | None = None) -> Iterator[Bench]:
-    """Start the mock controllers of a configuration, if it has any, and open the way to all ends.
+    """Start the mock controllers of a configuration, if any, and connect to all controllers.
 
     Raises:
         HriPredictError: a controller did not start, or a link cannot be built.
@@ -108,7 +108,7 @@ def bench(config: Config, clock: Clock, wrap: Wrap | None = None) -> Iterator[Be
 
 
 def quiet(config: Config) -> Config:
-    """Return the configuration without what a measurement must not leave behind or send."""
+    """Return the configuration without parts that write files or send messages elsewhere."""
     alerts = type(config.node.alerts)(terminal=False)
     return config.with_node(alerts=alerts, record=None, evidence=None, state=None, discovery=None)
 

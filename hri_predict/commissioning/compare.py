@@ -1,11 +1,11 @@
-"""Result of another version or configuration on the same recorded walk, and whether it is safer.
+"""Compare another version or configuration with the validated one on the same recorded walk.
 
-*Less safe* means: permits more, at any tick, than what was validated, or sees less. So a milder
-level, a higher speed limit, a stop that is missing or comes later, no person seen where one was,
-less of the floor seen, more people lost. Changes to the other side are named too, and count as no
-fault. Neither do stated separations: wider margins look farther ahead, and may state more or less.
-A stricter configuration counts more of the floor, which may leave too little of it walked: that is
-not less safe, but no longer validated.
+A result is *less safe* if, at any tick, it permits more than the validated one, or sees less: a
+milder level, a higher speed limit, a missing or later stop, no person where one was seen, less of
+the floor seen, or more people lost. Changes in the safe direction are listed, but are not faults.
+Nor are changed separations: wider margins look farther ahead and may report larger or smaller
+values. A stricter configuration includes more of the floor, so the walk may cover too little of it:
+the result is not less safe, but the cell is no longer validated.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,18 +17,18 @@ from hri_predict.commissioning.walk import advice_by_robot
 from hri_predict.protocol.messages import Level
 
 SAME_M = 0.002
-"""Differences of distances below this come from processors that round otherwise, metres."""
+"""Smaller differences in distance, in metres, are due to rounding on another processor."""
 SAME_M_S = 0.002
-"""Differences of speeds below this come from the same, m/s."""
+"""Smaller differences in speed, in m/s, are due to rounding on another processor."""
 
 
 @dataclass(slots=True)
 class Comparison:
-    """Plain lines.
+    """Differences, one line of text each.
 
     Attributes:
-        worse: what is less safe.
-        unwalked: floor that counts now, and of which the walk has too little.
+        worse: differences that are less safe.
+        unwalked: the floor around the robots has changed, and the walk covers too little of it.
         other: any other difference.
     """
 
@@ -39,7 +39,7 @@ class Comparison:
 
 @dataclass(slots=True)
 class _Change:
-    """Ticks with one kind of change: how many, the first, and the greatest amount."""
+    """Ticks with one kind of change: their number, the first one, and the largest amount."""
 
     count: int = 0
     first_s: float = 0.0
@@ -54,7 +54,7 @@ class _Change:
 
 
 def compare(walk: Walk, old: Sequence[AdviceRow], new: Played) -> Comparison:
-    """Compare what was validated with what comes of the same recording now.
+    """Compare the validated result with the current result for the same recording.
 
     Args:
         walk: the validated walk.
@@ -65,9 +65,9 @@ def compare(walk: Walk, old: Sequence[AdviceRow], new: Played) -> Comparison:
     before, now = _by_robot(old), _by_robot(new.rows)
     for robot in dict.fromkeys([*before, *now]):
         if robot not in now:
-            found.worse.append(f"robot {robot}: no advice for it any more")
+            found.worse.append(f"robot {robot}: it no longer gets advice")
         elif robot not in before:
-            found.other.append(f"robot {robot}: is new; nothing to compare it with")
+            found.other.append(f"robot {robot}: is new, so there is nothing to compare")
         else:
             _advices(found, robot, before[robot], now[robot])
     olds = {each.robot: each for each in walk.robots}
@@ -101,8 +101,8 @@ def _advices(
     texts = {
         "level": ("a milder level", "a stricter level", ""),
         "limit": ("a higher speed limit", "a lower speed limit", "m/s"),
-        "separation": ("no person is seen where one was", "another separation", "m"),
-        "ahead": ("no person is predicted where one was", "another predicted separation", "m"),
+        "separation": ("no person is seen where one was", "a different separation", "m"),
+        "ahead": ("no person is predicted where one was", "a different predicted separation", "m"),
     }
     for name, both in changes.items():
         *words, unit = texts[name]
@@ -116,7 +116,7 @@ def _advices(
                 (found.other if side else found.worse).append(line)
     if reasons.count:
         found.other.append(
-            f"robot {robot}: another reason in {reasons.count} advices; first at "
+            f"robot {robot}: a different reason in {reasons.count} advices; first at "
             f"{reasons.first_s:.2f} s: {reasons.example}"
         )
     if len(old) != len(new):
@@ -126,7 +126,7 @@ def _advices(
 def _distance(
     both: tuple[_Change, _Change], time_s: float, was: float | None, now: float | None
 ) -> None:
-    """Note a distance that changed. ``None`` means that no person is known: the farthest."""
+    """Note a changed distance. ``None`` (no known person) counts as the largest distance."""
     if was is None and now is None:
         return
     text = f"{_metres(was)} -> {_metres(now)}"
@@ -166,24 +166,24 @@ def _totals(found: Comparison, old: RobotAdvice, new: RobotAdvice) -> None:
 
 
 def _floor(found: Comparison, walk: Walk, new: Played) -> None:
-    """Compare where people were seen and lost, on the floor that counts then and now."""
+    """Compare where people were seen and lost, on the floor around the robots, then and now."""
     was, now = _places(walk.grid, walk.grid.area), _places(new.grid, new.grid.area)
     seen, sees = _places(walk.grid, walk.grid.seen), _places(new.grid, new.grid.seen)
     blind = (was & now & seen) - sees
     if blind:
-        found.worse.append(f"people are not seen any more in {len(blind)} cells of the floor")
+        found.worse.append(f"people are no longer seen in {len(blind)} cells of the floor")
     clearer = (was & now & sees) - seen
     if clearer:
         found.other.append(f"people are seen in {len(clearer)} more cells of the floor")
     if was != now:
         line = (
-            f"the floor that counts has {len(was)} -> {len(now)} cells; people were seen in "
+            f"floor around the robots: {len(was)} -> {len(now)} cells; people were seen in "
             f"{_of(was & seen, was)} -> {_of(now & sees, now)} of them"
         )
         if now - was and new.grid.coverage < walk.least_coverage:
             line += (
                 f"; the walk asks for {100 * walk.least_coverage:g} %: walk again with this "
-                f"configuration, over all of the floor that counts now"
+                f"configuration, over all of this floor"
             )
             found.unwalked.append(line)
         else:
@@ -194,12 +194,12 @@ def _floor(found: Comparison, walk: Walk, new: Played) -> None:
 
 
 def _of(some: set[tuple[int, int]], all_of: set[tuple[int, int]]) -> str:
-    """Return the cells' number and share: on large floors the share alone may hide a change."""
+    """Return number and share of the cells: on a large floor, the share alone may hide a change."""
     return f"{len(some)} ({100 * len(some) / max(len(all_of), 1):.1f} %)"
 
 
 def _places(grid: GridResult, cells: Iterable[int]) -> set[tuple[int, int]]:
-    """Cells by their place in the room, so that grids of different sizes can be compared."""
+    """Return the cells by position in the room, to compare grids of different sizes."""
     x, y = (round(v / grid.cell_m) for v in grid.origin)
     return {(x + cell % grid.columns, y + cell // grid.columns) for cell in cells}
 
@@ -214,7 +214,7 @@ def _by_robot(rows: Sequence[AdviceRow]) -> dict[str, list[AdviceRow]]:
 def _paired(
     old: Sequence[AdviceRow], new: Sequence[AdviceRow]
 ) -> Iterator[tuple[AdviceRow, AdviceRow]]:
-    """Each new advice with the old one that was in force at that time: rates may differ."""
+    """Pair each new advice with the old one in force at that time: the rates may differ."""
     k = 0
     for row in new:
         while k + 1 < len(old) and old[k + 1].time_s <= row.time_s + 1e-6:

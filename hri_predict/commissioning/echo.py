@@ -1,9 +1,9 @@
-"""Reaction time through the echo: each Advice repeats the counter of the newest RobotState.
+"""Reaction time measured by echo: each Advice repeats the counter of the newest RobotState.
 
-The controller measures from sending a state until its echo is back. The node measures how long the
-state waited in it, from the wire's read to the wire's write. The difference is what the link took,
-there and back; the delay budget counts with ``delay_s`` for each way. The node alone cannot see the
-wire: without the controller's own figures this test stays open.
+The controller measures the time from sending a state to receiving its echo. The node measures the
+time between reading the state from the wire and writing its echo. The difference is the delay of
+the link in both directions; the delay budget assumes ``delay_s`` for each. The node cannot measure
+the wire alone: without the controller's figures this test stays open.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,16 +21,16 @@ from hri_predict.protocol.messages import Advice, RobotState
 from hri_predict.run.config import Config
 
 LEAST_ECHOES = 20
-"""Fewer say nothing about a worst case."""
+"""Minimum number of echoes for a statement about the worst case."""
 SETTLE_S = 1.0
-"""Left out at the beginning: both sides are starting."""
+"""Initial time that is ignored, because both sides are still starting."""
 MOST_MS = 2000
-"""Times beyond it share the last bin."""
+"""Longer times share the last bin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredElsewhere:
-    """Round trips that the controller's programmer measured, milliseconds."""
+    """Round trips measured by the controller's programmer, in milliseconds."""
 
     p50_ms: float
     p99_ms: float
@@ -39,7 +39,7 @@ class MeasuredElsewhere:
 
 @dataclass(slots=True)
 class Tap:
-    """A wire that remembers when what was read and written; all else is the wire's own."""
+    """A wire that records the time of each read and write, and otherwise acts as the inner wire."""
 
     inner: Transport[Any]
     clock: Clock
@@ -51,13 +51,13 @@ class Tap:
         self.inner.open()
 
     def write(self, unit: Any) -> None:
-        """Write, and remember when it began: what the device takes belongs to the link."""
+        """Write, and record the start time: time spent in the device belongs to the link."""
         now_ns = self.clock.now_ns()
         self.inner.write(unit)
         self.written.append((now_ns, unit))
 
     def read(self, timeout_s: float) -> list[Any]:
-        """Read, and remember when it came."""
+        """Read, and record the time of arrival."""
         units = self.inner.read(timeout_s)
         now_ns = self.clock.now_ns()
         self.read_units += [(now_ns, unit) for unit in units]
@@ -68,7 +68,7 @@ class Tap:
         self.inner.close()
 
     def __getattr__(self, name: str) -> Any:
-        """Return a member that this kind of wire has besides ``Transport``."""
+        """Return a member that this kind of wire has in addition to those of ``Transport``."""
         return getattr(self.inner, name)
 
 
@@ -78,10 +78,10 @@ def measure_echo(
     """Run the node in shadow mode (no robot may move) and measure each link.
 
     Args:
-        config: the configuration; mock controllers are asked for each round trip.
+        config: the configuration; mock controllers report each round trip.
         seconds: duration.
         clock: the node's.
-        elsewhere: link's name -> what its controller's programmer measured.
+        elsewhere: link's name -> round trips measured by its controller's programmer.
 
     Raises:
         HriPredictError: a link or a controller cannot be started.
@@ -110,23 +110,23 @@ def measure_echo(
 
 
 def judge_echo(echo: Echo) -> tuple[list[str], list[str]]:
-    """Return failures, and what could not be judged, one line each."""
+    """Return failures and checks without a result, one line each."""
     failed, missing = [], []
     for link in echo.links:
         if not link.states:
-            missing.append(f"link {link.link}: no RobotState came, so there was nothing to echo")
+            missing.append(f"link {link.link}: no RobotState arrived, so there was nothing to echo")
         elif not link.echoes:
             missing.append(f"link {link.link}: no advice repeated a RobotState; measure for longer")
         elif link.both_ways_ms is None:
             missing.append(
-                f"link {link.link}: only its controller can measure the round trip; give its "
+                f"link {link.link}: only its controller can measure the round trip; supply its "
                 f"figures (echo.measured.{link.link})"
             )
         elif link.measured_by == "controller" and link.echoes < LEAST_ECHOES:
             missing.append(f"link {link.link}: only {link.echoes} echoes; measure for longer")
         if link.both_ways_ms is not None and link.both_ways_ms > link.allowed_ms:
             failed.append(
-                f"link {link.link}: {link.both_ways_ms:.1f} ms on the link, there and back; the "
+                f"link {link.link}: {link.both_ways_ms:.1f} ms on the link in both directions; the "
                 f"delay budget allows {link.allowed_ms:.1f} (twice delay_s and what blocks the "
                 f"wire): raise delay_s to {link.both_ways_ms / 2e3:.4f}, or find the cause"
             )
@@ -136,7 +136,7 @@ def judge_echo(echo: Echo) -> tuple[list[str], list[str]]:
 
 
 def times(values_ms: Sequence[float]) -> Times | None:
-    """Return the distribution of these milliseconds; ``None`` for none."""
+    """Return the distribution of these times in milliseconds; ``None`` without any."""
     if not values_ms:
         return None
     array = np.asarray(values_ms)
@@ -217,10 +217,10 @@ def _of_link(
 def _on_link(
     heard: Iterable[tuple[int, float]], waited: Mapping[int, Sequence[float]]
 ) -> Iterable[float]:
-    """Each round trip without the time in the node, milliseconds.
+    """Return each round trip less the time in the node, in milliseconds.
 
-    Several Advice messages may echo one state. They come in order; if one of them was lost, it is
-    unknown which, and the shortest wait counts.
+    Several Advice messages may echo one state. They arrive in order; if one was lost, it is unknown
+    which, so the shortest wait is used.
     """
     trips: dict[int, list[float]] = {}
     for counter, trip_ms in heard:

@@ -1,4 +1,4 @@
-"""The folder of a validation: its state, so that it can continue another day, and the report."""
+"""The folder of a validation: the report, and the state from which it can be resumed later."""
 
 import json
 import os
@@ -29,15 +29,15 @@ class State(Settings):
     signatures: list[Signature] = []
 
     def with_step(self, name: str, step: Any) -> "State":
-        """The state with a step done (again)."""
+        """Return the state after a step was done, for the first time or again."""
         return self.model_copy(update={"steps": self.steps.model_copy(update={name: step})})
 
 
 def load_state(folder: Path, config: Config) -> State:
-    """The state of a folder; a new one if it has none.
+    """Return the state of a folder, or a new state if it has none.
 
     Raises:
-        ConfigError: it cannot be read, or belongs to another cell.
+        ConfigError: the state cannot be read, or belongs to another cell.
     """
     path = folder / STATE
     if not path.exists():
@@ -57,7 +57,7 @@ def load_state(folder: Path, config: Config) -> State:
 
 
 def save(folder: Path, config: Config, state: State) -> tuple[Report, str]:
-    """Write the state, and the report as JSON and as a page; return the report and its hash.
+    """Write the state, and the report as JSON and HTML; return the report and its hash.
 
     Raises:
         ConfigError: the folder cannot be written.

@@ -1,7 +1,7 @@
-"""A link on which a test may take permission away from a robot, and never give any.
+"""A link on which a test can restrict a robot further, but never permit more.
 
-The node judges people as always. The governor can lower a speed limit that the node grants, or turn
-it into a stop; what the node forbids stays forbidden.
+The node assesses people as always. The governor can lower a speed limit granted by the node, or
+replace it with a stop; it cannot lift a stop of the node.
 """
 
 from collections.abc import Callable, Collection
@@ -13,11 +13,11 @@ from hri_predict.protocol.messages import Advice, Level, Message, RobotState
 from hri_predict.protocol.reasons import Reason
 
 Limit = Callable[[int], float]
-"""Robot's index -> the highest speed that the test allows it now, m/s; 0: stop."""
+"""Robot's index -> current maximum speed allowed by the test, in m/s; 0: stop."""
 
 
 def lowered(advice: Advice, limit_m_s: float) -> Advice:
-    """The advice with a limit that is no higher than ``limit_m_s``, m/s; a stop stays a stop."""
+    """Return the advice with its limit capped at ``limit_m_s``, in m/s; a stop stays a stop."""
     granted = advice.speed_limit_m_s or 0.0
     if not advice.level.may_move or granted <= 0:
         return advice
@@ -29,10 +29,10 @@ def lowered(advice: Advice, limit_m_s: float) -> Advice:
 
 
 class GovernedLink:
-    """See ``hri_predict.contracts.link.Link``; what is not here, the inner link does."""
+    """See ``hri_predict.contracts.link.Link``; all other members are those of the inner link."""
 
     def __init__(self, inner: Link, robots: Collection[int], limit: Limit) -> None:
-        """Govern ``inner``, which advises ``robots`` (indices)."""
+        """Govern the link ``inner``, which sends advice to ``robots`` (indices)."""
         self.inner = inner
         self._robots, self._limit = frozenset(robots), limit
 
@@ -49,7 +49,7 @@ class GovernedLink:
         self.inner.on_sent = call
 
     def post(self, message: Message) -> None:
-        """Post, with a limit that the test may have lowered; other links' robots are left out."""
+        """Post advice, with a lower limit if the test requires it; skip robots of other links."""
         if isinstance(message, Advice):
             if message.robot not in self._robots:
                 return
@@ -57,7 +57,7 @@ class GovernedLink:
         self.inner.post(message)
 
     def take(self) -> list[Received]:
-        """Return received messages, without states of robots that are not the controller's."""
+        """Return received messages, without states of robots that belong to other controllers."""
         return [
             received
             for received in self.inner.take()

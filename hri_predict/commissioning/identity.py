@@ -1,9 +1,8 @@
-"""Identity of a cell when it was validated: configuration, files and versions, and what differs
-now.
+"""Identity of a validated cell (configuration, files, versions), and the differences from it now.
 
-The configuration is compared as it was understood, with all defaults, so that comments, the order
-of keys and other ways to write a value make no difference. ``commissioning`` itself is left out:
-it names the report.
+The parsed configuration is compared, with all defaults, so comments, the order of keys and the
+notation of values make no difference. The section ``commissioning`` is left out because it names
+the report.
 """
 
 import hashlib
@@ -32,24 +31,24 @@ from hri_predict.zones.calibration import shipped_calibration
 # -- the files that a configuration depends on: what is in them counts as much as its own keys -----
 
 WRITTEN = ("record", "state.path", "evidence.folder")
-"""Keys of files that the node writes: what is in them changes all the time."""
+"""Keys of files that the node writes: their content changes all the time."""
 SECRET = "key_file"
-"""The hash of a short secret could be tried out, so a key's content is not in any report."""
+"""A short secret can be guessed from its hash, so reports do not include the content of a key."""
 ALERTS = "alerts."
-"""Receivers do not change any advice; and these files are written, or are secrets."""
+"""Alert receivers do not affect advice, and these files are outputs or secrets."""
 
 
 def escaped(name: str) -> str:
-    """A name as a part of a dotted key."""
+    """Return a name as one part of a dotted key."""
     return name.replace("\\", "\\\\").replace(".", "\\.")
 
 
 def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
-    """Key of the configuration -> the file that it names or implies; the file may be missing.
+    """Return key of the configuration -> file that the key names or implies; it may be missing.
 
     Args:
         config: the configuration.
-        flat: the same by dotted keys; see ``identity.flattened``.
+        flat: the configuration by dotted keys; see ``identity.flattened``.
     """
     found = dict(_known(config))
     for key, value in flat.items():
@@ -64,7 +63,7 @@ def dependencies(config: Config, flat: Mapping[str, Any]) -> dict[str, Path]:
 
 
 def _known(config: Config) -> Iterator[tuple[str, Path]]:
-    """Files that are found by other rules than as a path relative to the configuration."""
+    """Return the files that are not found by a path relative to the configuration."""
     base_dir = config.base_dir
     for robot in config.node.robots:
         yield f"robots.{escaped(robot.name)}.model", robot_path(robot.model, base_dir)
@@ -91,7 +90,7 @@ def _known(config: Config) -> Iterator[tuple[str, Path]]:
 
 
 def _named(value: Any, base_dir: Path) -> Path | None:
-    """Return the file that a text names, relative to the configuration or to the current folder."""
+    """Return the file named by a text, relative to the configuration or to the current folder."""
     if not isinstance(value, str) or not value or "\0" in value:
         return None
     for path in (base_dir / value, Path(value)):
@@ -104,7 +103,7 @@ def _named(value: Any, base_dir: Path) -> Path | None:
 
 MISSING = "missing"
 LIBRARIES = ("numpy", "torch", "onnxruntime", "pydantic")
-"""Those that compute or understand what the advice rests on."""
+"""Libraries that compute or parse data on which the advice is based."""
 
 
 class File(Settings):
@@ -115,13 +114,13 @@ class File(Settings):
 
 
 class Identity(Settings):
-    """A cell as it was.
+    """A cell at the time of validation.
 
     Attributes:
         config: dotted key -> value, all defaults included.
-        config_hash: SHA-256 of it.
-        files: dotted key -> the file that it names or implies.
-        versions: of this program, Python, the protocol and some libraries.
+        config_hash: SHA-256 of ``config``.
+        files: dotted key -> file that the key names or implies.
+        versions: versions of this program, Python, the protocol and some libraries.
     """
 
     config: dict[str, JsonValue]
@@ -131,14 +130,14 @@ class Identity(Settings):
 
     @property
     def hash(self) -> str:
-        """SHA-256 over all of it but where the files lie."""
+        """SHA-256 of everything except the paths of the files."""
         hashes = {key: file.sha256 for key, file in self.files.items()}
         return _hash([self.config_hash, hashes, self.versions])
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """A difference from before: a key, its value then and now (``None``: there is none)."""
+    """A difference: a key, and its value then and now (``None``: the key is missing)."""
 
     key: str
     old: str | None
@@ -154,10 +153,10 @@ _SHOWN = 80
 
 
 def identity_of(config: Config) -> Identity:
-    """The identity of a cell now.
+    """Return the current identity of a cell.
 
     Raises:
-        HriPredictError: a robot or a trajectory that it names is not shipped.
+        HriPredictError: a robot or trajectory named in the configuration is not shipped.
     """
     flat = flattened(canonical(config))
     files = {
@@ -168,7 +167,7 @@ def identity_of(config: Config) -> Identity:
 
 
 def canonical(config: Config) -> dict[str, Any]:
-    """The configuration as it was understood, as plain data."""
+    """Return the parsed configuration as plain data."""
     whole = config.node.model_dump(mode="json", exclude={"commissioning"})
     whole["source"] = config.source.model_dump(mode="json")
     whole["predictor"] = config.predictor.model_dump(mode="json")
@@ -177,11 +176,10 @@ def canonical(config: Config) -> dict[str, Any]:
 
 
 def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
-    """Dotted key -> value; a list of plain numbers or texts is one value.
+    """Return dotted key -> value; a list of plain numbers or texts is one value.
 
-    Dots inside a name are escaped, so that no two values share a key. Entries of a list that have
-    names of their own are known by them, wherever they stand; the list's own key has the names in
-    order.
+    Dots inside a name are escaped, so that no two values share a key. Named entries of a list are
+    identified by name, not by position; the list's own key holds the names in order.
     """
     found: dict[str, JsonValue] = {}
     if isinstance(data, Mapping) and data:
@@ -201,7 +199,7 @@ def flattened(data: Any, key: str = "") -> dict[str, JsonValue]:
 
 
 def _own_names(entries: list[Any]) -> list[str] | None:
-    """Return the entries' names, if each has one and no two are the same."""
+    """Return the entries' names if every entry has a name and all names differ."""
     names = [each.get("name") if isinstance(each, Mapping) else None for each in entries]
     texts = [name for name in names if isinstance(name, str) and name]
     return texts if len(set(texts)) == len(entries) else None
@@ -223,10 +221,10 @@ def versions() -> dict[str, str]:
 
 
 def differences(old: Identity, new: Identity) -> list[Difference]:
-    """Everything that differs, key by key: configuration, then files, then versions.
+    """Return all differences, key by key: configuration, then files, then versions.
 
-    Of an entry with a name that is there only once, such as a link that was removed, no key is
-    listed: its list's names give it.
+    A named entry that exists only then or only now, such as a removed link, shows in its list's
+    names; its own keys are not listed.
     """
     alone = _come_and_gone(old.config, new.config)
     found = [
@@ -248,7 +246,7 @@ def differences(old: Identity, new: Identity) -> list[Difference]:
 
 
 def _come_and_gone(old: Mapping[str, JsonValue], new: Mapping[str, JsonValue]) -> set[str]:
-    """The keys of entries with names that are in one of two lists only."""
+    """Return the keys of named entries that are in only one of the two lists."""
     found = set()
     for key in old.keys() & new.keys():
         then, now = (set(_listed(each, key)) for each in (old, new))
@@ -257,7 +255,7 @@ def _come_and_gone(old: Mapping[str, JsonValue], new: Mapping[str, JsonValue]) -
 
 
 def _listed(config: Mapping[str, JsonValue], key: str) -> list[str]:
-    """The names of a list's entries; none if they have no names."""
+    """Return the names of a list's entries; none if the entries are unnamed."""
     value = config[key]
     names = [str(each) for each in value] if isinstance(value, list) else []
     return names if all(f"{key}.{escaped(name)}.name" in config for name in names) else []

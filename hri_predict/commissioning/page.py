@@ -1,4 +1,4 @@
-"""The report as HTML: what was tried, what came of it, what is open, and who answers for it."""
+"""The report as HTML: tests done, their results, open points, and the person responsible."""
 
 import json
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from hri_predict.commissioning.stopping import worst
 
 
 def page_of(report: Report, digest: str) -> str:
-    """The whole page; it loads nothing, and no script runs in it."""
+    """Return the whole page; it loads no other files and runs no script."""
     return render(
         "commissioning/page.html",
         title=f"Commissioning of {report.cell}",

@@ -13,7 +13,7 @@ _GRID_WIDTH, _GRID_HEIGHT = 460.0, 620.0
 
 
 def stopping_plot(curve: Curve, stops: Sequence[Stop], distance: bool) -> Markup:
-    """Braking time (ms) or distance (mm) over speed: the table as a line, stops as points."""
+    """Draw braking time (ms) or distance (mm) over speed: the table as a line, stops as points."""
     table = [1e3 * value for value in (curve.distance_m if distance else curve.time_s)]
     braking = [1e3 * (stop.braking_m if distance else stop.braking_s) for stop in stops]
     plot = Plot(
@@ -29,7 +29,7 @@ def stopping_plot(curve: Curve, stops: Sequence[Stop], distance: bool) -> Markup
 
 
 def echo_plot(link: LinkEcho) -> Markup:
-    """Draw the distribution of round trips (or, if not measured, of the time in the node)."""
+    """Draw the distribution of round trips or, if not measured, of the time in the node."""
     is_round_trip = link.round_trip is not None and bool(link.round_trip.bins)
     times = link.round_trip if is_round_trip else link.in_node
     bins = times.bins if times is not None else []
@@ -45,7 +45,7 @@ def echo_plot(link: LinkEcho) -> Markup:
 
 
 def grid_plot(grid: GridResult) -> Markup:
-    """The floor from above: x to the right, y up, one square for each cell."""
+    """Draw the floor from above: x to the right, y up, one square for each cell."""
     side = min(_GRID_WIDTH / grid.columns, _GRID_HEIGHT / grid.rows)
     width, height = side * grid.columns, side * grid.rows
     drawing = Drawing()
@@ -80,12 +80,12 @@ def grid_plot(grid: GridResult) -> Markup:
 
 
 def _shade(count: int, most: int) -> float:
-    """Opacity: a cell in which one person was once is visible next to one where many stood."""
+    """Opacity: a cell visited once stays visible next to a cell where many people stood."""
     return 0.25 + 0.75 * math.log1p(count) / math.log1p(most)
 
 
 def _metres(drawing: Drawing, grid: GridResult, side: float) -> None:
-    """Metres along both sides, from the room's origin."""
+    """Label both axes in metres from the room's origin."""
     width, height = side * grid.columns, side * grid.rows
     x0, y0 = grid.origin
     per_m = side / grid.cell_m

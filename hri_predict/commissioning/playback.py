@@ -1,6 +1,6 @@
-"""Plays a recorded walk test through the node: on the virtual clock, so twice gives the same twice.
+"""Plays a recorded walk test through the node on the virtual clock, so results are repeatable.
 
-The recording holds every scene as it came and every RobotState. No link is opened.
+The recording holds every scene as received and every RobotState. No link is opened.
 """
 
 import json
@@ -37,16 +37,17 @@ BASE_M = 0.4
 
 
 class Grid:
-    """Cells around the robots: within reach plus protective separation distance of any of them.
+    """Floor cells around the robots: within reach plus protective separation distance of a robot.
 
     Args:
         cell_m: side of a cell.
         circles: (R, 3) x, y and radius of each robot's circle, metres, room frame.
-        view: space that the sensor sees; cells outside count as ``outside``. ``None``: everything.
-        exclude: polygons (N, 2) where no person can stand: machines, walls.
+        view: space that the sensor sees; cells beyond it count as ``outside``. ``None``:
+            everything.
+        exclude: polygons (N, 2) where no person can stand, such as machines and walls.
 
     Raises:
-        ConfigError: there would be more than ``MAX_CELLS`` cells, or none is left.
+        ConfigError: there would be more than ``MAX_CELLS`` cells, or none.
     """
 
     def __init__(
@@ -63,7 +64,7 @@ class Grid:
         columns, rows = (max(1, math.ceil(v)) for v in (high - low) / cell_m)
         if columns * rows > MAX_CELLS:
             raise ConfigError(
-                f"walk.cell_m {cell_m:g}: {columns * rows} cells; at most {MAX_CELLS}: give more"
+                f"walk.cell_m {cell_m:g}: {columns * rows} cells; at most {MAX_CELLS}: increase it"
             )
         self.origin, self.columns, self.rows = low, columns, rows
         middles = self._middles()
@@ -78,14 +79,14 @@ class Grid:
         self._outside = np.flatnonzero(inside & ~seen)
         if not len(self._area):
             raise ConfigError(
-                "walk: no cell is left around the robots; look at source.field_of_view and "
+                "walk: no cell is left around the robots; check source.field_of_view and "
                 "walk.exclude"
             )
         self._seen: Counter[int] = Counter()
         self._lost: Counter[int] = Counter()
 
     def see(self, positions: Floats, observed: Bools) -> None:
-        """Note a person who is seen: joints (J, 3) in the room, (J,) whether observed."""
+        """Note a person in view: joints (J, 3) in the room frame, and (J,) whether observed."""
         for cell in set(self._cells(positions[observed, :2])):
             self._seen[cell] += 1
 
@@ -110,7 +111,7 @@ class Grid:
         )
 
     def _middles(self) -> Floats:
-        """(columns * rows, 2) the middle of each cell."""
+        """(columns * rows, 2) centre of each cell."""
         x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
         middles: Floats = (
             self.origin + (np.column_stack([x.ravel(), y.ravel()]) + 0.5) * self.cell_m
@@ -118,7 +119,7 @@ class Grid:
         return middles
 
     def _cells(self, points: Floats) -> list[int]:
-        """The cells of (N, 2) points; points outside the grid are in none."""
+        """Return the cells of (N, 2) points; points outside the grid have none."""
         finite = points[np.isfinite(points).all(axis=1)]
         place = np.floor((finite - self.origin) / self.cell_m)
         there = ((place >= 0) & (place < [self.columns, self.rows])).all(axis=1)
@@ -148,7 +149,7 @@ class AdviceRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Played:
-    """Result of a recording: every advice, the grid, and how many people vanished."""
+    """Result of a recording: every advice, the grid, and the number of people who vanished."""
 
     rows: list[AdviceRow]
     grid: GridResult
@@ -157,7 +158,7 @@ class Played:
 
 
 class _Watch(View):
-    """Takes down what a run advises and where it sees people."""
+    """Records the advice of a run and where people were seen."""
 
     def __init__(self, robots: Sequence[str], grid: Grid) -> None:
         self._robots, self._grid = robots, grid
@@ -172,7 +173,7 @@ class _Watch(View):
         return len(self._lost)
 
     def on_tick(self, tick: Tick) -> None:
-        """Take one tick; announcements at start and end have no snapshot and are left out."""
+        """Record one tick; skip messages at start and end, which have no snapshot."""
         if tick.snapshot is None:
             return
         if self._first_ns is None:
@@ -211,7 +212,7 @@ def _rounded(value: float | None) -> float | None:
 def circles_of(config: Config) -> Floats:
     """(R, 3) x, y and radius of each robot's reach plus its protective separation distance.
 
-    The largest margin of a body region is added, as the advice does for that region.
+    Includes the largest margin of any body region, which the advice adds for that region.
 
     Raises:
         ConfigError: the base of a robot moves.
@@ -224,14 +225,14 @@ def circles_of(config: Config) -> Floats:
         if model.base is None:
             raise ConfigError(
                 f"the walk test needs the place of each robot, but the base of {model.name} moves; "
-                f"skip the step (--skip walk=WHY), and test where it drives by hand"
+                f"skip the step (--skip walk=WHY), and test its area manually"
             )
         circles.append([*model.base[:2], model.reach_m + needed_m + margin_m])
     return np.array(circles)
 
 
 def grid_of(config: Config, cell_m: float, exclude: Sequence[JsonValue]) -> Grid:
-    """The floor around the robots of a cell; see ``Grid``.
+    """Return the floor around the robots of a cell; see ``Grid``.
 
     Raises:
         ConfigError: too many cells, or none.
@@ -248,7 +249,7 @@ def play(config: Config, recording: Path, grid: Grid) -> Played:
     """Play a recording through the node with this configuration.
 
     Raises:
-        HriPredictError: it cannot be played; one line with the remedy.
+        HriPredictError: the recording cannot be played; one line with the remedy.
     """
     watch = _Watch([robot.name for robot in config.node.robots], grid)
     run_session(_playing(config, recording), Options(factor=None, until_exhausted=True, view=watch))
@@ -258,7 +259,7 @@ def play(config: Config, recording: Path, grid: Grid) -> Played:
 
 
 def _playing(config: Config, recording: Path) -> Config:
-    """The configuration with the recording as its source, and nothing that it writes or opens."""
+    """Return the configuration with the recording as its source, and without outputs and links."""
     kept = SourceSettings.model_fields.keys() - {"kind", "faults"}
     source = config.source.model_dump(include=set(kept))
     # what the source said by itself, the recording cannot: its rate is the recorded one
@@ -275,7 +276,7 @@ def write_rows(path: Path, rows: Sequence[AdviceRow]) -> None:
     """Write advice as JSON lines.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     lines = (json.dumps(asdict(row), separators=(",", ":")) for row in rows)
     atomic_write(path, "".join(f"{line}\n" for line in lines).encode())
@@ -285,7 +286,7 @@ def read_rows(path: Path) -> list[AdviceRow]:
     """Read what ``write_rows`` wrote.
 
     Raises:
-        RecordingError: it cannot be read.
+        RecordingError: the file cannot be read.
     """
     try:
         return list(_parsed(path.read_text(encoding="utf-8")))

@@ -1,7 +1,7 @@
-"""The report of a validation: a model that is checked when it is read, and a hash over all of it.
+"""The report of a validation: a model that is checked when read, and a hash of its whole content.
 
-The hash has no secret in it. It shows damage and careless editing, not a person who computes it
-again: only the signatures on paper, or a copy that others keep, do that.
+The hash contains no secret. It reveals damage and careless editing, but anyone can recompute it:
+only signatures on paper, or a copy kept by others, reveal deliberate changes.
 """
 
 import json
@@ -24,19 +24,19 @@ FORMAT: Literal[1] = 1
 MAX_CELLS = 40_000
 
 Outcome = Literal["passed", "failed", "open", "skipped"]
-"""``open``: done, but not all of it could be judged."""
+"""``open``: done, but some checks have no result."""
 Text = Annotated[str, Field(max_length=2000)]
 Lines = Annotated[list[Text], Field(max_length=1000)]
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-][A-Za-z0-9._-]*$", max_length=100)]
-"""A file in the report's folder, never elsewhere."""
+"""A file in the report's folder."""
 Amount = Annotated[float, Field(ge=0, le=1e6)]
 R = TypeVar("R")
 
 
 class TouchedPoint(Settings):
-    """A point that a hand touched: where it is, and where the sensor saw the joint; metres, room.
+    """A point touched by a hand: its position and the joint as seen; metres, room frame.
 
-    ``error_m`` is with the pose as configured, ``residual_m`` with the pose that fits best.
+    ``error_m`` uses the configured pose of the sensor, ``residual_m`` the best-fitting pose.
     """
 
     point: list[float]
@@ -47,7 +47,7 @@ class TouchedPoint(Settings):
 
 
 class Registration(Settings):
-    """Fit of the sensor's pose to points that were touched."""
+    """Fit of the sensor's pose to the touched points."""
 
     joint: str
     tolerance_m: Amount
@@ -57,7 +57,7 @@ class Registration(Settings):
 
 
 class Times(Settings):
-    """A distribution of times, milliseconds; ``bins`` counts by whole milliseconds from 0."""
+    """A distribution of times in milliseconds; ``bins`` holds counts per millisecond from 0."""
 
     count: int = Field(ge=0)
     p50_ms: Amount
@@ -67,16 +67,17 @@ class Times(Settings):
 
 
 class LinkEcho(Settings):
-    """One link: how long a RobotState waited in the node, and how long until its echo was back.
+    """One link: the time a RobotState waited in the node, and the time until its echo returned.
 
     Attributes:
         link: its name.
-        states, echoes: RobotStates received, and different counters echoed.
-        in_node: from a RobotState's receipt until an advice that echoes it was written.
-        round_trip: from sending a RobotState until an advice that echoes it, by the controller.
+        states, echoes: number of RobotStates received, and of different counters echoed.
+        in_node: from the receipt of a RobotState until an advice with its echo was written.
+        round_trip: from the sending of a RobotState until the advice with its echo, at the
+            controller.
         measured_by: the party that measured the round trip.
-        both_ways_ms: the longest time on the link, there and back; ``None``: not measured.
-        allowed_ms: twice the delay of the link that the delay budget counts with.
+        both_ways_ms: longest time on the link, both directions together; ``None``: not measured.
+        allowed_ms: twice the delay of the link in the delay budget.
     """
 
     link: str
@@ -101,17 +102,17 @@ class Stop(Settings):
 
     Attributes:
         robot: its name.
-        stated_m_s: the speed that was asked for.
-        speed_m_s: highest speed of its fastest point from the command on.
-        total_s, total_m: from the command until it stood; ``None``: measured elsewhere, from the
-            onset of braking.
-        braking_s, braking_m: from the onset of braking.
-        table_s, table_m: by the stopping table, at ``speed_m_s``.
-        allowed_s, allowed_m: link, controller's reaction and the table together.
-        resolution_s: longest time between two RobotStates meanwhile.
+        stated_m_s: the speed set for the test.
+        speed_m_s: highest speed of the robot's fastest point after the command.
+        total_s, total_m: from the command to standstill; ``None``: measured by the integrator, from
+            the onset of braking.
+        braking_s, braking_m: from the onset of braking to standstill.
+        table_s, table_m: values of the stopping table at ``speed_m_s``.
+        allowed_s, allowed_m: sum of the link, the controller's reaction and the table.
+        resolution_s: longest time between two RobotStates during the stop.
         measured_by: the node, from RobotState, or the integrator.
-        stood: whether it stood in the end.
-        passed: whether it stopped as the table says.
+        stood: whether the robot came to a standstill.
+        passed: whether it stopped within the allowed time and distance.
     """
 
     robot: str
@@ -154,8 +155,8 @@ class GridResult(Settings):
         cell_m: side of a cell.
         origin: x, y of the lower left corner of cell 0, 0, metres, room.
         columns, rows: number of cells along x and y.
-        area: cells that count, as ``row * columns + column``; ``outside`` the sensor's view.
-        seen: cell -> number of ticks; ``lost``: cell -> people who vanished there.
+        area: cells to be covered, as ``row * columns + column``; ``outside``: those out of view.
+        seen: cell -> number of ticks; ``lost``: cell -> number of people who vanished there.
     """
 
     cell_m: float = Field(gt=0, le=10)
@@ -186,7 +187,7 @@ class RobotAdvice(Settings):
 
 
 class Walk(Settings):
-    """The walk test, as the recording gives it when it is played again."""
+    """Results of the walk test, from playing its recording."""
 
     recording: FileName
     recording_sha256: str
@@ -201,10 +202,10 @@ class Walk(Settings):
 
 
 class Step(Settings, Generic[R]):
-    """One step as it was done, or skipped.
+    """One step, done or skipped.
 
-    ``identity`` is the hash of configuration, files and versions at that time; ``why`` says what
-    failed or could not be judged.
+    ``identity`` is the hash of configuration, files and versions at that time; ``why`` lists
+    failures and checks without a result.
     """
 
     outcome: Outcome
@@ -226,7 +227,7 @@ class Steps(Settings):
     walk: Step[Walk] | None = None
 
     def named(self) -> Iterator[tuple[str, Step[Any] | None]]:
-        """Each step with its name, in the order in which they are done."""
+        """Each step with its name, in order."""
         for name in STEPS:
             yield name, getattr(self, name)
 
@@ -245,7 +246,7 @@ class Signature(Settings):
 class Report(Settings):
     """The whole report, without its own hash.
 
-    ``less_safe`` has a line for each setting that is less safe than its default, to be signed for.
+    ``less_safe`` has a line to be signed for each setting that is less safe than its default.
     """
 
     format: Literal[1] = FORMAT
@@ -265,7 +266,7 @@ class Report(Settings):
 
     @property
     def open(self) -> list[str]:
-        """One line for each step that says less than *passed*."""
+        """One line for each step that has not *passed*."""
         now, found = self.identity.hash, []
         for name, step in self.steps.named():
             if step is None:
@@ -273,7 +274,7 @@ class Report(Settings):
             elif step.outcome == "skipped":
                 found.append(f"{name}: skipped: {step.note}")
             elif step.identity != now:
-                found.append(f"{name}: done before the cell was changed; do it again")
+                found.append(f"{name}: done before the cell was changed; repeat it")
             elif step.outcome != "passed":
                 found.append(f"{name}: {step.outcome}: {'; '.join(step.why)}")
         return found
@@ -287,7 +288,7 @@ class Report(Settings):
 
 
 def to_data(report: Report) -> dict[str, Any]:
-    """The report as JSON data, with its hash."""
+    """Return the report as JSON data, with its hash."""
     data = report.model_dump(mode="json")
     data["hash"] = hash_of(data)
     return data
@@ -297,7 +298,7 @@ def write_report(report: Report, folder: Path) -> str:
     """Write ``report.json``; return its hash.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     data = to_data(report)
     atomic_write(folder / REPORT, (json.dumps(data, indent=1) + "\n").encode())
@@ -308,7 +309,7 @@ def read_report(path: Path) -> tuple[Report, str]:
     """Read a report; return it and its hash.
 
     Raises:
-        ConfigError: it cannot be read, is not a report, or was changed after it was written.
+        ConfigError: the file cannot be read, is not a report, or was changed after it was written.
     """
     try:
         data = json.loads(read_text(path, "report"))
@@ -322,7 +323,7 @@ def read_report(path: Path) -> tuple[Report, str]:
         found = ""
     if found != data["hash"]:
         raise ConfigError(
-            f"report {path}: was changed after it was written: its content does not have its hash "
+            f"report {path}: was changed after it was written: its content does not match its hash "
             f"{data['hash'][:12]}; restore it, or commission again"
         )
     content = {key: value for key, value in data.items() if key != "hash"}
@@ -332,15 +333,15 @@ def read_report(path: Path) -> tuple[Report, str]:
         first = error.errors()[0]
         at = ".".join(str(part) for part in first["loc"])
         raise ConfigError(
-            f"report {path}: {at}: {first['msg']}; it may be of another version: commission again"
+            f"report {path}: {at}: {first['msg']}; it may be from another version: commission again"
         ) from error
 
 
 def find_report(path: Path) -> Path:
-    """The report that a path names: the file, or the newest of a folder and the folders in it.
+    """Return the report at a path: the file, or the newest report in a folder and its subfolders.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is no report.
     """
     if not path.is_dir():
         if not path.is_file():
@@ -353,7 +354,7 @@ def find_report(path: Path) -> Path:
 
 
 def _made(path: Path) -> tuple[str, float]:
-    """When a report says that it was made; one that says nothing is the oldest."""
+    """Return the creation time stated in a report; a report without one counts as the oldest."""
     try:
         made = datetime.fromisoformat(json.loads(read_text(path, "report"))["made"])
         return made.isoformat(), path.stat().st_mtime

@@ -1,7 +1,7 @@
-"""A stand-in for a cell: simulated people in place of the tracker, mock controllers at its links.
+"""A simulated cell: simulated people instead of the tracker, and mock controllers at its links.
 
-So every step of a validation can be tried before anything is wired. What it measures says nothing
-about the real cell, and the report says so.
+Every step of a validation can thus be tried before the cell is wired. Its results do not apply to
+the real cell, and the report states this.
 """
 
 import math
@@ -27,32 +27,32 @@ PROCEDURAL = "procedural"
 NOISE_M = 0.004
 WALKERS = 4
 LANE_M = 0.45
-"""From lane to lane, so that a body's width leaves no cell of 0.25 m between."""
+"""Distance between lanes: a body's width leaves no 0.25 m cell uncovered."""
 ARM_M = 0.5
-"""From who touches a point to the point, over the floor."""
+"""Horizontal distance from a person who touches a point to that point."""
 
 
 def is_simulated(config: Config) -> bool:
-    """Whether people or controllers of this configuration are simulated."""
+    """Return whether people or controllers of this configuration are simulated."""
     mock = any(link.simulate is not None for link in config.links)
     return mock or config.source.kind == PROCEDURAL
 
 
 def simulated(config: Config, circles: Floats) -> Config:
-    """The cell with simulated people who walk all over its floor, and mock controllers.
+    """Return the cell with simulated people who cover its whole floor, and mock controllers.
 
     Args:
         config: the cell.
         circles: (R, 3) x, y and radius of the floor to walk, metres.
 
     Raises:
-        ConfigError: a robot stands, or no shipped trajectory fits it.
+        ConfigError: a robot is configured as standing, or no shipped trajectory fits it.
     """
     return replace(with_people(config, walkers(circles)), links=_mocked(config))
 
 
 def with_people(config: Config, people: Sequence[dict[str, Any]]) -> Config:
-    """The cell with these procedural people; points of their scripts are in the room's frame."""
+    """Return the cell with these procedural people; their scripts use the room frame."""
     source = config.source
     if source.kind == PROCEDURAL:
         here = {"people": list(people), "room_from_source": {}, "faults": []}
@@ -67,7 +67,7 @@ def with_people(config: Config, people: Sequence[dict[str, Any]]) -> Config:
 
 
 def walkers(circles: Floats) -> list[dict[str, Any]]:
-    """Scripts of people who together walk lanes over the whole floor of these circles."""
+    """Return scripts of people who together walk lanes over the whole floor of these circles."""
     lanes = _lanes(circles)
     share = math.ceil(len(lanes) / WALKERS)
     people = []
@@ -81,16 +81,16 @@ def walkers(circles: Floats) -> list[dict[str, Any]]:
 
 
 def with_toucher(config: Config, point: Floats) -> Config:
-    """Return the cell with a person who keeps the finger tips at a point (3,), room frame, metres.
+    """Return the cell with a person who holds the finger tips at a point (3,), room frame, metres.
 
-    All joints are delivered: a tracker without hands would show the wrist, a hand's length away.
+    All joints are sent: without hand joints, the wrist would be used, a hand's length away.
     """
     moved = with_people(config, toucher(point))
     return moved.with_source(moved.source.model_dump() | {"joint_map": None})
 
 
 def toucher(point: Floats) -> list[dict[str, Any]]:
-    """Return the script of a person who keeps the right hand at a point (3,), room frame."""
+    """Return the script of a person who holds the right hand at a point (3,), room frame."""
     x, y, z = (float(v) for v in point)
     away = np.array([x, y]) / max(math.hypot(x, y), 1e-9) if math.hypot(x, y) > 0.1 else [1.0, 0.0]
     start = [round(x + ARM_M * float(away[0]), 4), round(y + ARM_M * float(away[1]), 4)]
@@ -100,7 +100,7 @@ def toucher(point: Floats) -> list[dict[str, Any]]:
 
 
 def _lanes(circles: Floats) -> list[tuple[list[float], list[float]]]:
-    """Lines along y through the circles, from left to right, each from its lower end."""
+    """Return lines along y through the circles, from left to right, each from its lower end."""
     low = float((circles[:, 0] - circles[:, 2]).min()) + LANE_M / 2
     high = float((circles[:, 0] + circles[:, 2]).max())
     lanes = []
@@ -116,7 +116,7 @@ def _lanes(circles: Floats) -> list[tuple[list[float], list[float]]]:
 
 
 def _mocked(config: Config) -> tuple[LinkSettings, ...]:
-    """The links with mock controllers; kinds that cannot be simulated are left out."""
+    """Return the links with mock controllers; kinds that cannot be simulated are left out."""
     models = {model.name: model for model in assemble.build_robots(config)}
     driven = {
         (link.simulate or {}).get("robot", next(iter(models)))
@@ -144,7 +144,7 @@ def _mocked(config: Config) -> tuple[LinkSettings, ...]:
 
 
 def _trajectory(config: Config, model: RobotModel) -> str:
-    """The robot's own trajectory, or the first shipped one that fits it."""
+    """Return the robot's configured trajectory, or the first shipped one that fits the robot."""
     settings = next(robot for robot in config.node.robots if robot.name == model.name)
     if isinstance(settings.motion, StandingMotion):
         raise ConfigError(

@@ -1,8 +1,8 @@
-"""The stopping test: robots are stopped at stated speeds, and measured by their own RobotState.
+"""The stopping test: robots are stopped at given speeds and measured from their RobotState.
 
-The node runs as always, in an empty cell. At each stated speed the test takes the permission away
-(see ``governed_link``) and follows the robot's fastest point until it stops. The delay budget and
-the stopping table together say how long and how far that may take.
+The node runs as always, in an empty cell. At each given speed the test commands a stop (see
+``governed_link``) and follows the robot's fastest point until it stops. The delay budget and the
+stopping table together set the allowed time and distance.
 """
 
 import math
@@ -29,23 +29,23 @@ from hri_predict.run.config import Config
 
 PARTS = (0.25, 0.5, 0.75, 1.0)
 NEAR = 0.95
-"""A stop is commanded when this part of the stated speed is reached."""
+"""Fraction of the given speed at which the stop is commanded."""
 STOPS_WITHIN_S = 10.0
-"""A robot that still moves after this does not stop."""
+"""A robot that still moves after this time has failed to stop."""
 RESTS_S = 0.3
-"""Time for which a robot must be slow before it counts as standing."""
+"""Minimum time for which a robot must be slow to count as standing."""
 _ONSET = 0.97
-"""Braking began when the speed was last above this part of its highest: noise is not braking."""
+"""Braking starts when the speed was last above this fraction of its maximum: noise is ignored."""
 _CURVE_STEPS = 40
 Sample = tuple[int, float]
-"""When a RobotState came (node's clock, ns), and the speed of the fastest point, m/s."""
+"""Receipt time of a RobotState (node's clock, ns), and the speed of the fastest point, m/s."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoppingTrials:
-    """Tests to make: speeds (m/s), runs of each, and the time to wait until a robot is that fast.
+    """Tests to run: speeds (m/s), runs per speed, and the maximum wait for a robot to reach it.
 
-    No speeds mean ``PARTS`` of each robot's own highest speed.
+    Without speeds, ``PARTS`` of each robot's own maximum speed are used.
     """
 
     speeds_m_s: Sequence[float]
@@ -53,13 +53,13 @@ class StoppingTrials:
     wait_s: float
 
     def speeds_of(self, robot: RobotSettings) -> list[float]:
-        """The speeds at which this robot is stopped."""
+        """Return the speeds at which this robot is stopped."""
         return list(self.speeds_m_s) or [round(part * robot.max_speed_m_s, 3) for part in PARTS]
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredStop:
-    """A stop that the integrator measured, from the onset of braking to rest."""
+    """A stop measured by the integrator, from the onset of braking to standstill."""
 
     robot: str
     speed_m_s: float
@@ -69,7 +69,7 @@ class MeasuredStop:
 
 @dataclass(slots=True)
 class _Trial:
-    """One robot at one speed: the samples of the stop, once it was commanded."""
+    """One robot at one speed, with the samples recorded after the stop command."""
 
     robot: int
     stated_m_s: float
@@ -81,11 +81,11 @@ class _Trial:
 
 
 class StopTest(Listener):
-    """Lets one robot at a time move, and stops it at each stated speed.
+    """Lets one robot at a time move, and stops it at each given speed.
 
     Attributes:
-        trials: all that were begun, in order.
-        done: set when all are over.
+        trials: all trials started, in order.
+        done: set when all trials are over.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class StopTest(Listener):
         plan: StoppingTrials,
         robots: Mapping[int, RobotSettings],
     ) -> None:
-        """Prepare the trials of ``robots``, by their indices in ``models``."""
+        """Prepare the trials of ``robots``, given as indices into ``models``."""
         self._models, self._plan = models, plan
         self._waiting = [
             _Trial(robot, speed)
@@ -120,7 +120,7 @@ class StopTest(Listener):
         return now.stated_m_s
 
     def on_received(self, link: str, received: Received) -> None:
-        """Take a RobotState; where several links report a robot, those of the first."""
+        """Record a RobotState; if several links report a robot, only the first link is used."""
         state = received.message
         if not isinstance(state, RobotState) or state.robot >= len(self._models):
             return
@@ -135,7 +135,7 @@ class StopTest(Listener):
             self._take(state.robot, received.received_ns, speed)
 
     def each_tick(self, now_ns: int) -> None:
-        """Go on to the next trial when one is over; give up on what does not happen."""
+        """Start the next trial when one is over; abandon a trial that times out."""
         now = self.trials[-1] if self.trials else None
         if now is not None and not now.ended:
             self._judge(now, now_ns)
@@ -183,10 +183,10 @@ def measure_stops(
     clock: Clock,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Stopping, list[str]]:
-    """Stop every robot that reports its state at every stated speed.
+    """Stop every robot that reports its state, at each given speed.
 
     Returns:
-        What was measured, and one line for each speed that could not be.
+        The measurements, and one line for each speed that could not be measured.
 
     Raises:
         HriPredictError: a link or a controller cannot be started.
@@ -220,7 +220,7 @@ def measure_stops(
 
 
 def typed_stops(config: Config, measured: Sequence[MeasuredStop]) -> Stopping:
-    """Compare stops that the integrator measured with the stopping tables."""
+    """Compare stops measured by the integrator with the stopping tables."""
     models = {model.name: model for model in assemble.build_robots(config)}
     stops = []
     for each in measured:
@@ -248,14 +248,14 @@ def typed_stops(config: Config, measured: Sequence[MeasuredStop]) -> Stopping:
 
 
 def judge_stops(stopping: Stopping) -> list[str]:
-    """Return failures, one line for each stop that took longer or went farther than allowed."""
+    """Return failures, one line for each stop that exceeded the allowed time or distance."""
     failed = []
     for stop in stopping.stops:
         if stop.passed:
             continue
         at = f"robot {stop.robot}, stopped at {stop.speed_m_s:.2f} m/s"
         if not stop.stood:
-            failed.append(f"{at}: did not stand after {STOPS_WITHIN_S:g} s")
+            failed.append(f"{at}: did not come to a standstill within {STOPS_WITHIN_S:g} s")
             continue
         whole = stop.total_s is not None and stop.total_m is not None
         took = stop.total_s if stop.total_s is not None else stop.braking_s
@@ -300,7 +300,7 @@ def _linked(config: Config, robot: str) -> bool:
 def _stop_of(
     trial: _Trial, settings: RobotSettings, model: RobotModel, budget: DelayBudget
 ) -> Stop | None:
-    """Measure one stop; ``None`` if none was commanded, or nothing was heard of it."""
+    """Measure one stop; ``None`` if no stop was commanded or no RobotState followed."""
     if trial.commanded_ns is None or len(trial.samples) < 2:
         return None
     command_ns, samples = trial.commanded_ns, trial.samples
@@ -348,7 +348,7 @@ def _stop_of(
 
 
 def _travel(samples: Sequence[Sample]) -> float:
-    """Metres that the fastest point went; the faster end of each interval counts."""
+    """Return the metres travelled by the fastest point, at the higher speed of each interval."""
     return sum(max(u, v) * (b - a) * 1e-9 for (a, u), (b, v) in pairwise(samples))
 
 
@@ -370,7 +370,7 @@ def _curves(config: Config, models: Sequence[RobotModel]) -> list[Curve]:
 
 
 def worst(stopping: Stopping) -> Mapping[tuple[str, float], Stop]:
-    """By robot and stated speed, the stop that went farthest in relation to what was allowed."""
+    """Return by robot and given speed the stop that used most of its allowed time or distance."""
     found: dict[tuple[str, float], Stop] = {}
     for stop in stopping.stops:
         key = stop.robot, stop.stated_m_s

@@ -1,7 +1,7 @@
-"""The walk test: a person walks through the cell while the node records, and the recording counts.
+"""The walk test: a person walks through the cell while the node records.
 
-The grid and the advice are those of the recording played again, not of the live run: so a later
-version or configuration can be compared with exactly this.
+The grid and the advice come from playing the recording, not from the live run, so a later version
+or configuration can be compared on exactly the same input.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ from hri_predict.run.session import run as run_session
 RECORDING = "walk.mcap"
 ADVICES = "walk-advices.jsonl"
 MOST_UNKNOWN = 0.5
-"""A walk during which a robot's advice is *unknown* for longer tried too little."""
+"""Maximum share of a walk with *unknown* advice; with more, too little was tested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,8 +30,8 @@ class WalkPlan:
     """Plan of a walk: duration in seconds, side of a grid cell in metres, minimum coverage as a
     share, and polygons where no person can stand.
 
-    ``shadow``: links say *unknown*, so that no robot moves. ``virtual``: with simulated people and
-    controllers, as fast as possible.
+    ``shadow``: links send *unknown*, so that no robot moves. ``virtual``: run with simulated people
+    and controllers, as fast as possible.
     """
 
     seconds: float
@@ -47,12 +47,12 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
 
     Args:
         config: the cell.
-        live: the same, with simulated people and controllers where they were asked for.
+        live: the cell to record, with simulated people and controllers if requested.
         plan: see ``WalkPlan``.
-        folder: gets the recording and the advice, instead of those of an earlier walk.
+        folder: receives the recording and the advice; those of an earlier walk are replaced.
 
     Raises:
-        HriPredictError: the run cannot start, or the recording is not whole.
+        HriPredictError: the run cannot start, or the recording is incomplete.
     """
     grid = grid_of(config, plan.cell_m, plan.exclude)  # a mistake shows before anybody walks
     recording, advices = folder / RECORDING, folder / ADVICES
@@ -70,7 +70,7 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
     told = summary.recording or {}
     if told.get("error") or told.get("dropped"):
         raise RecordingError(
-            f"recording {begun}: not whole ({told.get('error') or 'the disk was too slow'}); "
+            f"recording {begun}: incomplete ({told.get('error') or 'the disk was too slow'}); "
             f"free some room and walk again"
         )
     played = play(config, begun, grid)
@@ -92,34 +92,34 @@ def walk(config: Config, live: Config, plan: WalkPlan, folder: Path) -> Walk:
 
 
 def judge_walk(result: Walk) -> tuple[list[str], list[str]]:
-    """Return failures, and what could not be judged, one line each."""
+    """Return failures and checks without a result, one line each."""
     failed, missing = [], []
     coverage = result.grid.coverage
     if coverage < result.least_coverage:
         failed.append(
             f"people were seen in {100 * coverage:.0f} % of the floor around the robots; "
-            f"{100 * result.least_coverage:.0f} % were asked for: walk where the grid is white, "
-            f"and look after the sensor where you did"
+            f"the minimum is {100 * result.least_coverage:.0f} %: walk where the grid is white, "
+            f"or check the sensor if you walked there"
         )
     if result.people_lost:
         failed.append(
-            f"{result.people_lost} times a person vanished in view; see the crosses in the grid"
+            f"people vanished in view {result.people_lost} times; see the crosses in the grid"
         )
     if not result.robots or any(not robot.ticks_at for robot in result.robots):
-        missing.append("no advice came of the recording; walk for longer")
+        missing.append("the recording gave no advice; walk for longer")
     for robot in result.robots:
         blind = sum(robot.ticks_at.get(level, 0) for level in ("unknown", "fault"))
         share = blind / max(1, sum(robot.ticks_at.values()))
         if share > MOST_UNKNOWN:
             missing.append(
                 f"robot {robot.robot}: advice was unknown {100 * share:.0f} % of the time, so "
-                f"little was tried; is its controller on, and do scenes come in time?"
+                f"little was tested; check that its controller is on and scenes arrive in time"
             )
     return failed, missing
 
 
 def advice_by_robot(played: Played) -> list[RobotAdvice]:
-    """Levels, stops and extremes of each robot's advice."""
+    """Return levels, stops and extremes of each robot's advice."""
     by_robot: dict[str, list[AdviceRow]] = {}
     for row in played.rows:
         by_robot.setdefault(row.robot, []).append(row)

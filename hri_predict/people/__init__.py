@@ -1,1 +1,1 @@
-"""The people in the room: one trusted history for each person."""
+"""The people in the room, with one validated history for each person."""

@@ -1,8 +1,8 @@
-"""Whether a body has the bones of a person who was seen before.
+"""Compares the bone lengths of a body with those of a person seen before.
 
-The same motion does not make two bodies one person: someone else may have stood close by. Bones do
-not prove a person's identity either, because many people are equally tall. But a body whose limbs
-are clearly longer or shorter is another person's.
+Matching motion does not prove that two bodies are one person: another person may have stood close
+by. Bones do not prove a person's identity either, because many people are equally tall. But a body
+with clearly longer or shorter limbs belongs to another person.
 """
 
 import numpy as np
@@ -16,26 +16,27 @@ _ENDS = np.array(
     [(s.joint_a, s.joint_b) for s in CANONICAL.segments if s.name[2:] in _LIMBS], np.int64
 )
 SAMPLES = 20
-"""Number of newest captures that say how long a person's bones are."""
+"""Number of newest captures from which a person's bone lengths are measured."""
 LEAST_SAMPLES = 5
-"""From fewer captures neither a length nor its noise is known."""
+"""Minimum number of captures from which a length and its noise are known."""
 LEAST_BONES = 3
 APART_M = 0.025
-"""Trackers change the bones by this with the posture, in the mean; those of people of 1.65 and
-1.85 m differ by 4.1 cm."""
+"""Mean change of tracked bone lengths with posture; those of people of 1.65 and 1.85 m differ by
+4.1 cm."""
 NOISES = 4.0
-"""Within this many standard deviations of that mean, by each bone's own, it is noise."""
+"""Number of standard deviations of that mean, from each bone's own noise, that count as noise."""
 
 
 def is_same_build(positions: Floats, observed: Bools, joints: Floats, seen: Bools) -> bool:
-    """Return whether a body may be the person of earlier captures, by the limbs seen in both.
+    """Return whether a body may be the person of earlier captures, judged by the limbs seen in
+    both.
 
     Args:
         positions, observed: (N, J, 3) metres and (N, J) of the earlier captures, the newest last.
         joints, seen: (J, 3) and (J,) of the body.
 
     Returns:
-        false if at least three bones are, in the mean, clearly longer or shorter.
+        false if at least three bones are clearly longer or shorter on average.
     """
     positions, observed = positions[-SAMPLES:], observed[-SAMPLES:]
     a, b = _ENDS.T

@@ -1,9 +1,9 @@
-"""Shoulders and hips that are not seen for a moment, carried along with the rest of the body.
+"""Carries briefly unseen shoulders and hips along with the rest of the body.
 
-Without both shoulders or both hips a body has no heading, and nothing that is hidden can be
-inferred. A tracker loses a shoulder for a few captures at a time, so the pair that was seen last
-stands in: where it was, moved as the head has moved since, or as all joints have that are seen. A
-body of which little else is seen stays without.
+Without both shoulders or both hips a body has no heading, and hidden joints cannot be inferred. A
+tracker loses a shoulder for a few captures at a time, so the last seen pair is used instead, moved
+as the head, or all seen joints, have moved since. If little else of the body is seen, no pair is
+carried.
 """
 
 from typing import NamedTuple
@@ -16,11 +16,11 @@ from hri_predict.base.skeleton import JOINTS
 from hri_predict.people.body.body_model import LEAST_JOINTS
 
 PER_S = 1.5
-"""Metres a second by which a shoulder or hip moves away from where it is carried: holds 99 % of
-them up to 0.5 s, carried by the head or by the arms, in the recordings of the data pack (fit and
-test, people who run, dance and jump among them)."""
+"""Growth of a carried joint's error in metres per second: holds for 99 % of shoulders and hips up
+to 0.5 s, carried by the head or the arms, in the recordings of the data pack (fit and test,
+including people who run, dance and jump)."""
 LONGEST_S = 0.3
-"""Longest time for which a pair is carried."""
+"""Maximum time for which a pair is carried."""
 _PAIRS = tuple(
     np.array([JOINTS.index(f"{side}_{joint}") for side in ("l", "r")])
     for joint in ("shoulder", "hip")
@@ -29,8 +29,8 @@ _HEAD = np.array([JOINTS.index(name) for name in ("head", "head_top")])
 
 
 class Carried(NamedTuple):
-    """Bodies with carried joints: positions (P, T, J, 3), which joints are seen or carried
-    (P, T, J), and (P, T, J) metres within which a carried joint is; 0 for all others."""
+    """Bodies with carried joints: positions (P, T, J, 3), whether joints are seen or carried (P, T,
+    J), and (P, T, J) maximum error of a carried joint in metres; 0 for all others."""
 
     positions: Floats
     observed: Bools
@@ -38,10 +38,10 @@ class Carried(NamedTuple):
 
 
 def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
-    """Carry the pair that was seen last through steps without a complete pair.
+    """Carry the last seen pair through steps without a complete pair.
 
     Args:
-        positions: (P, T, J, 3) metres, finite, in the room; where not measured, anything.
+        positions: (P, T, J, 3) metres, finite, in the room; any value where not measured.
         measured: (P, T, J).
         rate_hz: steps per second.
     """
@@ -71,8 +71,8 @@ def carry(positions: Floats, measured: Bools, rate_hz: float) -> Carried:
 
 
 def _turned(positions: Floats, whole: Bools, pair: NDArray[np.intp]) -> Bools:
-    """(P, T) where a pair points the other way than one or two steps before: left and right were
-    mistaken in one of them, and the body would be completed back to front."""
+    """Return (P, T) whether a pair points in the opposite direction of one or two steps before:
+    left and right were swapped in one of them, and the body would be completed back to front."""
     across = positions[:, :, pair[0]] - positions[:, :, pair[1]]
     found = np.zeros_like(whole)
     for lag in (1, 2):
@@ -82,7 +82,7 @@ def _turned(positions: Floats, whole: Bools, pair: NDArray[np.intp]) -> Bools:
 
 
 def _shift(positions: Floats, measured: Bools, since: int, at: int) -> Floats | None:
-    """(3,) motion of a body (T, J, 3) between two steps; ``None``: no joint is seen in both."""
+    """Return (3,) motion of a body (T, J, 3) between two steps; ``None``: no common joint."""
     both = measured[since] & measured[at]
     head = both[_HEAD]
     of = _HEAD[head] if head.any() else np.flatnonzero(both)

@@ -1,7 +1,7 @@
-"""Completes a snapshot by the joints that are not seen.
+"""Adds unseen joints to a snapshot.
 
-Tracks hold measured joints alone: identity, posture, size, repeats and the speeds of lost people
-rest on nothing else. Inferred joints appear here, in what the predictor and the risk stage read.
+Tracks hold only measured joints: identity, posture, size, repeats and the speeds of lost people are
+based on these. Inferred joints are added here, for the predictor and the risk stage.
 """
 
 from dataclasses import replace
@@ -15,31 +15,31 @@ from hri_predict.people.carried import Carried, carry
 from hri_predict.people.snapshot import Inferred, LostPerson, PeopleSnapshot, RecentCaptures
 
 _GAIN = 2.2
-"""No inferred joint moves faster than this times the fastest joint that is seen: the crown's place
-weighs the head 1.6 times, less 0.6 times the neck."""
+"""Maximum speed of an inferred joint relative to the fastest seen joint: the crown's position is
+1.6 times the head minus 0.6 times the neck."""
 _KEPT_S = 0.5
-"""Time constant with which a joint's measured distance from its inferred place is given up: where
-it was seen a moment ago says more than the posture does."""
+"""Time constant with which a joint's last measured offset from its inferred position decays: its
+recent position is more informative than the posture."""
 _STEPS_BEFORE, _LEAST_BEFORE = 4, 2
-"""The place of a moment ago is believed if the joint was measured in two of the four steps before.
-One capture that shows a hidden arm is as often the other arm, or a part of a bench:
-then the posture may be right as well, and the joint is in either place."""
+"""The recent position is used if the joint was measured in two of the four steps before. A single
+capture that shows a hidden arm is often the other arm or part of a bench: then the posture may be
+right, and the joint may be in either position."""
 HIDDEN_ARM = 1.5
-"""Times the posture's uncertainty, of an arm that is hidden from the elbow on and stays so. Often
-it is hidden because it reaches into something, whatever the posture says. More than a hundredth of
-its joints were outside the plain radius in one recording of four, and outside this one in one of a
-hundred (docs/measured/unseen-joints.md)."""
+"""Factor on the posture's uncertainty for an arm that stays hidden from the elbow on. It is often
+hidden because it reaches into something, which the posture does not show. More than one in a
+hundred of its joints were outside the plain radius in one of four recordings, and outside the
+enlarged radius in one of a hundred (docs/measured/unseen-joints.md)."""
 _ARMS = tuple(
     [JOINTS.index(f"{side}_{joint}") for joint in ("elbow", "wrist", "hand")] for side in "lr"
 )
 
 
 def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float) -> PeopleSnapshot:
-    """The snapshot with its inferred joints; see ``PeopleSnapshot.inferred``.
+    """Return the snapshot with its inferred joints; see ``PeopleSnapshot.inferred``.
 
     Args:
-        snapshot: of measured joints.
-        inference: see there.
+        snapshot: snapshot of measured joints.
+        inference: inference of joints, see ``body.inferred``.
         rate_hz: steps per second of the history.
     """
     lost = tuple(_lost(person, inference) for person in snapshot.lost)
@@ -77,7 +77,7 @@ def with_inferred(snapshot: PeopleSnapshot, inference: Inference, rate_hz: float
 
 
 def hidden_arms(measured: Bools) -> Bools:
-    """(P, J) joints of arms of which nothing below the shoulder is seen in a history (P, T, J).
+    """Return (P, J) joints of arms with nothing seen below the shoulder in a history (P, T, J).
 
     One capture that shows such an arm does not count: see ``_LEAST_BEFORE``.
     """
@@ -89,7 +89,7 @@ def hidden_arms(measured: Bools) -> Bools:
 
 
 def _by_carried(filled: Filled, carried: Carried) -> Filled:
-    """Inferred joints, with the uncertainty of the carried ones that they rest on."""
+    """Return inferred joints, including the uncertainty of the carried joints used."""
     inferred = filled.observed & ~carried.observed
     by_others = np.where(inferred, carried.within_m.max(-1, keepdims=True), 0.0)
     return filled._replace(within_m=filled.within_m + carried.within_m + by_others)
@@ -103,13 +103,14 @@ def _continued(
     rate_hz: float,
     carried: Carried,
 ) -> Filled:
-    """Inferred places that join those before and after, at which the joint was measured.
+    """Return inferred positions that connect to the measured ones before and after them.
 
-    A joint that is hidden from one step to the next would jump to its inferred place, and a
-    predictor would take that for motion. By how much a place would be off is known where the joint
-    was measured last, and where it is measured next: in a gap, both count by their nearness in
-    time, and at an end of the history the only one fades. The last such distance is as uncertain
-    as the joint's place changed, on the body, in the steps before; or wholly, if it was seen once.
+    A joint that is suddenly hidden would jump to its inferred position, and a predictor would treat
+    this as motion. The offset of the inferred position is known at the last measurement before and
+    the first one after. Within a gap, both offsets are weighted by nearness in time; at an end of
+    the history, the only offset decays. The last offset is as uncertain as the change of the
+    joint's position on the body in the steps before, or fully uncertain if the joint was seen only
+    once.
     """
     measured = snapshot.observed
     steps = measured.shape[1]
@@ -148,8 +149,8 @@ def _continued(
 
 
 def _steady(snapshot: PeopleSnapshot) -> tuple[Bools, Floats]:
-    """Which joints (P, T, J) were measured before as well, and by how many metres their place
-    changed since then at most, less the mean of all joints that are seen."""
+    """Return whether joints (P, T, J) were also measured before, and the maximum change of their
+    position since then in metres, relative to the mean of all seen joints."""
     measured, history = snapshot.observed, snapshot.history
     before, changed_m = np.zeros(measured.shape), np.zeros(measured.shape)
     for lag in range(1, min(_STEPS_BEFORE, measured.shape[1] - 1) + 1):
@@ -165,7 +166,7 @@ def _steady(snapshot: PeopleSnapshot) -> tuple[Bools, Floats]:
 
 
 def _held(filled: Filled, measured: Bools) -> Filled:
-    """Joints that were inferred and are not any more stay where they were, in (P, T, ...)."""
+    """Keep joints that are no longer inferred at their last position, in (P, T, ...)."""
     lacks = ~filled.observed
     if not lacks.any():
         return filled
@@ -181,7 +182,7 @@ def _held(filled: Filled, measured: Bools) -> Filled:
 
 
 def _lost(person: LostPerson, inference: Inference) -> LostPerson:
-    """A lost person with the joints that the last capture allows to infer."""
+    """Return a lost person with the joints that can be inferred from the last capture."""
     newest: Bools = person.joint_age_s <= person.joint_age_s.min()
     filled = inference.fill(np.nan_to_num(person.positions), newest)
     seen: Bools = filled.observed & ~newest

@@ -1,4 +1,4 @@
-"""Two ids that a source found to be one person's (``Scene.joined``)."""
+"""Handles two ids that a source identified as one person (``Scene.joined``)."""
 
 from collections.abc import Iterable
 
@@ -6,16 +6,16 @@ from hri_predict.people.roster import Roster
 
 
 def join(roster: Roster, pairs: Iterable[tuple[int, int]], capture_ns: int) -> None:
-    """End the tracks of ids that are gone, whose person continues under another id.
+    """End the tracks of ids that are gone, if the person continues with another id.
 
-    That person is not lost: the body that is seen is theirs. It counts only where the other id is
-    tracked in this very capture. A track of which it was not certain where its body is stays, and
-    its person is lost as any other.
+    That person is not lost, because the visible body is theirs. This applies only if the other id
+    is tracked in this capture. A track with an uncertain position remains, and its person is lost
+    like any other.
 
     Args:
         roster: the tracked people.
-        pairs: of ids (gone, kept).
-        capture_ns: of the scene.
+        pairs: pairs of ids (gone, kept).
+        capture_ns: capture time of the scene.
     """
     for gone, kept in pairs:
         track, other = roster.tracks.get(gone), roster.tracks.get(kept)

@@ -14,8 +14,9 @@ class Side:
     Attributes:
         a, b: (2,) its ends, metres.
         out: (2,) unit vector that leads out of the exit.
-        beyond_m: nearer than this behind it a body has left, and farther off it is in the room.
-        named: whether the configuration says that this side leads out.
+        beyond_m: distance behind the side up to which a body has left; farther off it is in the
+            room.
+        named: whether this side is configured as leading out.
     """
 
     a: Floats
@@ -25,9 +26,10 @@ class Side:
     named: bool
 
     def crossing(self, begin: Floats, end: Floats, error_m: float = 0.0) -> Floats | None:
-        """(2,) where the path from ``begin`` to ``end`` crosses this side outwards, if it does.
+        """Return (2,) where the path from ``begin`` to ``end`` crosses this side outwards, if it
+        does.
 
-        A path that may be off by ``error_m`` must cross it at least that far from both ends.
+        A path with an error of ``error_m`` must cross the side at least that far from both ends.
         """
         before, after = float((begin - self.a) @ self.out), float((end - self.a) @ self.out)
         if not before <= 0.0 < after:
@@ -44,8 +46,8 @@ class Visit:
 
     Attributes:
         door: the exit's index.
-        begin: (2,) where it came in.
-        from_room: whether it came from the room.
+        begin: (2,) point of entry.
+        from_room: whether the body came from the room.
         fits: whether the exit had room for its whole width at some capture.
     """
 
@@ -57,13 +59,13 @@ class Visit:
 
 @dataclass(slots=True, eq=False)
 class Crossed:
-    """A body that has crossed a side of an exit outwards, and where (2,)."""
+    """A body's outward crossing of a side of an exit, with its position (2,)."""
 
     side: Side
     at: Floats
 
     def holds(self, place: Floats) -> bool:
-        """Whether a body at ``place`` (2,) is still behind that side, and near."""
+        """Return whether a body at ``place`` (2,) is still behind that side, and near it."""
         away = place - self.at
         return float(away @ self.side.out) > 0 and np.hypot(*away) <= self.side.beyond_m
 
@@ -74,10 +76,11 @@ class Passage:
 
     Attributes:
         place: (2,) where it stood when its hips or feet were last seen.
-        seen_ns: that capture.
-        in_room: it was seen outside of every exit, and has not come in by one since.
-        visit: the exit in which it is.
-        crossed: it has left through this side, and not come back.
+        seen_ns: time of that capture.
+        in_room: whether the body was seen outside of every exit, and has not come in through one
+            since.
+        visit: the exit in which the body is.
+        crossed: the side through which the body has left without returning.
     """
 
     place: Floats | None = None

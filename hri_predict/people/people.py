@@ -1,4 +1,4 @@
-"""Turns scenes into one trusted history per person, and reports when it cannot be trusted."""
+"""Turns scenes into one validated history per person, and reports faults of the input."""
 
 import threading
 from collections import Counter
@@ -33,23 +33,23 @@ from hri_predict.people.track import Body, MotionLimits, Track
 from hri_predict.protocol.reasons import Reason
 
 ELSEWHERE_M = 2.5
-"""In a refused scene, a body farther than this from its id's track is another body."""
+"""Distance from its id's track at which a body in a refused scene is a different body."""
 
 
 class People(RemembersLost):
     """Tracks all people through the scenes of one source.
 
-    ``receive`` is for one thread and ``snapshot`` for another; both are short. A scene is *good* if
-    its sequence and its capture advance, the source saw the room, and every body in it was believed
-    and tracked. A person without a visible joint must have been tracked before. Only good scenes
-    count as captures and keep the input fresh.
+    Call ``receive`` in one thread and ``snapshot`` in another; both are short. A scene is *good* if
+    its sequence and capture time advance, the source saw the room, and every body in it was
+    accepted and tracked. A person without a visible joint must have been tracked before. Only good
+    scenes count as captures and keep the input fresh.
 
     Args:
         settings: see ``PeopleSettings``.
-        joint_map: from the source's joints to canonical ones.
-        source_settings: gives ``min_latency_s``, ``stale_s`` and how its clock behaves.
+        joint_map: map from the source's joints to canonical joints.
+        source_settings: provides ``min_latency_s``, ``stale_s`` and the behaviour of the clock.
         rate_hz_source: nominal scenes per second.
-        declares_noise: bit-identical joints mean a frozen sensor.
+        declares_noise: whether bit-identical joints indicate a frozen sensor.
         history_steps: T, steps of history in a snapshot.
         rate_hz_predictor: steps per second of that history.
     """
@@ -122,7 +122,7 @@ class People(RemembersLost):
     # -- in ---------------------------------------------------------------------------------------
 
     def receive(self, scene: Scene, receipt_ns: int) -> None:
-        """Take in one scene that arrived at ``receipt_ns`` (node's clock). Never raises."""
+        """Process one scene received at ``receipt_ns`` (node's clock). Never raises."""
         with self._lock:
             self._now_ns = max(self._now_ns, receipt_ns)
             self._take_recalled(receipt_ns)
@@ -204,17 +204,17 @@ class People(RemembersLost):
         self._impossible = True
 
     def _refuse_second(self, person: Person, first: Body | None, capture_ns: int) -> None:
-        """Refuse another body of an id: it is another person, unless it is the same body again."""
+        """Refuse a second body with one id: it is another person, unless it is a repeat."""
         self._refuse("duplicate_ids")
         body = canonical_body(person, self._joint_map, self._origin).body
         if body is not None and (first is None or _apart(body, first) > SAME_PLACE_M):
             self._unplaced.note(Why.SECOND_BODY, person.id, capture_ns)
 
     def _look_at_refused(self, scene: Scene) -> None:
-        """A scene that does not advance changes nothing, but it may show another person.
+        """Check a scene that does not advance: it changes no track, but may show another person.
 
-        Late and repeated packets show who is tracked, near where they are. Others are a sign of two
-        senders, or of a scene that comes in parts.
+        Late and repeated packets show tracked people near their positions. Other bodies indicate
+        two senders, or a scene that is sent in parts.
         """
         capture_ns = self._gate.capture_ns
         for person in scene.people:
@@ -230,10 +230,10 @@ class People(RemembersLost):
                 self._unplaced.note(Why.REFUSED_ELSEWHERE, person.id, capture_ns)
 
     def _note_unlocated(self, ids: list[int], capture_ns: int) -> None:
-        """Note people with no visible joint who are neither tracked nor lost.
+        """Record people without a visible joint who are neither tracked nor lost.
 
-        A tracked person is where they were last seen, a lost one is in the lost zone. Any other
-        person is at an unknown place in the room.
+        A tracked person is assumed where they were last seen, a lost person in the lost zone. Any
+        other person is at an unknown place in the room.
         """
         for number in ids:
             if number in self._tracks or self._roster.still_lost(number, capture_ns):
@@ -255,7 +255,7 @@ class People(RemembersLost):
         return body
 
     def _is_repeat(self, track: Track, body: Body, capture_ns: int) -> bool:
-        """Return whether a source that declares noise sent identical joints again."""
+        """Return whether a source that declares noise repeated identical joints."""
         if not (self._declares_noise and track.has_shown(body)):
             return False
         track.present_ns = capture_ns
@@ -264,10 +264,10 @@ class People(RemembersLost):
         return True
 
     def _follow(self, track: Track, body: Body, capture_ns: int, now_ns: int) -> Track | None:
-        """Append ``body`` to its track if it can be true.
+        """Append ``body`` to its track if it is plausible.
 
         Returns:
-            the rival, if captures that cannot follow from this track have agreed for long enough.
+            the rival track, if captures that contradict this track have agreed for long enough.
         """
         rival = track.rival
         believed = track.believable(body, capture_ns, self._limits)
@@ -313,9 +313,9 @@ class People(RemembersLost):
     # -- out --------------------------------------------------------------------------------------
 
     def acknowledge(self) -> int:
-        """Forget, on an operator's word, the lost people that the newest snapshot counted.
+        """Remove the lost people counted in the newest snapshot, as confirmed by an operator.
 
-        Returns: their number.
+        Returns: number of people removed.
         """
         with self._lock:
             forgotten = self._lost.acknowledge()

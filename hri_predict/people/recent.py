@@ -1,4 +1,4 @@
-"""The newest captures of all people, as they came: the input from which speeds are measured."""
+"""The newest captures of all people as received, from which speeds are measured."""
 
 from collections.abc import Sequence
 
@@ -8,19 +8,20 @@ from hri_predict.people.ring_buffer import RingBuffer
 from hri_predict.people.snapshot import RecentCaptures
 
 SPAN_S = 0.25
-"""Captures of this time are kept: a little more than a speed is measured over."""
+"""Time for which captures are kept: slightly longer than the span of a speed measurement."""
 LEAST = 5
-"""Number of captures that are kept, however far apart they are: a source may deliver 5 a second."""
+"""Minimum number of captures kept, regardless of their age: a source may deliver only 5 a
+second."""
 MOST = LEAST + round(SPAN_S * 240)
-"""No more are kept: a source may deliver 240 a second, whatever its nominal rate is."""
+"""Maximum number of captures kept: a source may deliver 240 a second despite its nominal rate."""
 
 
 def recent_captures(rings: Sequence[RingBuffer], joints: int) -> RecentCaptures:
     """The newest captures of P people.
 
     Args:
-        rings: of each person.
-        joints: J.
+        rings: ring buffer of each person.
+        joints: J, joints per person.
     """
     found = []
     for ring in rings:

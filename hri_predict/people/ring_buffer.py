@@ -1,10 +1,10 @@
-"""One person's history: preallocated, one writer, many readers that never block the writer.
+"""One person's history: preallocated, with one writer and many readers that never block it.
 
 The writer announces a push (``_begun``), fills the slot, then commits it (``_committed``). A reader
 copies the newest ``capacity`` samples and then reads ``_begun``: a sample may be torn if its slot
-was begun again in the meantime, and only such samples are dropped. A few spare slots make that
-rare. If it happens, the reader tries again, a bounded number of times, and at worst returns fewer
-of the oldest samples, never a torn one. The order of the counters' updates relies on CPython
+was reused in the meantime, and only such samples are dropped. A few spare slots make this rare. If
+it happens, the reader retries a bounded number of times, and at worst loses some of the oldest
+samples, but never returns a torn one. The order of the counters' updates relies on CPython
 executing one bytecode at a time (the interpreter lock), or on a machine with total store order.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 from hri_predict.base.arrays import Bools, Floats, Stamps
 
 NEVER = np.iinfo(np.int64).min
-"""Stamp of a joint that was never observed."""
+"""Time stamp of a joint that was never observed."""
 _SPARE_SLOTS = 16
 _READ_TRIES = 8
 
@@ -52,8 +52,9 @@ class RingBuffer:
     Args:
         joints: J, joints per sample.
         capacity: samples kept.
-        max_gap_ns: longest gap between two observations of a joint that is interpolated linearly.
-        future_tolerance_ns: maximum time of a stamp after "now".
+        max_gap_ns: longest gap between two observations of a joint that is bridged by linear
+            interpolation.
+        future_tolerance_ns: maximum time by which a stamp may be ahead of "now".
         backward_limit_ns: a stamp that is older than the newest by more than this is a backward
             jump of the clock; otherwise it is a sample out of order. Both are refused.
 
@@ -113,17 +114,18 @@ class RingBuffer:
         Joints with a coordinate that is not finite count as unobserved.
 
         Args:
-            capture_ns: when it was captured, the node's clock.
+            capture_ns: capture time, node's clock.
             positions: (J, 3) metres; any value where not observed.
             observed: (J,).
-            now_ns: the node's clock.
+            now_ns: current time, node's clock.
             error_m: see ``hri_predict.contracts.scene.Person``.
 
         Returns:
-            Whether the sample was accepted, or why not; each result is counted.
+            Whether the sample was accepted, or the reason for refusal; each result is counted.
 
         Raises:
-            ValueError: an array has another shape; numpy would stretch it over all joints.
+            ValueError: an array has the wrong shape, which numpy would otherwise broadcast to all
+                joints.
         """
         joints = self._observed_rows[0].shape[0]
         if positions.shape != (joints, 3) or observed.shape != (joints,):
@@ -158,7 +160,7 @@ class RingBuffer:
 
     @property
     def error_m(self) -> float:
-        """The largest error of the samples held, or of the few before them; for any thread."""
+        """Return the largest error of the kept samples and a few earlier ones; for any thread."""
         return float(self._errors_m.max())
 
     def _judge(self, capture_ns: int, now_ns: int) -> PushResult:
@@ -199,7 +201,7 @@ class RingBuffer:
     def window(self, t_end_ns: int, n: int, rate_hz: float) -> Window:
         """Resample the history that ends at ``t_end_ns``; for any thread.
 
-        Step k lies at ``t_end_ns - (n - 1 - k) / rate_hz``. Each joint is interpolated linearly
+        Step k is at ``t_end_ns - (n - 1 - k) / rate_hz``. Each joint is interpolated linearly
         between its neighbouring observations if they are at most ``max_gap_ns`` apart; a step that
         coincides with an observation takes its value; everything else is unobserved. Samples
         captured after ``t_end_ns`` are ignored.
@@ -212,13 +214,14 @@ class RingBuffer:
         return self._resampled(self.samples(), t_end_ns, n, rate_hz)
 
     def recall(self, t_end_ns: int, n: int, rate_hz: float) -> tuple[Window, Floats, Stamps]:
-        """Return ``window``, and where and when each joint was last observed; for any thread.
+        """Return ``window``, and position and time of each joint's last observation; for any
+        thread.
 
         Both come from one copy of the samples.
 
         Returns:
-            the window; positions (J, 3), NaN if never within the buffer; stamps (J,), ``NEVER`` if
-            never.
+            the window; positions (J, 3), NaN if not observed within the buffer; stamps (J,),
+            otherwise ``NEVER``.
         """
         samples = self.samples()
         window = self._resampled(samples, t_end_ns, n, rate_hz)
@@ -257,7 +260,7 @@ def resample(
     rate_hz: float,
     max_gap_ns: int,
 ) -> Window:
-    """Resample samples (oldest first, strictly increasing stamps); see ``RingBuffer.window``.
+    """Resample samples (oldest first, with strictly increasing stamps); see ``RingBuffer.window``.
 
     Args:
         stamps: (M,) nanoseconds.
@@ -317,7 +320,7 @@ def resample(
 def last_observed(
     stamps: Stamps, positions: Floats, observed: Bools, t_end_ns: int
 ) -> tuple[Floats, Stamps]:
-    """Return where and when each joint was last observed; see ``RingBuffer.recall``."""
+    """Return position and time of each joint's last observation; see ``RingBuffer.recall``."""
     joints = observed.shape[1]
     last: Floats = np.full((joints, 3), np.nan)
     when: Stamps = np.full(joints, NEVER)

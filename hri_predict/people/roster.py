@@ -1,12 +1,12 @@
-"""Present and lost people: people come, change their ids, vanish, and are seen again.
+"""Present and lost people: handles people who appear, change ids, vanish, and are seen again.
 
-A body that appears may be a person who vanished. It takes over that person's track only a short
-time later (``found_within_s``), where that person's motion leads, and not where people enter.
-Otherwise both exist. This also holds for an id that was absent, and an id that moves as its person
-cannot is another person's now, unless the source keeps its ids: then an id that comes back is that
-person, at any time. Two bodies cannot be in one place. So if an id changes while its body stays in
-place, it is the same body, at any place in the room. A track whose motion turns out to be that of
-two people is cut in two, and the first one is lost; see ``Trail``.
+A body that appears may be a person who vanished. It continues that person's track only within a
+short time (``found_within_s``), at a position consistent with that person's motion, and not where
+people enter. Otherwise both exist. The same rule applies to an id that was absent. An id that moves
+as its person cannot now belongs to another person. The exception is a source that keeps its ids: an
+id that reappears is then always the same person. Two bodies cannot be in one place. So if an id
+changes while its body stays in place, it is the same body, anywhere in the room. A track with the
+motion of two people is cut in two, and the first person is lost; see ``Trail``.
 """
 
 from collections import Counter
@@ -22,20 +22,20 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import FOUND_M, Body, MotionLimits, Track
 
 PLACE_SLACK_M = 0.5
-"""One capture that is off by less than this is noise of a body, unless it happens again soon."""
+"""Maximum deviation of a single capture that counts as noise, unless it happens again soon."""
 STRAY_NS = 2_000_000_000
-"""Noise of this size is rarer than this; a body that is seen twice in this time is a person."""
+"""Minimum interval between two such deviations by noise; two within this time show a person."""
 SAME_PLACE_M = 0.25
-"""Minimum distance of another person from where a body was a moment ago."""
+"""Minimum distance of another person from the position of a body a moment ago."""
 TAKEN_NS = 3_000_000_000
-"""Minimum time in which a person leaves a place and hides, while another takes that very place."""
+"""Minimum time in which a person can leave a place and hide while another takes the same place."""
 STRIDE_M = 0.75
-"""One capture that is torn off by less than this shows the same person."""
+"""Maximum displacement at which a single detached capture still shows the same person."""
 TOGETHER_M = 0.4
-"""Two bodies nearer than this in one scene may be one person, reported twice."""
+"""Distance below which two bodies in one scene may be one person reported twice."""
 
 Appearing = tuple[Body, Track | None]
-"""A body that appears, and the track of an id that jumped there; ``None``: a new id."""
+"""An appearing body, and the track of an id that jumped there; ``None``: a new id."""
 
 
 class Roster:
@@ -43,15 +43,15 @@ class Roster:
 
     Args:
         settings: see ``PeopleSettings``.
-        keeps_ids: an id that comes back is the same person.
+        keeps_ids: whether an id that reappears is the same person.
         lost: the lost people.
-        limits: limits of a body's motion.
+        limits: motion limits of a body.
         gap_ns: longest absence of a tracked person.
-        history: makes an empty ring buffer.
+        history: function that returns an empty ring buffer.
 
     Attributes:
-        tracks: by id.
-        lost: as given.
+        tracks: tracks by id.
+        lost: the lost people.
         counters: number of bodies by outcome.
     """
 
@@ -81,13 +81,13 @@ class Roster:
         self._ended_ns: dict[int, int] = {}  # ids whose person left, was renamed or was found
 
     def start(self, body: Body, capture_ns: int, now_ns: int) -> Track:
-        """A new track whose first capture is ``body``."""
+        """Return a new track with ``body`` as its first capture."""
         return Track.start(body, self._history(), capture_ns, now_ns)
 
     def push(
         self, *, track: Track, body: Body, believed: Bools, capture_ns: int, now_ns: int
     ) -> PushResult:
-        """Append a body's believed joints to its track."""
+        """Append a body's accepted joints to its track."""
         result = track.take(body, believed, capture_ns, now_ns)
         if result is PushResult.ACCEPTED:
             self._doors.follow(track)
@@ -96,7 +96,7 @@ class Roster:
         return result
 
     def continues(self, track: Track, body: Body, capture_ns: int) -> bool:
-        """Whether a body can be the person of its id's track, and not another who got the id."""
+        """Return whether a body can be the person of its id's track, not another who got the id."""
         if self._keeps_ids:
             return True
         absent_ns = max(capture_ns - track.capture_ns, 0)
@@ -106,10 +106,10 @@ class Roster:
         return astray_m <= most_m
 
     def drop_rival(self, track: Track, rival: Track | None) -> None:
-        """A person stood where an id had jumped to before it came back: that person is lost.
+        """Mark as lost a person who stood where an id had jumped to before it came back.
 
-        A single capture nearby, once in a while, is noise. A known person may have been mistaken
-        for the id.
+        An occasional single capture nearby is noise. A known person may have been mistaken for the
+        id.
         """
         if rival is None or self._keeps_ids:
             return
@@ -134,7 +134,7 @@ class Roster:
         self.lost.add(rival)
 
     def _part_ways(self, track: Track, capture_ns: int) -> None:
-        """Mark the first person as lost if a track slid from one person to another."""
+        """Mark the first person as lost if a track moved from one person to another."""
         slip = track.trail.slip()
         if slip is not None:
             self.counters["slipped"] += 1
@@ -155,15 +155,15 @@ class Roster:
     ) -> list[int]:
         """Start to track bodies that appear: new ids, and ids that jumped and stayed there.
 
-        So two ids that swapped bodies get each other's history.
+        Two ids that swapped bodies thus get each other's history.
 
         Args:
-            starts: the bodies.
-            capture_ns, now_ns: of the scene, and the node's clock.
-            unseen: ids that are in the scene without a joint.
+            starts: the appearing bodies.
+            capture_ns, now_ns: capture time of the scene, and current time (node's clock).
+            unseen: ids in the scene without a visible joint.
 
         Returns:
-            the ids for which there is no room.
+            the ids that could not be tracked because the maximum was reached.
         """
         if not starts:
             return []
@@ -201,9 +201,9 @@ class Roster:
         return refused
 
     def still_lost(self, number: int, capture_ns: int) -> bool:
-        """Whether an id that shows no joint is that of a lost person, and so in the lost zone.
+        """Return whether an id without a joint is a lost person, and so in the lost zone.
 
-        If a source does not keep its ids, that holds as long as the id stays in the scenes.
+        If a source does not keep its ids, this holds only while the id stays in the scenes.
         """
         newest_ns = self._newest_of_lost(number)
         if newest_ns is None:
@@ -219,14 +219,15 @@ class Roster:
         return True
 
     def still_ended(self, number: int, capture_ns: int) -> bool:
-        """Whether an id without a joint is that of a person who left, was renamed or was found."""
+        """Return whether an id without a joint is a person who left, was renamed or was found."""
         if not self._is_recent(self._ended_ns.get(number), capture_ns):
             return False
         self._ended_ns[number] = capture_ns
         return True
 
     def ended_lately(self, number: int, capture_ns: int) -> bool:
-        """Whether a late scene may show the person with this id, who was lost, left or renamed."""
+        """Return whether a late scene may show a person with this id who is lost, gone or
+        renamed."""
         stamps = (self._newest_of_lost(number), self._ended_ns.get(number))
         return any(self._is_recent(stamp, capture_ns) for stamp in stamps)
 
@@ -234,7 +235,7 @@ class Roster:
         return stamp_ns is not None and capture_ns - stamp_ns <= self._found_ns
 
     def note_end(self, number: int, capture_ns: int) -> None:
-        """Remember an id whose person left, was renamed or was found."""
+        """Record an id of a person who left, was renamed or was found."""
         kept = {n: ns for n, ns in self._ended_ns.items() if self._is_recent(ns, capture_ns)}
         self._ended_ns = kept | {number: capture_ns}
 
@@ -243,10 +244,10 @@ class Roster:
         return max(stamps, default=None)
 
     def expire(self, capture_ns: int) -> None:
-        """End the tracks of people absent for too long: they left by an exit, or vanished.
+        """End the tracks of people absent for too long: they left through an exit, or vanished.
 
         Args:
-            capture_ns: of a scene of a source that saw the room.
+            capture_ns: capture time of a scene in which the source saw the room.
         """
         self._looked_ns = capture_ns
         self._leavers = [t for t in self._leavers if self._is_recent(t.capture_ns, capture_ns)]
@@ -256,10 +257,10 @@ class Roster:
                 self._vanish(track, capture_ns)
 
     def part(self, body: Body, capture_ns: int) -> None:
-        """End the track of an id that comes back after an absence: it may be another person's now.
+        """End the track of an id that reappears after an absence: it may now be another person.
 
-        Call it before the body is followed. It may find that person again. If there was no capture
-        meanwhile, a body still in the same place is the same person for a few seconds.
+        Call this before the body is added to a track. That person may be found again. If there was
+        no capture meanwhile, a body still in the same place is the same person for a few seconds.
         """
         track = self.tracks.get(body.id)
         if track is None or self._keeps_ids:
@@ -279,7 +280,7 @@ class Roster:
         capture_ns: int,
         unseen: Container[int],
     ) -> dict[int, int]:
-        """Index of start -> index of the place where that person was last seen."""
+        """Return index of start -> index of the place where that person was last seen."""
         fits = np.array(
             [[self._fit(body, risen, p, capture_ns) for p in places] for body, risen in starts]
         ).reshape(len(starts), len(places), 2)
@@ -298,7 +299,7 @@ class Roster:
         return pairs
 
     def _find_all(self, number: int) -> None:
-        """The id of a source that keeps its ids is tracked: its person is lost nowhere."""
+        """Remove all lost entries of an id that is tracked again, if the source keeps its ids."""
         for lost in [each for each in self.lost.people if each.id == number]:
             self._forget(lost)
 
@@ -331,7 +332,7 @@ class Roster:
         return astray_m, most_m
 
     def _forget(self, place: Track | Lost) -> bool:
-        """Drop ``place``, whose body is found; return whether that body was already lost."""
+        """Remove ``place``, as its body was found; return whether that body was already lost."""
         if isinstance(place, Lost):
             self.lost.remove(place)
             self.counters["found"] += 1
@@ -344,10 +345,10 @@ class Roster:
     def _admit(
         self, *, body: Body, risen: Track | None, track: Track | None, capture_ns: int, now_ns: int
     ) -> bool:
-        """Track a body that appears, with the history of ``track`` if that is plausible.
+        """Start to track an appearing body, with the history of ``track`` if plausible.
 
         Returns:
-            whether there was room for another track.
+            whether the maximum number of tracks allowed it.
         """
         believed = track.believable(body, capture_ns, self._limits) if track else None
         if track is not None and believed is not None:
@@ -392,7 +393,7 @@ class Roster:
             self.lost.add(rival)
 
     def _is_stride_of(self, leaver: Track, rival: Track) -> bool:
-        """Whether a rival consists of one torn capture of a person who was leaving."""
+        """Return whether a rival is only one detached capture of a person who was leaving."""
         seconds = max(rival.capture_ns - leaver.capture_ns, 0) * 1e-9
         reach_m = STRIDE_M + self.lost.found_speed_of(leaver) * seconds
         apart_m = float(np.linalg.norm((rival.centroid - leaver.centroid)[:2]))

@@ -12,13 +12,13 @@ from hri_predict.base.settings import MIN_HUMAN_M_S, Metres, Point, Region, Sett
 Part = Literal["torso", "left_arm", "right_arm", "left_leg", "right_leg"]
 
 _GONE = {
-    "lost_growth_s": "acknowledge_after_s; a lost zone no longer stops growing",
+    "lost_growth_s": "acknowledge_after_s; the growth of a lost zone is no longer limited",
     "empty_scenes": "source.sees_free_space; a scene without people proves nothing",
 }
 
 
 _ON_M = 0.05
-"""A line that is to lie on a side may miss it by this much."""
+"""Maximum distance of a line from the side on which it must lie."""
 
 
 class Exit(Region):
@@ -27,7 +27,7 @@ class Exit(Region):
     out: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = Field(
         None,
         description="the part of one side that people cross on the way out, from [x, y] to [x, y]; "
-        "default: every side that is opposite to where they came in",
+        "default: every side opposite to where they came in",
     )
 
     @model_validator(mode="after")
@@ -36,7 +36,7 @@ class Exit(Region):
         if line is None:
             return self
         if math.dist(*line) < 2 * _ON_M:
-            raise ValueError(f"out: its ends must be {2 * _ON_M:g} m apart at least")
+            raise ValueError(f"out: its ends must be at least {2 * _ON_M:g} m apart")
         corners = self.polygon
         if not any(
             lies_on(line, a, b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)
@@ -48,7 +48,7 @@ class Exit(Region):
 
 
 def lies_on(line: Sequence[Sequence[float]], a: Sequence[float], b: Sequence[float]) -> bool:
-    """Whether both ends of ``line`` lie on the segment from ``a`` to ``b``, within 5 cm."""
+    """Return whether both ends of ``line`` are on the segment from ``a`` to ``b``, within 5 cm."""
     along = [b[0] - a[0], b[1] - a[1]]
     square = along[0] ** 2 + along[1] ** 2
     for x, y in line:
@@ -60,7 +60,7 @@ def lies_on(line: Sequence[Sequence[float]], a: Sequence[float], b: Sequence[flo
 
 
 class PeopleSettings(Settings):
-    """Settings for tracking people, losing them and finding them again."""
+    """Settings for tracking people, and for losing and finding them again."""
 
     max_people: int = Field(
         16, ge=1, le=64, description="maximum number of people tracked at the same time"
@@ -102,7 +102,7 @@ class PeopleSettings(Settings):
         3.0,
         ge=0,
         le=60,
-        description="minimum absence before an Acknowledge may forget a person",
+        description="minimum absence before an Acknowledge may clear a person",
     )
     free_captures: int = Field(
         10,
@@ -112,16 +112,19 @@ class PeopleSettings(Settings):
         "every person who stands in the open",
     )
     max_joint_speed_m_s: float = Field(
-        25.0, ge=2, le=100, description="a joint faster than this is not believed"
+        25.0, ge=2, le=100, description="maximum speed of a joint; faster joints are rejected"
     )
     max_body_speed_m_s: float = Field(
-        10.0, ge=1, le=100, description="a body whose joints' mean moves faster is not believed"
+        10.0,
+        ge=1,
+        le=100,
+        description="maximum speed of the mean of a body's joints; faster bodies are rejected",
     )
     reaccept_captures: int = Field(
         5,
         ge=2,
         le=1000,
-        description="number of captures that must agree before a jump is believed",
+        description="number of captures that must agree before a jump is accepted",
     )
     frozen_scenes: int = Field(
         3, ge=1, le=1000, description="number of consecutive repeats that mean a frozen source"
@@ -146,61 +149,63 @@ class PeopleSettings(Settings):
         0.15,
         ge=0.05,
         le=1,
-        description="where people stand again, the floor may appear this much higher or lower than "
-        "in the first minutes, before its sensor counts as moved",
+        description="maximum apparent change of the floor's height since the first minutes, at "
+        "places where people stand; beyond it, the sensor counts as moved",
     )
     posture_unchecked: str | None = Field(
         None,
         min_length=10,
-        description="why bodies are not checked against gravity and the floor here; without a "
-        "reason they are, and a body that cannot be right makes the advice unknown",
+        description="reason for not checking bodies against gravity and the floor; without a "
+        "reason they are checked, and an implausible body makes the advice unknown",
     )
 
     safety: ClassVar[Safety] = harmless("max_people", "floor_m") | {
         "max_gap_s": LessSafe(
             above="a person may be unseen for {value:.2g} s, not {default:.2g} s, before the node "
-            "counts on a loss"
+            "treats the person as lost"
         ),
         "exits": LessSafe(
-            other="a person who crosses one on the way out counts as gone; make it no larger than "
-            "the floor before its door"
+            other="a person who crosses an exit on the way out counts as gone; make it no larger "
+            "than the floor in front of its door"
         ),
-        "room": LessSafe(other="the node expects no person outside it"),
+        "room": LessSafe(other="the node assumes that no person is outside it"),
         "absent_parts": LessSafe(other="no distance is kept from these parts of any body"),
         "found_within_s": LessSafe(
-            above="a body that appears up to {value:g} s after a loss may end the lost person, who "
-            "may be another one"
+            above="a body that appears up to {value:g} s after a loss may clear the lost person, "
+            "although it may be another person"
         ),
         "lost_speed_m_s": LessSafe(
             below="the zone of a lost person grows {more:.2g} m less in each second"
         ),
         "acknowledge_after_s": LessSafe(
-            below="an Acknowledge forgets a person who was seen {value:g} s before"
+            below="an Acknowledge clears a person who was seen {value:g} s before"
         ),
         "free_captures": LessSafe(
             below="after {value:g} captures without a body a place counts as free"
         ),
         "max_joint_speed_m_s": LessSafe(
-            above="a joint that jumps by {value:g} m in a second is believed",
-            below="the limb of a person who strikes out faster than {value:g} m/s is not believed",
+            above="a joint that moves at up to {value:g} m/s is accepted",
+            below="the limb of a person who strikes out faster than {value:g} m/s is rejected",
         ),
         "max_body_speed_m_s": LessSafe(
-            above="a body that jumps by {value:g} m in a second is believed",
-            below="a person who runs faster than {value:g} m/s is not believed",
+            above="a body that moves at up to {value:g} m/s is accepted",
+            below="a person who runs faster than {value:g} m/s is rejected",
         ),
-        "reaccept_captures": LessSafe(below="{value:g} captures that agree make a jump believed"),
+        "reaccept_captures": LessSafe(
+            below="a jump is accepted after {value:g} consistent captures"
+        ),
         "frozen_scenes": LessSafe(
-            above="a frozen source is noticed only after {value:g} equal scenes"
+            above="a frozen source is detected only after {value:g} identical scenes"
         ),
         "future_tolerance_s": LessSafe(
-            above="a capture may lie {value:g} s ahead, so that its age is too small by as much"
+            above="a capture may be {value:g} s ahead, so its age is underestimated by as much"
         ),
         "floor_tolerance_m": LessSafe(
-            above="a body {value:g} m above or below the floor still counts as right"
+            above="a body {value:g} m above or below the floor is still accepted"
         ),
-        "platform_m": LessSafe(above="a body up to {value:g} m above the floor counts as right"),
+        "platform_m": LessSafe(above="a body up to {value:g} m above the floor is accepted"),
         "floor_drift_m": LessSafe(
-            above="a sensor that sank, tilted or was moved by {value:g} m up or down is not noticed"
+            above="a sensor that sank, tilted or moved up or down by {value:g} m stays undetected"
         ),
         "posture_unchecked": LessSafe(
             other="axes and height of the source are not checked: people may be somewhere else"

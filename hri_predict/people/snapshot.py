@@ -1,4 +1,4 @@
-"""The people in the room at one tick, as input to the predictor and the risk stage."""
+"""The people in the room at one tick: the input of the predictor and the risk stage."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,21 +14,22 @@ from hri_predict.protocol.reasons import Reason
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LostPerson:
-    """A person who vanished, but not by an exit.
+    """A person who vanished, but not through an exit.
 
     Attributes:
         id: the id under which the body was last seen.
-        positions: (J, 3) canonical joints where last observed, room frame; NaN if never observed.
+        positions: (J, 3) last observed positions of canonical joints, room frame; NaN if never
+            observed.
         joint_age_s: (J,) seconds from that observation to ``last_seen_ns``; inf if never.
-        last_seen_ns: node's clock.
-        speed_m_s: maximum speed at which the body moves on: measured, and the standard's at least.
-        limbs_m_s: (J,) how much faster than the body each joint was.
-        places: (D, 3) x, y and radius of discs on the floor in which the person is, by what was
-            seen free until ``places_ns``; ``None``: the source does not see free space.
-        places_ns: node's clock.
-        floor_m, platform_m: of the room: between which heights those people may stand.
-        inferred_m: (J,) as ``Inferred.within_m``; ``None``: no joint is inferred.
-        error_m: as ``PeopleSnapshot.errors_m``, when last seen.
+        last_seen_ns: time when last seen, node's clock.
+        speed_m_s: assumed maximum speed of the body: measured, but at least the standard's.
+        limbs_m_s: (J,) speed of each joint in excess of the body's.
+        places: (D, 3) x, y and radius of discs on the floor that contain the person, given the
+            space seen free until ``places_ns``; ``None``: the source does not see free space.
+        places_ns: time of ``places``, node's clock.
+        floor_m, platform_m: range of heights at which those people may stand.
+        inferred_m: (J,) see ``Inferred.within_m``; ``None``: no joint is inferred.
+        error_m: see ``PeopleSnapshot.errors_m``, at the time when last seen.
     """
 
     id: int
@@ -47,14 +48,14 @@ class LostPerson:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecentCaptures:
-    """Each person's newest captures as they came, oldest first: C columns, filled up in front.
+    """Each person's newest captures as received, oldest first: C columns, padded at the front.
 
-    A resampled history bridges gaps, or leaves them out; a speed should rest on neither.
+    A resampled history bridges or omits gaps, so it is not suitable for measuring speeds.
 
     Attributes:
-        age_s: (P, C) seconds before that person's newest capture; inf where filled up.
+        age_s: (P, C) seconds before that person's newest capture; inf where padded.
         positions: (P, C, J, 3) metres, finite.
-        observed: (P, C, J); false where filled up.
+        observed: (P, C, J); false where padded.
     """
 
     age_s: Floats
@@ -63,21 +64,21 @@ class RecentCaptures:
 
     @classmethod
     def of_history(cls, history: Floats, observed: Bools, rate_hz: float) -> "RecentCaptures":
-        """A history of (P, T, J, 3) as captures: where nothing else is known."""
+        """Return a history (P, T, J, 3) as captures, for use when nothing else is available."""
         ages = np.arange(history.shape[1] - 1, -1, -1) / rate_hz
         return cls(np.broadcast_to(ages, history.shape[:2]), history, observed)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inferred:
-    """The joints that are not seen and that the node infers.
+    """The unseen joints that the node infers.
 
     Attributes:
-        joints: (P, J) which, in the newest capture.
-        within_m: (P, J) metres: distance of the true joint from its inferred place, in 99 of 100
-            cases; 0 for measured joints, and where nothing was inferred.
+        joints: (P, J) whether inferred in the newest capture.
+        within_m: (P, J) metres: maximum distance of the true joint from its inferred position in 99
+            of 100 cases; 0 for measured joints, and where nothing was inferred.
         measured: (P, T, J) where the history was measured.
-        shown: (P, J) which joints were measured in any of ``PeopleSnapshot.recent``.
+        shown: (P, J) whether joints were measured in any of ``PeopleSnapshot.recent``.
     """
 
     joints: Bools
@@ -96,25 +97,26 @@ class PeopleSnapshot:
         history: (P, T, J, 3) metres, room frame, finite everywhere; the last step is each person's
             newest capture.
         observed: (P, T, J) where the history was observed.
-        capture_ns: (P,) newest capture of each person, node's clock.
-        last_positions: (P, J, 3) each joint where it was last observed within the buffer; NaN if
+        capture_ns: (P,) time of each person's newest capture, node's clock.
+        last_positions: (P, J, 3) last observed position of each joint within the buffer; NaN if
             never.
         joint_age_s: (P, J) seconds from that observation to ``capture_ns``; inf if never.
         lost: people who vanished and may still be here.
-        reasons: why the scene as a whole cannot be trusted (stale, frozen, blind, ...); empty if it
-            can.
+        reasons: reasons why the scene as a whole cannot be trusted (stale, frozen, blind, ...);
+            empty if it can.
         newest_capture_ns: capture of the newest good scene (node clock); ``None`` before the first.
-        captures: number of distinct good captures so far; "release after N captures" counts these.
+        captures: number of distinct good captures so far, used for "release after N captures".
         counters: scenes and bodies dropped, repeated, out of order, ... since the start.
-        clock: the estimate of the source's clock; ``None`` if there is none.
-        recent: newest captures of the tracked people; ``None``: only the history is known.
-        to_acknowledge: counts the sets of lost people that an acknowledgement may end now; a set
-            that grows counts again. 0: there is none.
-        doubts: why the source itself does not vouch for the newest scene, with names.
-        inferred: which joints are inferred; they count as observed in the fields above. ``None``:
-            none is. Ask ``measured``, ``fresh`` or ``shown`` where only the truth counts.
-        errors_m: (P,) metres: by how much all joints of a person may be off together, the largest
-            of the captures that are kept; ``None``: 0.
+        clock: estimate of the source's clock; ``None`` if not available.
+        recent: newest captures of the tracked people; ``None``: only the history is available.
+        to_acknowledge: number of the set of lost people that an acknowledgement can clear now; a
+            set that grows gets the next number. 0: there is none.
+        doubts: reasons why the source itself does not vouch for the newest scene, with names.
+        inferred: the inferred joints, which count as observed in the fields above. ``None``: no
+            joint is inferred. Use ``measured``, ``fresh`` or ``shown`` where only measured joints
+            must be used.
+        errors_m: (P,) metres: possible common position error of all joints of a person, the largest
+            of the kept captures; ``None``: 0.
     """
 
     now_ns: int
@@ -138,7 +140,7 @@ class PeopleSnapshot:
 
     @property
     def shown(self) -> Bools:
-        """(P, J) the joints that were measured lately: all but those inferred throughout."""
+        """(P, J) the recently measured joints: all except those inferred throughout."""
         if self.inferred is None:
             return np.ones(self.last_positions.shape[:2], np.bool_)
         return self.inferred.shown
@@ -156,7 +158,7 @@ class PeopleSnapshot:
 
     @property
     def all_errors_m(self) -> Floats:
-        """(P + L,) the errors of all people, the lost ones last."""
+        """(P + L,) the errors of all people, lost people last."""
         here = np.zeros(len(self.ids)) if self.errors_m is None else self.errors_m
         return np.append(here, [person.error_m for person in self.lost])
 

@@ -1,4 +1,4 @@
-"""One tracked body: its history, and the check whether a new capture of it can be true."""
+"""One tracked body: its history, and the plausibility check of a new capture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,11 +13,11 @@ from hri_predict.people.ring_buffer import NEVER, PushResult, RingBuffer
 from hri_predict.people.trail import FOUND_M_S2, SAME_ID_M_S2, Trail
 
 _STRETCH_M = 0.75
-"""Beyond ``_PARTS_M``: a hand and a foot of one stretched body are a metre apart on the floor."""
+"""Margin on ``_PARTS_M``: a stretched body's hand and foot are a metre apart on the floor."""
 _PARTS_M = 0.25
 """Maximum horizontal distance, in metres, between the centres of two fragments of one body."""
 _WHOLE_BODY_JOINTS = 4
-"""With this many common joints, their mean describes the body and not one fast hand."""
+"""Minimum number of common joints for a mean that describes the body, not one fast hand."""
 _TRUNK = np.array(
     [
         CANONICAL.index(name)
@@ -25,33 +25,33 @@ _TRUNK = np.array(
     ]
 )
 _TRUNK_JOINTS = 3
-"""With this many joints of the trunk, they describe the body, and limbs that swing do not."""
+"""Minimum number of trunk joints that describe the body without its swinging limbs."""
 _LIMBS_M = 0.15
-"""Besides noise: limbs move by themselves, where no trunk is seen."""
+"""Error in addition to noise if no trunk is seen, because limbs move by themselves."""
 _REMEMBERED_M = 0.1
-"""Besides noise: limbs move while only other parts of the body are seen."""
+"""Error in addition to noise if only other parts of the body are seen, because limbs move."""
 SAME_ID_M = 0.25
-"""Noise of a body, from capture to capture; two people are hardly ever nearer to each other."""
+"""Noise of a body from capture to capture; two people are hardly ever closer together."""
 FOUND_M = 0.12
-"""Noise of a body that is found, or has another id: another person would be farther off."""
+"""Noise of a body that is found again or has a new id: another person would be farther away."""
 _UNMEASURED_M_S = 6.0
 """Greatest speed of a body that has been seen only once, from one capture to the next."""
 _UNMEASURED_FOUND_M_S = 1.6
 """Greatest speed of a body that is found again: ISO 13855 walking speed."""
 _PICTURES = 4096
-"""Number of pictures kept: a loop of minutes is recognised at its first repeat."""
+"""Number of fingerprints kept: a loop of minutes is detected at its first repeat."""
 _FEW_PICTURES = 8
 _LEAST_JOINTS = 4
-"""A body of fewer joints, in whole millimetres, may come again by chance: it is compared with the
-newest ``_FEW_PICTURES`` alone."""
+"""A body with fewer joints, in whole millimetres, may repeat by chance: it is compared only with
+the newest ``_FEW_PICTURES``."""
 _GLITCHES = 0.25
-"""Up to this share of joints beyond the speed limit is noise of those joints, not of the body."""
+"""Maximum share of joints beyond the speed limit for which only those joints are noisy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """One body of one scene, canonical joints: positions (J, 3) finite, 0 where not observed; and
-    the common error of their places, see ``hri_predict.contracts.scene.Person``."""
+    """One body of one scene, in canonical joints: positions (J, 3) finite, 0 where not observed;
+    and their common position error, see ``hri_predict.contracts.scene.Person``."""
 
     id: int
     positions: Floats
@@ -66,21 +66,21 @@ class Body:
 
     @property
     def fingerprint(self) -> int:
-        """A number that bit-identical bodies share, and by chance one pair in 2^60 of others."""
+        """Hash that bit-identical bodies share; other pairs share it by chance once in 2^60."""
         return hash((self.positions.tobytes(), self.observed.tobytes()))
 
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """The limits of a body's motion between two captures.
+    """Limits of a body's motion between two captures.
 
     Attributes:
         joint_speed_m_s: greatest speed of any joint.
         body_speed_m_s: greatest speed of the joints' mean.
-        period_ns: least assumed time between two captures, so that jitter of the stamps does not
+        period_ns: minimum assumed time between two captures, so that jitter of the stamps does not
             look like speed.
-        refused_ns: greatest assumed time between them while captures are refused; otherwise any
-            jump would become a possible motion if it is repeated for long enough.
+        refused_ns: maximum assumed time between two captures while captures are refused; otherwise
+            any jump would become plausible if repeated for long enough.
     """
 
     joint_speed_m_s: float
@@ -94,24 +94,24 @@ class Track:
     """A body that is tracked, or was tracked until it vanished.
 
     Attributes:
-        id: the source's number for it.
-        history: its captures.
-        capture_ns: newest believed capture.
-        present_ns: newest scene that contained it, believed or not.
-        positions: (J, 3) where each joint was last observed; NaN if never.
-        stamps: (J,) when; ``NEVER`` if never.
-        fingerprints: of the newest believed bodies, each with its number, to detect repeats: a
-            frozen source may send one picture again and again, or a loop of any length.
+        id: the source's id of the body.
+        history: captures of the body.
+        capture_ns: newest accepted capture.
+        present_ns: newest scene that contained the body, accepted or not.
+        positions: (J, 3) last observed position of each joint; NaN if never.
+        stamps: (J,) time of that observation; ``NEVER`` if never.
+        fingerprints: fingerprints of the newest accepted bodies, each with its number, to detect
+            repeats: a frozen source may send one body again and again, or a loop of any length.
         repeats: number of consecutive bit-identical captures.
-        rival: the track that the captures refused since the last believed one would form; it takes
-            over when enough of them agree with each other.
-        captures: believed captures.
-        began_ns: the first capture.
-        began_at: (3,) the mean of the joints seen in it.
-        resumed_ns: since when it is tracked under its present id, without an absence.
-        passage: progress on its way through an exit.
-        trail: the way of the body in the last second.
-        stray_ns: the last time that a single capture under this id was elsewhere.
+        rival: track formed by the captures refused since the last accepted one; it takes over when
+            enough of them agree with each other.
+        captures: number of accepted captures.
+        began_ns: time of the first capture.
+        began_at: (3,) mean of the joints seen in the first capture.
+        resumed_ns: start of uninterrupted tracking with its present id.
+        passage: progress through an exit.
+        trail: path of the body in the last second.
+        stray_ns: last time at which a single capture with this id was elsewhere.
     """
 
     id: int
@@ -136,7 +136,7 @@ class Track:
 
     @classmethod
     def start(cls, body: Body, history: RingBuffer, capture_ns: int, now_ns: int) -> "Track":
-        """Return a new track whose first capture is ``body``."""
+        """Return a new track with ``body`` as its first capture."""
         joints = history.joints
         track = cls(
             id=body.id,
@@ -153,17 +153,17 @@ class Track:
 
     @property
     def body(self) -> Body:
-        """The newest capture."""
+        """Return the newest capture."""
         return Body(self.id, self.positions, self.stamps == self.capture_ns)
 
     @property
     def error_m(self) -> float:
-        """The largest error of its places, of the captures that its history holds, metres."""
+        """Largest position error of the captures in its history, metres."""
         return self.history.error_m
 
     @property
     def centroid(self) -> Floats:
-        """(3,) mean of the joints seen at the newest capture, or else of all joints ever seen."""
+        """(3,) mean of the joints seen in the newest capture, or of all joints ever seen."""
         recent = self.stamps == self.capture_ns
         if not recent.any():
             recent = self.stamps != NEVER
@@ -171,10 +171,10 @@ class Track:
         return centroid
 
     def apart(self, body: Body) -> float:
-        """Return the distance (m) of ``body`` from where this one was last seen.
+        """Return the distance (m) of ``body`` from the last seen position of this body.
 
-        The median over the joints seen in both, or on the floor if these are too few to be a body:
-        the means of other joints differ by half a body's height.
+        This is the median over the joints seen in both, or the horizontal distance if these are too
+        few: means of different joints differ by half a body's height.
         """
         common = body.observed & (self.stamps == self.capture_ns)
         if np.count_nonzero(common) >= _WHOLE_BODY_JOINTS:
@@ -183,13 +183,13 @@ class Track:
         return max(0.0, float(np.linalg.norm((body.centroid - self.centroid)[:2])) - _PARTS_M)
 
     def step(self, body: Body) -> tuple[Floats, float]:
-        """Return the motion of the trunk over the floor to that of ``body``.
+        """Return the motion over the floor from this trunk to that of ``body``.
 
-        If too few joints were seen in both, each joint is expected where it was last seen, moved on
-        as the body moved since. Parts that were never seen before are somewhere near the others.
+        If too few joints were seen in both, each joint is expected at its last seen position plus
+        the body's motion since then. Parts never seen before are assumed near the others.
 
         Returns:
-            (2,) metres, and its possible error besides noise, m.
+            (2,) metres, and its possible error in addition to noise, m.
         """
         fresh = body.observed & (self.stamps == self.capture_ns)
         if np.count_nonzero(fresh) >= _WHOLE_BODY_JOINTS:
@@ -206,14 +206,15 @@ class Track:
     def astray(
         self, body: Body, seconds: float, *, same_id: bool, since: Trail | None = None
     ) -> tuple[float, float]:
-        """Return the distance of ``body`` from where this body's velocity leads it in ``seconds``.
+        """Return the distance of ``body`` from the position extrapolated over ``seconds``.
 
         Args:
-            same_id: ``body`` has the id of this one: noise explains more.
-            since: the way of ``body`` since it appeared; ``None``: it just did.
+            same_id: whether ``body`` has the same id, which allows more noise.
+            since: path of ``body`` since it appeared; ``None``: it has just appeared.
 
         Returns:
-            metres; and how many noise and acceleration explain, -1: another id, and other bones.
+            metres, and the distance that noise and acceleration explain; -1: another id and
+            different bones.
         """
         if not same_id:
             _, positions, observed = self.history.samples()
@@ -237,10 +238,11 @@ class Track:
         history: RingBuffer,
         follow: Callable[["Track"], None],
     ) -> "Track":
-        """A new track of this body's captures from ``begin_ns`` to ``end_ns``, both included.
+        """Return a new track of this body's captures from ``begin_ns`` to ``end_ns``, both
+        included.
 
         Args:
-            follow: called after each capture.
+            follow: function called after each capture.
         """
         stamps, positions, observed = self.history.samples()
         chosen = np.flatnonzero((stamps >= begin_ns) & (stamps <= end_ns))
@@ -263,7 +265,7 @@ class Track:
         return part
 
     def moved(self, span_s: float) -> tuple[Floats, float]:
-        """Return the motion of the body in the last ``span_s`` before it was last seen.
+        """Return the motion of the body in the ``span_s`` before it was last seen.
 
         Returns:
             (3,) metres, the mean over the joints seen at both ends, and the seconds in between;
@@ -277,9 +279,9 @@ class Track:
         return mean, seconds
 
     def speeds(self, span_s: float) -> tuple[float | None, Floats]:
-        """Speed of the body, m/s, and (J,) how much faster each joint is; over ``span_s``.
+        """Return the speed of the body, m/s, and (J,) excess speed of each joint; over ``span_s``.
 
-        The body's is ``None`` if it was not measured; a joint that was not is as fast as the body.
+        The body's speed is ``None`` if not measured; an unmeasured joint has the speed of the body.
         """
         body, seconds = self.moved(span_s)
         moved, _ = self._joints_moved(span_s)
@@ -290,7 +292,7 @@ class Track:
         return speed, np.maximum(np.nan_to_num(apart - speed), 0.0)
 
     def _joints_moved(self, span_s: float) -> tuple[Floats, float]:
-        """(J, 3) of each joint, NaN if not seen at both ends, and the seconds in between."""
+        """Return (J, 3) motion of each joint, NaN if not seen at both ends, and the duration, s."""
         stamps, positions, observed = self.history.samples()
         nothing = np.full((self.history.joints, 3), np.nan)
         recent = np.flatnonzero(stamps >= self.capture_ns - round(span_s * 1e9))
@@ -302,7 +304,7 @@ class Track:
         return np.where(both, positions[last] - positions[first], nothing), seconds
 
     def take(self, body: Body, believed: Bools, capture_ns: int, now_ns: int) -> PushResult:
-        """Append ``body``; only its ``believed`` (J,) joints count as observed."""
+        """Append ``body``; only its ``believed`` (J,) joints are recorded as observed."""
         result = self.history.push(
             capture_ns, body.positions, believed, now_ns, error_m=body.error_m
         )
@@ -329,17 +331,18 @@ class Track:
             del self.fingerprints[next(iter(self.fingerprints))]
 
     def has_shown(self, body: Body) -> bool:
-        """Whether bit-identical joints were believed before."""
+        """Return whether bit-identical joints were accepted before."""
         number = self.fingerprints.get(body.fingerprint)
         if number is None or np.count_nonzero(body.observed) >= _LEAST_JOINTS:
             return number is not None
         return self.captures - number < _FEW_PICTURES
 
     def believable(self, body: Body, capture_ns: int, limits: MotionLimits) -> Bools | None:
-        """Return (J,) which observed joints of ``body`` can follow this track; ``None`` if none.
+        """Return (J,) whether observed joints of ``body`` are consistent with this track; ``None``
+        if none.
 
-        If a few joints exceed the speed limit, only those are disbelieved. If many do, or if the
-        body as a whole moved faster than a body can, nothing of the capture is believed.
+        If a few joints exceed the speed limit, only those are rejected. If many do, or if the body
+        as a whole moved faster than a body can, the whole capture is rejected.
         """
         common = body.observed & (self.stamps != NEVER)
         count = int(np.count_nonzero(common))
@@ -372,9 +375,9 @@ class Track:
 
 
 def _median(moved: Floats, seen: Bools, less: Floats | None = None) -> tuple[Floats, float]:
-    """(2,) the median of ``moved`` (J, 3), ``less`` (J, 2), over the floor, and its error, m.
+    """Return (2,) horizontal median of ``moved`` (J, 3) minus ``less`` (J, 2), and its error, m.
 
-    Over the trunk's joints, or over all that are seen if these are few.
+    The median is over the trunk's joints, or over all seen joints if these are few.
     """
     trunk = _TRUNK[seen[_TRUNK]]
     chosen = trunk if len(trunk) >= _TRUNK_JOINTS else np.flatnonzero(seen)

@@ -1,8 +1,8 @@
-"""Path of a body in the last second, and whether one person can have taken it.
+"""Path of a body in the last second, and a check that a single person can have taken it.
 
-An id says who a body is only as long as the motion fits. A person has mass: speed changes by some
-metres per second in a second, not at once. So where the way between two captures needs more than
-that, the bodies before and after it are two people, however near they are to each other.
+An id identifies a person only while the motion is consistent. A person has mass: speed changes by a
+few metres per second in a second, not instantly. So if the motion between two captures requires a
+greater change, the bodies before and after it are two people, however close together.
 """
 
 from collections import deque
@@ -12,34 +12,34 @@ import numpy as np
 from hri_predict.base.arrays import Floats, Ints, median
 
 SPAN_S = 0.15
-"""Speed before and after a step is measured over at least this time: five captures at 30 Hz."""
+"""Minimum time over which speed before and after a step is measured: five captures at 30 Hz."""
 STEP_S = 0.36
-"""A slide from one person to another is looked for in spans up to this: three captures at 8 Hz."""
+"""Maximum span in which a change from one person to another is detected: three captures at 8 Hz."""
 KEEP_S = 1.0
 SAME_ID_M_S2 = 10.0
-"""Greatest acceleration of a trunk that is seen all the while: a fall, a runner's sharp turn."""
+"""Greatest acceleration of a trunk that is seen throughout: a fall, a runner's sharp turn."""
 FOUND_M_S2 = 2.0
 """Greatest acceleration of a person out of view: from standing to walking in a step."""
 SEEN_SLACK_M = 0.18
-"""Error of a path that was seen throughout: noise, a part of the body that moves by itself."""
+"""Error of a path that was seen throughout: noise, or a part of the body that moves by itself."""
 FOUND_SLACK_M = 0.06
-"""Error of a path across a gap, whose ends are each averaged over ``SPAN_S``."""
+"""Error of a path across a gap, with both ends averaged over ``SPAN_S``."""
 SPEED_SLACK_M_S = 0.3
 """Error of a measured change of speed: a trunk sways while it walks."""
 NOISES = 8.0
-"""Errors are below this many times the usual one; see ``Trail.noise_m``."""
+"""Maximum ratio of an error to the usual error; see ``Trail.noise_m``."""
 MOST_NOISE_M = 0.4
-"""Noise beyond this explains nothing: two people may stand as near as this."""
+"""Maximum distance attributed to noise: two people may stand this close together."""
 
 
 class Trail:
     """The path of one body, from capture to capture, over the last second.
 
     Attributes:
-        place: (2,) how far the body has gone over the floor since its first capture, m.
-        found_ns: the newest capture at which the body was found after a gap, until the motion
+        place: (2,) displacement of the body over the floor since its first capture, m.
+        found_ns: newest capture at which the body was found after a gap, until its motion
             afterwards has been compared with the motion before; ``None``: nothing to compare.
-        is_near: whether it was found exactly where its motion led.
+        is_near: whether the body was found exactly where its motion led.
     """
 
     def __init__(self) -> None:
@@ -52,7 +52,7 @@ class Trail:
         self._as_arrays: tuple[Floats, Floats] | None = None
 
     def add(self, capture_ns: int, moved: Floats, loose_m: float) -> None:
-        """Note that the body moved by ``moved`` (2,), give or take ``loose_m``, to this capture."""
+        """Record a motion of ``moved`` (2,) to this capture, with an error of ``loose_m``."""
         self.place = self.place + moved
         self._stamps.append(capture_ns)
         self._places.append(self.place)
@@ -66,23 +66,23 @@ class Trail:
             self.found_ns = None  # too long ago to be compared
 
     def find(self, capture_ns: int, is_near: bool) -> None:
-        """Note that the body is found again at this capture, which comes next."""
+        """Record that the body is found again at this capture, which is added next."""
         if self.found_ns is None or not is_near:
             self.found_ns, self.is_near = capture_ns, is_near
 
     def doubted_ns(self) -> int | None:
-        """The last capture before the body was found, if it may not be the same body."""
+        """Return the last capture before the body was found, if it may not be the same body."""
         if self.found_ns is None or self.is_near:
             return None
         return max((ns for ns in self._stamps if ns < self.found_ns), default=None)
 
     @property
     def travelled(self) -> Floats:
-        """(2,) how far the body went since the oldest capture that is kept."""
+        """Return (2,) displacement of the body since the oldest kept capture."""
         return self.place - self._places[0]
 
     def velocity(self) -> Floats | None:
-        """(2,) m/s over the last moment; ``None`` if it was not measured."""
+        """Return (2,) most recent velocity in m/s; ``None`` if not measured."""
         seconds, places = self._arrays()
         if len(seconds) < 2:
             return None
@@ -91,7 +91,7 @@ class Trail:
         return velocity
 
     def noise_m(self) -> float:
-        """Usual distance of a capture from the middle between its neighbours."""
+        """Return the usual distance of a capture from the midpoint of its neighbours."""
         if len(self._places) < 5:
             return 0.0
         _, places = self._arrays()
@@ -99,14 +99,14 @@ class Trail:
         return median(_norm(bent))
 
     def slack_m(self, least_m: float) -> float:
-        """The greatest error of a step: at least ``least_m``, more if this body's noise is."""
+        """Return the greatest error of a step: at least ``least_m``, or more for a noisier body."""
         return max(least_m, min(NOISES * self.noise_m(), MOST_NOISE_M))
 
     def slip(self) -> tuple[int, int] | None:
-        """Find a step that no single person can have made, once the motion after it is known.
+        """Find a step that no single person can have made, using the motion after the step.
 
         Returns:
-            the last capture of the one person, and the first one of the other.
+            the last capture of the first person, and the first capture of the second.
         """
         seconds, places = self._arrays()
         last = int(np.searchsorted(seconds, -SPAN_S, side="right")) - 1
@@ -126,7 +126,7 @@ class Trail:
     def _torn(
         self, seconds: Floats, places: Floats, starts: Ints, end: int, *, is_found: bool
     ) -> list[int]:
-        """Return the ``starts`` from which no person gets to ``end`` with the speeds at both."""
+        """Return the ``starts`` from which no person can reach ``end`` with the speeds at both."""
         earlier = np.searchsorted(seconds, seconds[starts] - SPAN_S, side="right") - 1
         earlier = np.maximum(earlier, 0)
         known = seconds[starts] - seconds[earlier] >= SPAN_S / 2
@@ -150,7 +150,7 @@ class Trail:
         return [int(i) for i in starts[beyond > most + slack_m]]
 
     def _arrays(self) -> tuple[Floats, Floats]:
-        """(N,) seconds before the newest capture, negative, and (N, 2) places."""
+        """Return (N,) times relative to the newest capture (negative), and (N, 2) positions."""
         if self._as_arrays is None:
             stamps = np.array(self._stamps, np.int64)
             self._as_arrays = (stamps - stamps[-1]) * 1e-9, np.array(self._places)
@@ -158,6 +158,6 @@ class Trail:
 
 
 def _norm(vectors: Floats) -> Floats:
-    """(N,) length of (N, 2)."""
+    """Return (N,) lengths of (N, 2) vectors."""
     length: Floats = np.hypot(vectors[:, 0], vectors[:, 1])
     return length

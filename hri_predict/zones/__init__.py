@@ -1,1 +1,1 @@
-"""Zones: where every body segment may be, and how large that is."""
+"""Zones: regions in which each body segment may be, and their sizes."""

@@ -1,11 +1,12 @@
-"""Zones: where each body segment of each person may be, interval by interval.
+"""Zones: the region in which each body segment of each person may be, interval by interval.
 
-``joint_zones`` states where each joint may be. A capsule between the two joints of a segment, with
-the larger of their spheres' radii plus the segment's own, holds the segment. The skeleton's reach
-from the nearest observed joint bounds a segment that was neither seen nor inferred.
+``joint_zones`` gives a sphere for each joint. A capsule between the two joints of a segment
+encloses the segment; its radius is the larger of their spheres' radii plus the segment's own. The
+skeleton's reach from the nearest observed joint bounds a segment that was neither seen nor
+inferred.
 
-Zones contain the error that a source states of a person's place. They do not contain the position
-uncertainty Z_d of the configuration: ``separation`` adds it, once.
+Zones include the position error that a source states for a person. They do not include the position
+uncertainty Z_d of the configuration: ``separation`` adds it once.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,30 +43,31 @@ from hri_predict.zones.types import Zones
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BodyZones:
-    """The zones of one tick, and what else the risk stage needs to know about these bodies.
+    """The zones of one tick, and other data about these bodies for the risk stage.
 
     Attributes:
-        zones: people in the order of the snapshot, then the lost ones; see ``Zones``. Entry 0 is
-            the body as captured (a lost person's has grown until that capture), entry k >= 1 holds
-            the body during the whole of ``[times_s[k-1], times_s[k]]`` after ``now_ns``.
-        paths: the same for the forecast bodies, without growth.
+        zones: people in the order of the snapshot, then lost people; see ``Zones``. Entry 0 is the
+            body as captured (for a lost person, grown up to that capture); entry k >= 1 holds the
+            body throughout ``[times_s[k-1], times_s[k]]`` after ``now_ns``.
+        paths: as ``zones``, for the forecast bodies without growth.
         lost: (P,) whether a person is lost.
-        age_s: seconds from the oldest capture that the zones rest on to now; 0 without people.
-        capture_ns: that capture; without people, the newest good one.
-        reasons: why the zones are no better than they are.
+        age_s: age in seconds of the oldest capture used for the zones; 0 without people.
+        capture_ns: time of that capture; without people, of the newest good capture.
+        reasons: reasons why the zones are larger than usual.
         claimed: see ``JointSpheres``.
-        speeds: of all people, in the order of ``zones``.
-        segments_m_s: (P, S) how fast each segment moves in the room as captured, at its faster end;
-            infinite if that is not known, as of a lost person. An inferred hand or foot counts at
-            the physical limit: its tracker does not see how it turns.
-        as_assumed: (P,) whether the standard's assumptions are known to hold for a person: here, of
-            measured speed, not fast, and with a forecast that is neither widened nor out of
-            distribution. For all others their zones alone decide in mode ``predictive``.
-        untrusted: why the scene cannot be trusted; the zones then mean nothing.
-        margins_m: (S,) what each segment of ``zones`` counts thicker by; ``None``: nothing.
-        toward: how near those who are here may come by direction; ``None``: not calibrated.
-        errors_m: (P,) by how much all joints of a person may be off together; zones, paths and
-            ``toward`` contain it. ``None``: 0.
+        speeds: speeds of all people, in the order of ``zones``.
+        segments_m_s: (P, S) speed of each segment in the room as captured, at its faster end;
+            infinite if unknown, as for a lost person. For an inferred hand or foot, the physical
+            limit is used, because the tracker does not see its rotation.
+        as_assumed: (P,) whether the standard's assumptions are known to hold for a person: the
+            person is in view, at a measured speed that is not fast, and has a forecast that is
+            neither widened nor out of distribution. For all others, only the zones decide in mode
+            ``predictive``.
+        untrusted: reasons why the scene cannot be trusted; the zones are then not valid.
+        margins_m: (S,) added thickness of each segment of ``zones``; ``None``: nothing was added.
+        toward: extent of the people in view by direction; ``None``: not calibrated.
+        errors_m: (P,) possible common error of all joints of a person; included in zones, paths and
+            ``toward``. ``None``: 0.
     """
 
     zones: Zones
@@ -84,14 +86,15 @@ class BodyZones:
     errors_m: Floats | None = None
 
     def error_m(self, person: int) -> float:
-        """Error that all joints of a person may have in common, metres."""
+        """(P,) possible common error of all joints of a person, in metres."""
         return 0.0 if self.errors_m is None else float(self.errors_m[person])
 
     @property
     def captured(self) -> Capsules:
-        """(P, S) the bodies as captured, without margins: for distances that only need to grow.
+        """(P, S) the bodies as captured, without margins, to check that distances grow.
 
-        With margins, the nearest part may be another one, and an approach to the next may not show.
+        With margins, a different part may be the nearest, and the approach of another may be
+        missed.
         """
         zones = self.zones.capsules
         margins: Floats | float = 0.0 if self.margins_m is None else self.margins_m
@@ -99,26 +102,26 @@ class BodyZones:
 
 
 class ZoneBuilder:
-    """Builds zones from a snapshot and its forecast, everything in one batch.
+    """Builds zones from a snapshot and its forecast, for all people in one batch.
 
     Args:
         skeleton: the joints' order and the segments.
-        absent_parts: missing parts of the body (a seated person's legs).
+        absent_parts: body parts that are never visible (such as the legs of a seated person).
         limits: see ``HumanLimits``.
         rate_hz: steps per second of the forecast and of the zones.
         horizon_steps: H of the forecast.
         steps: number of steps of zones after now; defaults to ``horizon_steps``.
         radii: calibrated radii; ``None``: the predictor is not calibrated.
-        with_paths: whether to build ``paths``; otherwise they are the zones.
-        margins_m: added thickness of segments, by region (``head``, ``hand``). Where it is
-            unknown which segment is where, the largest counts.
+        with_paths: whether to build ``paths``; otherwise ``paths`` are the zones.
+        margins_m: added thickness of segments, by region (``head``, ``hand``). Where segments
+            cannot be told apart, the largest margin is used.
 
     Attributes:
         joints: see ``JointZones``.
         times_s: (K+1,) the zones' times, see ``Zones``.
 
     Raises:
-        ConfigError: an absent part or a region is unknown, or nothing is left.
+        ConfigError: an absent part or a region is unknown, or no segment is left.
     """
 
     def __init__(
@@ -184,9 +187,10 @@ class ZoneBuilder:
 
         Args:
             snapshot: people at this tick.
-            forecast: of the same people in the same order, or ``None``: physical limits alone.
-            trust: from the live self-check; calibrated radii need it.
-            velocities: of the joints in ``snapshot``; ``None``: they are measured here.
+            forecast: forecast for the same people in the same order; ``None``: only physical limits
+                apply.
+            trust: result of the live self-check, required for calibrated radii.
+            velocities: velocities of the joints in ``snapshot``; ``None``: they are measured here.
         """
         capture_ns = _oldest_capture(snapshot)
         if velocities is None:
@@ -250,7 +254,7 @@ class ZoneBuilder:
     def _where_lost(
         self, zones: Capsules, snapshot: PeopleSnapshot, capture_ns: int | None
     ) -> Capsules:
-        """Replace the zones of lost people whose possible places are known."""
+        """Replace the zones of lost people by their possible places where these are known."""
         for i, person in enumerate(snapshot.lost, len(snapshot.ids)):
             if person.places is None or person.places_ns is None:
                 continue
@@ -265,15 +269,15 @@ class ZoneBuilder:
     def _segments(
         self, mid: Floats, around: Floats, joint_age: Floats
     ) -> tuple[Capsules, Ints, Floats]:
-        """Joints' spheres to capsules (P, K+1, S), and ``ends`` and ``extra`` of ``Toward``."""
+        """Convert spheres to capsules (P, K+1, S), with ``ends`` and ``extra`` of ``Toward``."""
         a, b, radius, ends, extra = _capsules((plain(mid), plain(around), joint_age), self._segment)
         return Capsules(a, b, radius), ends, extra
 
 
 def _grown(zones: Capsules, errors_m: Floats) -> Capsules:
-    """(P, K+1, S) zones that hold the bodies wherever their places may be.
+    """Return (P, K+1, S) zones enlarged by the position errors of the bodies.
 
-    Without errors these are the same zones: no code writes into them from here on.
+    Without errors, the same zones are returned: no code writes to them after this.
     """
     if not errors_m.any():
         return zones
@@ -281,7 +285,7 @@ def _grown(zones: Capsules, errors_m: Floats) -> Capsules:
 
 
 class _Segments(NamedTuple):
-    """(S,) ends and radii of segments, (S, J) how far they reach from any joint; m/s."""
+    """Return (S,) ends and radii of segments, (S, J) their reach from each joint; m/s."""
 
     a: Ints
     b: Ints

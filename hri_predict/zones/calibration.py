@@ -1,19 +1,19 @@
-"""Calibrated radii: how far people were from where a predictor put them, and how often.
+"""Calibrated radii: bounds on a predictor's errors that hold at a stated rate.
 
-A calibration belongs to one predictor with its settings and weights. For each level, each of two
-questions (each *joint* alone; the whole *body* at once), each speed class and horizon step it gives
-radii in two ways:
+A calibration belongs to one predictor with its settings and weights. It gives radii for each level,
+each of two questions (each *joint* alone; the whole *body* at once), each speed class and each
+horizon step, in two ways:
 
-- **estimated**: a factor on the learned scale (``learned_scale``), which says for each joint how
-  wrong this forecast may be, after its shape (``scale_shape``), up to a limit. Windows of one
-  recording overlap and resemble each other, so this is an estimate without a guarantee
+- **estimated**: a factor on the learned scale (``learned_scale``), which estimates the error of
+  this forecast for each joint, corrected by its shape (``scale_shape``), up to a limit. Windows of
+  one recording overlap and are similar, so this is an estimate without a guarantee
   (``lab.calibration.conformal``).
-- **guaranteed**: a radius in metres for each joint, by split conformal prediction over
-  recordings: only these are independent. The score
-  of a recording is the largest error of all its windows. With n recordings the level l is
-  supported if ceil((n + 1) l) <= n; the radius is the score of that rank (Vovk et al. 2005;
-  J. Lei et al., "Distribution-free predictive inference for regression", JASA 113 (2018), 1094).
-  0.9 needs 9 recordings, 0.95 needs 19, 0.99 needs 99.
+- **guaranteed**: a radius in metres for each joint, from split conformal prediction over
+  recordings, because only recordings are independent. The score of a recording is the largest error
+  of all its windows. With n recordings the level l is supported if ceil((n + 1) l) <= n; the radius
+  is the score with that rank (Vovk et al. 2005; J. Lei et al., "Distribution-free predictive
+  inference for regression", JASA 113 (2018), 1094). 0.9 needs 9 recordings, 0.95 needs 19, 0.99
+  needs 99.
 
 Files are JSON, factors in whole thousandths and radii in whole millimetres, rounded up. Left and
 right joints share their radii.
@@ -48,10 +48,10 @@ from hri_predict.zones.toward import BINS
 Of = Literal["joint", "body"]
 OFS: tuple[Of, ...] = ("joint", "body")
 FOLDER = package_path("predictors", "weights")
-"""Calibrations of shipped predictors lie next to the weights; so do those of the baselines."""
+"""Folder of the calibrations of shipped predictors and baselines, next to the weights."""
 
 VERSION = 3
-"""Version of the files; 3 has a learned scale."""
+"""Version of the file format; 3 added the learned scale."""
 
 Millimetres = Annotated[int, Field(ge=1, le=100_000)]
 Share = Annotated[int, Field(ge=1, le=1000)]
@@ -68,7 +68,7 @@ class RangesFile(Settings):
 
 
 class UsedRecording(Settings):
-    """A recording that the calibration used, and its number of windows in each speed class."""
+    """A recording used for the calibration, and its number of windows in each speed class."""
 
     name: str
     windows: Annotated[
@@ -79,7 +79,7 @@ class UsedRecording(Settings):
 
 
 class SiteParts(Settings):
-    """Changes of a calibration's factors towards a site; see ``lab.calibration.site.mixing``."""
+    """Adjustment of a calibration's factors to a site; see ``lab.calibration.site.mixing``."""
 
     base: str = Field(description="first digits of the SHA-256 of the calibration it came from")
     recordings: tuple[UsedRecording, ...] = Field(description="parts of the site's recordings")
@@ -114,7 +114,7 @@ class CalibrationFile(Settings):
     )
     recordings: tuple[UsedRecording, ...] = Field(min_length=1)
     ranges: RangesFile
-    made: date | None = Field(None, description="the day on which it was made")
+    made: date | None = Field(None, description="date of the calibration")
     site: SiteParts | None = None
 
 
@@ -123,22 +123,22 @@ class Calibration:
     """A calibration in memory. L levels, G joints (sides pooled), H steps.
 
     Attributes:
-        predictor, settings, weights: the predictor that it belongs to.
+        predictor, settings, weights: the predictor that was calibrated.
         rate_hz: steps per second.
         joints: names of the G joints, without their side.
         scale: the fitted network.
-        shape: of the scale; ``None``: it was made before there was any.
+        shape: shape of the scale; ``None``: the calibration is older than this feature.
         estimated: per question (L, 3, H) factors on the scale, by speed class; infinite if unknown.
-        limits: per question (L, 3, G, H) metres, above which no estimated radius is; ``None``: it
-            was made before there were any.
+        limits: per question (L, 3, G, H) metres, upper limits of the estimated radii; ``None``: the
+            calibration is older than this feature.
         guaranteed: per question (L, 3, G, H) metres, by speed class; infinite if not supported.
-        recordings: used for it.
-        ranges: of the motions in the recordings.
-        toward: (L, 3, H, BINS) shares of the estimated radii of single joints that count in
-            directions of a class (``toward``); ``None``: the whole radius counts in all.
-        noise: growth of the estimated radii with a tracker's noise; ``None``: nothing grows.
-        made: the day on which it was made; ``None`` if not known.
-        site: the parts of a site's recordings that moved its factors.
+        recordings: recordings used for the calibration.
+        ranges: ranges of the motions in the recordings.
+        toward: (L, 3, H, BINS) shares of the estimated radii of single joints to use in directions
+            of a class (``toward``); ``None``: the whole radius in all directions.
+        noise: growth of the estimated radii with a tracker's noise; ``None``: no growth.
+        made: date of the calibration; ``None`` if unknown.
+        site: parts of a site's recordings that adjusted the factors.
     """
 
     predictor: str
@@ -160,7 +160,7 @@ class Calibration:
 
     @property
     def used(self) -> tuple[UsedRecording, ...]:
-        """All recordings that it rests on, the site's as well."""
+        """All recordings used for the calibration, including those of the site."""
         return self.recordings + (self.site.recordings if self.site is not None else ())
 
     @property
@@ -173,10 +173,10 @@ class Calibration:
         return sum(used.windows[speed_class] > 0 for used in self.recordings)
 
     def motion_ranges(self, skeleton: Skeleton) -> MotionRanges:
-        """The ranges by joint of ``skeleton``; unbounded for joints without a calibration.
+        """Return the ranges by joint of ``skeleton``; unbounded for joints without a calibration.
 
-        The trunk carries every joint, so no joint's range is below the trunk's: a joint that few
-        recordings show may have been slow in all of them.
+        The trunk carries every joint, so a joint's range is at least the trunk's: a joint seen in
+        few recordings may have been slow in all of them.
         """
         known = self.ranges["speed_m_s"]
         speed = np.array([known.get(plain(name), np.inf) for name in skeleton.joints])
@@ -189,12 +189,12 @@ class Calibration:
 
 
 def plain(joint: str) -> str:
-    """A joint's name without its side."""
+    """Return a joint's name without its side."""
     return joint.removeprefix("l_").removeprefix("r_")
 
 
 def needed(level: float) -> int:
-    """Return the independent recordings that a guarantee of ``level`` takes: 9, 19, 99."""
+    """Return the number of independent recordings needed to guarantee ``level``: 9, 19 or 99."""
     return math.ceil(level / (1.0 - level) - 1e-9)
 
 
@@ -210,7 +210,7 @@ def load_calibration(path: Path) -> Calibration:
     """Read a calibration.
 
     Raises:
-        ConfigError: the file cannot be read or is none; one line with the remedy.
+        ConfigError: the file cannot be read or is not a calibration; one line with the remedy.
     """
     what = f"calibration {path}"
     try:
@@ -220,7 +220,7 @@ def load_calibration(path: Path) -> Calibration:
             f"{what}: not JSON ({error}); make a new one: hri-predict calibrate"
         ) from error
     if isinstance(data, dict) and data.get("version") != VERSION:
-        raise ConfigError(f"{what}: is of another version; make a new one: hri-predict calibrate")
+        raise ConfigError(f"{what}: has another version; make a new one: hri-predict calibrate")
     file = validated(CalibrationFile, data, what)
     try:
         return _unpacked(file)
@@ -229,7 +229,7 @@ def load_calibration(path: Path) -> Calibration:
 
 
 def save_text(calibration: Calibration) -> str:
-    """The file's text."""
+    """Return the file's text."""
     file = CalibrationFile(
         predictor=calibration.predictor,
         settings=dict(calibration.settings),
@@ -261,7 +261,7 @@ def save_text(calibration: Calibration) -> str:
 
 
 def _thousandths(table: Floats) -> Any:
-    """Nested lists, rounded up; None where unbounded."""
+    """Return nested lists, rounded up; None where unbounded."""
     rounded = np.maximum(np.ceil(table * 1000.0 - 1e-6), 1.0)
     return _rows(rounded, rounded <= 100_000)
 
@@ -274,7 +274,7 @@ def _rows(values: Floats, usable: Any) -> Any:
 
 def _unpacked(file: CalibrationFile) -> Calibration:
     if tuple(file.levels) != LEVELS or tuple(file.classes) != SPEED_CLASSES:
-        raise ValueError("its levels or speed classes are of another version")
+        raise ValueError("its levels or speed classes belong to another version")
     if len(set(file.joints)) < len(file.joints) or not _KNOWN.issuperset(file.joints):
         raise ValueError("joints must be those of the canonical skeleton, each once")
     classes = len(LEVELS), len(SPEED_CLASSES)
@@ -332,11 +332,11 @@ def _table(rows: Any, shape: tuple[int, ...]) -> Floats:
 
 
 _NOT_ITS_OWN = {"name", "horizon_s", "weights", "engine", "process"}
-"""Settings that are compared elsewhere, or change nothing but where a forecast is computed."""
+"""Settings that are compared elsewhere, or only change where a forecast is computed."""
 
 
 def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
-    """The settings that a predictor's errors depend on, and the hash of its weights."""
+    """Return the settings that affect a predictor's errors, and the hash of its weights."""
     values = settings.model_dump(mode="json", exclude=_NOT_ITS_OWN)
     found = [
         hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else "missing"
@@ -351,10 +351,10 @@ def identity(settings: PredictorSettings) -> tuple[dict[str, Any], str | None]:
 def calibration_for(
     settings: PredictorSettings, coverage: CoverageSettings, base_dir: Path
 ) -> Calibration | None:
-    """The calibration that a configuration asks for; ``None`` if the predictor ships without one.
+    """Return the calibration for a configuration; ``None`` if the predictor ships without one.
 
     Raises:
-        ConfigError: it belongs to another predictor, other settings or other weights.
+        ConfigError: the calibration belongs to another predictor, settings or weights.
     """
     if coverage.calibration is not None:
         path = base_dir / coverage.calibration
@@ -368,18 +368,18 @@ def calibration_for(
         return None  # the shipped one is for other settings: uncalibrated, and check says so
     if problem:
         raise ConfigError(
-            f"risk.coverage.calibration {path}: {problem}; calibrate what you run: "
+            f"risk.coverage.calibration {path}: {problem}; calibrate your predictor: "
             f"hri-predict calibrate --predictor {settings.name} --data recordings"
         )
     return calibration
 
 
 _NOT_OF_ERRORS = {"threads"}
-"""Settings that change the speed of a forecast, and its errors by rounding alone."""
+"""Settings that change the run time of a forecast, and its errors only by rounding."""
 
 
 def mismatch(calibration: Calibration, settings: PredictorSettings) -> str:
-    """Why a calibration is not that of a predictor; "" if it is."""
+    """Return why a calibration does not belong to a predictor; "" if it does."""
     if calibration.predictor != settings.name:
         return f"is of predictor {calibration.predictor}, not {settings.name}"
     if calibration.rate_hz != settings.rate_hz:

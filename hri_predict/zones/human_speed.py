@@ -1,29 +1,28 @@
-"""Speeds of people, compared with what the standard assumes.
+"""Speeds of people, compared with the assumptions of the standard.
 
 ISO 13855:2010 assumes K = 1.6 m/s for a walking body and 2.0 m/s for an upper limb. It does not
-cover running and jumping (the abstract of that edition says so). So a separation by that standard
-does not cover a person who is faster, and the advice has to say so.
+cover running and jumping, as the abstract of that edition states. A separation by that standard
+therefore does not cover a faster person, and the advice must report this.
 
-What counts is how fast each joint moves *in the room* (``joint_speeds``), not relative to the body:
-a robot meets the hand of a person who walks and reaches at the sum of both speeds. A person is
-*fast* if
+The speed of each joint *in the room* (``joint_speeds``) is used, not relative to the body: the hand
+of a person who walks and reaches moves at the sum of both speeds. A person is *fast* if
 
 - a joint of the trunk or the head is surely faster than ``HumanLimits.body_speed_m_s``,
 - a joint of an arm is surely faster than ``arm_speed_m_s``, or
 - a joint of a leg is surely faster than ``body_speed_m_s``, and also than ``GAIT`` times the trunk
   or the trunk itself is fast.
 
-The last one is the swing of a walk: it takes a foot past the body at up to four times the trunk's
-speed, then the foot stands, and over half a second no part of the body gets ahead faster than the
-trunk does (docs/decisions/fast-people.md has the figures from recordings). A kick is faster than
-that, and so is any foot of a person whose trunk is not measured.
+The last condition allows for the swing of a walk: a foot passes the body at up to four times the
+trunk's speed and then stands, so over half a second no part of the body moves ahead faster than the
+trunk (docs/decisions/fast-people.md has the figures from recordings). A kick is faster than that,
+and so is any foot of a person whose trunk is not measured.
 
 A person's speed is *unknown* if no joint of trunk or head was measured: a person who has just
-appeared, or is hidden except for the limbs. Unknown is not slow: everything of that person counts
-at the trunk's physical limit (``HumanLimits.reach``).
+appeared, or is hidden except for the limbs. Unknown is not slow: the trunk's physical limit
+(``HumanLimits.reach``) is used for all joints.
 
-``joint_velocities`` measures on the resampled history instead, as calibrations do: speed classes
-and ranges must be measured as they were calibrated.
+``joint_velocities`` uses the resampled history instead, because speed classes and ranges must be
+measured as in the calibration.
 """
 
 from collections.abc import Sequence
@@ -42,29 +41,30 @@ from hri_predict.zones.joint_speeds import JointSpeeds
 from hri_predict.zones.settings import HumanLimits
 
 SPAN_S = 0.2
-"""Velocities are measured over this time before the newest capture."""
+"""Time before the newest capture over which velocities are measured."""
 
 PEAK_S = 1.0
-"""A person who was faster than the standard assumes is not taken for slow within this time."""
+"""Time for which a person who exceeded the standard's speed is not considered slow."""
 
 GAIT = 4.0
-"""Legs of walking people are seldom more than this much faster than their trunk: in 0 to 4 % of the
-ticks of recorded walks on even ground, in a quarter of them on uneven ground."""
+"""Usual maximum ratio of leg to trunk speed in walking: exceeded in 0 to 4 % of the ticks of
+recorded walks on even ground, and in a quarter of them on uneven ground."""
 
 MARGIN_M_S = 0.4
-"""Added to a fast person's speed: the slope is 0.1 s old, and a runner gains about 4 m/s2."""
+"""Margin added to a fast person's speed: the slope is 0.1 s old, and a runner gains about 4
+m/s2."""
 
 
 Velocities = tuple[Floats, Bools]
-"""(P, J, 3) m/s, always finite, and (P, J) whether it was measured. It is 0 if not."""
+"""(P, J, 3) m/s, always finite, and (P, J) whether it was measured; 0 if not measured."""
 
 
 def joint_velocities(history: Floats, observed: Bools, rate_hz: float) -> Velocities:
-    """Velocity of every joint over the last ``SPAN_S`` of the history.
+    """Return the velocity of every joint over the last ``SPAN_S`` of the history.
 
     Args:
         history: (P, T, J, 3) metres, as in ``PeopleSnapshot``.
-        observed: (P, T, J); only these steps count.
+        observed: (P, T, J); only observed steps are used.
         rate_hz: steps per second of the history.
 
     Returns:
@@ -132,15 +132,15 @@ _velocities = kernel(_velocities_by_loops, _velocities_by_arrays)
 
 
 def joint_speeds(history: Floats, observed: Bools, rate_hz: float) -> tuple[Floats, Bools]:
-    """(P, J) speed of every joint, m/s, and whether it was measured; see ``joint_velocities``."""
+    """Return (P, J) joint speeds, m/s, and whether measured; see ``joint_velocities``."""
     velocity, measured = joint_velocities(history, observed, rate_hz)
     return norm(velocity), measured
 
 
 def velocities_in(snapshot: PeopleSnapshot, rate_hz: float) -> Velocities:
-    """Return ``joint_velocities`` of all people in a snapshot whose history has ``rate_hz``.
+    """Return ``joint_velocities`` of all people in a snapshot with a history at ``rate_hz``.
 
-    Those of inferred joints are not measured.
+    Velocities of inferred joints count as not measured.
     """
     return joint_velocities(snapshot.history, snapshot.measured, rate_hz)
 
@@ -150,13 +150,13 @@ class HumanSpeeds:
     """Speeds of P people. S body segments.
 
     Attributes:
-        fast: (P,) whether a joint is faster than the standard assumes.
+        fast: (P,) whether a joint exceeds the speed assumed by the standard.
         unknown: (P,) whether the body's speed could not be measured; never together with ``fast``.
-        fastest_m_s: (P,) of the fastest joint that makes a person fast; 0 if none does.
+        fastest_m_s: (P,) speed of the fastest joint that makes a person fast; 0 if none does.
         fastest_joint: (P,) index of that joint.
-        beyond_standard_m_s: (P, S) v_h of the segments that are faster than the standard assumes,
-            the measured speed plus a margin, and of all segments of people whose speed is unknown;
-            else 0. This is our choice: the standard has no figure.
+        beyond_standard_m_s: (P, S) v_h, the measured speed plus a margin, for segments that exceed
+            the standard's speed and for all segments of people whose speed is unknown; 0 otherwise.
+            This is our choice: the standard gives no figure.
     """
 
     fast: Bools
@@ -167,11 +167,11 @@ class HumanSpeeds:
 
     @property
     def within_standard(self) -> Bools:
-        """(P,) whether the standard's assumption is known to hold."""
+        """(P,) whether the standard's assumption certainly holds."""
         return ~(self.fast | self.unknown)
 
     def of(self, people: Ints) -> "HumanSpeeds":
-        """The speeds of some people, in the order of their indices."""
+        """Return the speeds of some people, in the order of the given indices."""
         return HumanSpeeds(
             fast=self.fast[people],
             unknown=self.unknown[people],
@@ -182,7 +182,7 @@ class HumanSpeeds:
 
 
 def joined_speeds(parts: Sequence[HumanSpeeds]) -> HumanSpeeds:
-    """The speeds of several groups of people as those of one."""
+    """Return the speeds of several groups of people as one group."""
     return HumanSpeeds(
         fast=np.concatenate([part.fast for part in parts]),
         unknown=np.concatenate([part.unknown for part in parts]),
@@ -193,15 +193,15 @@ def joined_speeds(parts: Sequence[HumanSpeeds]) -> HumanSpeeds:
 
 
 class Moving(NamedTuple):
-    """Speeds of P people and of all their parts. J joints, S segments.
+    """Speeds of P people and of their joints and segments. J joints, S segments.
 
     Attributes:
         people: see ``HumanSpeeds``.
         growth_m_s: (P, J) speeds at which zones without a forecast grow:
-            ``HumanLimits.physical_speed_m_s``, or the joint's own speed if that is higher; the
-            physical limits of people whose speed is unknown.
-        segments_m_s: (P, S) of each segment's faster end; infinite if that is not known. An
-            inferred hand or foot counts at the physical limit.
+            ``HumanLimits.physical_speed_m_s``, or the joint's own speed if higher; the physical
+            limits if a person's speed is unknown.
+        segments_m_s: (P, S) speed of each segment's faster end; infinite if unknown. For an
+            inferred hand or foot, the physical limit is used.
     """
 
     people: HumanSpeeds
@@ -210,7 +210,7 @@ class Moving(NamedTuple):
 
 
 class _Rule(NamedTuple):
-    """Values that loops and arrays read of a ``SpeedRule``; (J,) each, except for the last two."""
+    """Values of a ``SpeedRule`` for loops and arrays; (J,) each, except for the last two."""
 
     trunk: Bools
     leg: Bools
@@ -226,7 +226,7 @@ _Found = tuple[Bools, Bools, Floats, Ints, Floats, Floats, Floats]
 
 
 class SpeedRule:
-    """Judges speeds of joints by the standard's assumption; see the module's docstring.
+    """Compares joint speeds with the standard's assumption; see the module's docstring.
 
     Args:
         skeleton: names the joints and their parts. In a skeleton without parts, every joint counts
@@ -254,12 +254,13 @@ class SpeedRule:
         )
 
     def moving(self, speeds: JointSpeeds, shown: Bools, ends: tuple[Ints, Ints]) -> Moving:
-        """Return the speeds of all people and of all their parts.
+        """Return the speeds of all people and of their joints and segments.
 
         Args:
-            speeds: (P, J) of the joints.
-            shown: (P, J) the joints that are not inferred: these alone decide who is fast.
-            ends: (S,) and (S,) the joints of the segments.
+            speeds: (P, J) speeds of the joints.
+            shown: (P, J) the joints that are not inferred; only these decide whether a person is
+                fast.
+            ends: (S,) and (S,) the joints at both ends of each segment.
         """
         joints = speeds.speed, speeds.surely, speeds.measured
         found = _moving(joints, shown, self._rule, ends)
@@ -273,7 +274,7 @@ class SpeedRule:
         return Moving(people, found[5], found[6])
 
     def peaked(self, history: Floats, measured: Bools, rate_hz: float) -> Bools:
-        """(P,) whether trunk or head was faster than assumed in the last ``PEAK_S``.
+        """Return (P,) whether trunk or head exceeded the assumed speed in the last ``PEAK_S``.
 
         Args:
             history: (P, T, J, 3) metres.
@@ -291,10 +292,10 @@ class SpeedRule:
         return found
 
     def lost(self, speeds_m_s: Floats, segments: int) -> HumanSpeeds:
-        """Return the maximum speeds at which lost people move on.
+        """Return the maximum speeds of lost people.
 
         Args:
-            speeds_m_s: (L,) of their bodies.
+            speeds_m_s: (L,) speeds of their bodies.
             segments: S.
         """
         fast: Bools = speeds_m_s > self._body_m_s

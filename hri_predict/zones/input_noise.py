@@ -1,16 +1,16 @@
-"""Noise of a tracker, measured while it runs, and how much zones grow with it.
+"""Noise of a tracker, measured at run time, and the growth of zones with it.
 
-The thighs, shanks and arms of a person do not change their length; what a tracker sees of them
-does. The measure is the spread of these eight lengths, each about its own median, over the history
-that a forecast rests on. The learned scale knows errors that are new in each capture; those that
-last look like motion to it, so the measure is of these: lengths are averaged over ``SMOOTHED``
-steps, and what white noise leaves of itself in such means is subtracted. Medians make sure that one
-bad bone or a burst of wrong captures does not decide.
+The true lengths of a person's thighs, shanks and arms are constant, but their measured lengths
+vary. The measure is the spread of these eight lengths, each about its own median, over the history
+used for a forecast. The learned scale already covers errors that are independent between captures.
+Persistent errors look like motion to it, so they are measured here: lengths are averaged over
+``SMOOTHED`` steps, and the remaining share of white noise is subtracted. Medians limit the effect
+of one bad bone or a burst of wrong captures.
 
-Of marker-based recordings, 97 in 100 windows stay below ``FLOOR_M``, where nothing grows, to the
-bit. Above it, a radius r becomes the root of r² + (g n)², with n the noise above the floor and g
-the *growth* of the calibration, by level and step. Errors across a bone hardly change its length,
-and where no bone is seen nothing is measured: then zones are those of a clean tracker.
+In marker-based recordings, 97 of 100 windows stay below ``FLOOR_M``, where radii do not change at
+all. Above it, a radius r becomes the root of r² + (g n)², where n is the noise above the floor and
+g the *growth* of the calibration, by level and step. Two cases are not covered: errors across a
+bone hardly change its length, and without visible bones zones are those of a noise-free tracker.
 """
 
 from collections.abc import Mapping
@@ -32,20 +32,20 @@ BONES = tuple(
     )
 )  # fmt: skip
 SMOOTHED, LEAST_SEEN = 5, 3
-"""Steps over which a length is averaged, and in how many of them it must be seen."""
+"""Number of steps over which a length is averaged, and the minimum number in which it is seen."""
 FLOOR_M, MOST_M = 0.004, 0.03
-"""Noise below the first is none; more than the second above it counts as the second."""
+"""Noise below ``FLOOR_M`` counts as 0; the excess over it is capped at ``MOST_M``."""
 DEVIATIONS = 1.4826
-"""Standard deviation over the median of distances from the median, of the normal distribution."""
+"""Ratio of standard deviation to median absolute deviation of the normal distribution."""
 MOST_GROWTH = 1000.0
 
 
 def input_noise_m(history: Floats, measured: Bools, skeleton: Skeleton) -> Floats:
-    """(P,) metres of noise above ``FLOOR_M``, from 0 to ``MOST_M``; 0 where no bone is known.
+    """Return (P,) metres of noise above ``FLOOR_M``, from 0 to ``MOST_M``; 0 without a known bone.
 
     Args:
-        history: (P, T, J, 3) metres; anything where not measured.
-        measured: (P, T, J) inferred joints left out: their bones change without noise.
+        history: (P, T, J, 3) metres; any value where not measured.
+        measured: (P, T, J), without inferred joints, because their bones vary without noise.
         skeleton: names the joints.
     """
     names = list(skeleton.joints)
@@ -65,13 +65,13 @@ def input_noise_m(history: Floats, measured: Bools, skeleton: Skeleton) -> Float
 
 
 def _deviation(off: Floats, known: Bools) -> Floats:
-    """(P,) robust standard deviation of values (P, ...) about 0."""
+    """Return (P,) robust standard deviations of values (P, ...) about 0."""
     rows = len(off)
     return DEVIATIONS * _median(np.abs(off).reshape(rows, -1), known.reshape(rows, -1))
 
 
 def _smoothed(length: Floats, seen: Bools) -> tuple[Floats, Bools]:
-    """(P, T - ``SMOOTHED`` + 1, B) means, and whether enough was seen of each."""
+    """Return (P, T - ``SMOOTHED`` + 1, B) means, and whether each had enough observed steps."""
     windows = np.lib.stride_tricks.sliding_window_view
     count = windows(seen, SMOOTHED, axis=1).sum(-1)
     total = windows(np.where(seen, length, 0.0), SMOOTHED, axis=1).sum(-1)
@@ -79,7 +79,7 @@ def _smoothed(length: Floats, seen: Bools) -> tuple[Floats, Bools]:
 
 
 def _median(values: Floats, known: Bools) -> Floats:
-    """The median along axis 1 of what is known; 0 where nothing is."""
+    """Return the median of known values along axis 1; 0 where none is known."""
     count = np.expand_dims(known.sum(1), 1)
     ordered = np.sort(np.where(known, values, np.inf), axis=1)
     low = np.take_along_axis(ordered, np.maximum(count - 1, 0) // 2, axis=1)
@@ -99,11 +99,11 @@ class NoiseGrowth:
     table: Mapping[Any, Floats]
 
     def grown(self, radius_m: Floats, noise_m: Floats, of: str, level: int) -> Floats:
-        """(P, H, J) radii, never smaller than ``radius_m`` (P, H, J).
+        """Return (P, H, J) radii, never smaller than ``radius_m`` (P, H, J).
 
         Args:
-            radius_m: without noise; steps beyond the table's last count as that one.
-            noise_m: (P,) as ``input_noise_m`` gives it.
+            radius_m: radii without noise; steps beyond the end of the table use its last step.
+            noise_m: (P,) noise from ``input_noise_m``.
             of: the question, ``joint`` or ``body``.
             level: index into ``LEVELS``.
         """
@@ -116,7 +116,7 @@ class NoiseGrowth:
         return found
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data: whole thousandths, rounded up."""
+        """Return plain data: whole thousandths, rounded up."""
         return {
             of: np.ceil(rows * 1000.0 - 1e-6).astype(np.int64).tolist()
             for of, rows in self.table.items()
@@ -126,10 +126,10 @@ class NoiseGrowth:
     def of_json(
         cls, data: Mapping[str, Any], questions: tuple[str, ...], steps: int
     ) -> "NoiseGrowth":
-        """Read what ``to_json`` gave.
+        """Read the output of ``to_json``.
 
         Raises:
-            ValueError: it is not a growth of these questions and steps.
+            ValueError: the data do not describe a growth for these questions and steps.
         """
         if set(data) != set(questions):
             raise ValueError(f"noise must have {' and '.join(questions)}")

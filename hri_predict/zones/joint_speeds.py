@@ -1,19 +1,19 @@
-"""Speed of each joint in the room, measured from the captures themselves.
+"""Speed of each joint in the room, measured directly from the captures.
 
 A joint's velocity is the least-squares slope of its captures over a span: the difference of two
 captures would turn a centimetre of noise into half a metre per second. Two spans are tried:
-``QUICK_S`` finds a joint that has just set out, ``SPAN_S`` is less disturbed by noise. Of a source
-too slow for that, the newest ``LEAST_CAPTURES`` count, no matter how long they take.
+``QUICK_S`` detects a joint that has just started to move, and ``SPAN_S`` is less sensitive to
+noise. For a source too slow for these spans, the newest ``LEAST_CAPTURES`` are used, however long
+they span.
 
 **Noise**: white noise of standard deviation s gives each component of a slope the standard
-deviation s / sqrt(sum (t - mean)^2). With 2 cm at 30 Hz over 0.2 s that is 0.11 m/s, and the
-fastest of 21 joints of a person who stands looks as fast as 0.5 m/s. So s is measured as well: by
-what remains of the captures after a fit with a parabola, which holds every motion with constant
-acceleration, as the median over the person's joints. (A kick moves few joints; noise moves them
-all.) What ``CERTAIN`` standard deviations explain is not *surely* speed. At most ``MOST_NOISE_M_S``
-is
-explained so: a sensor that is noisier makes people look fast, never slow. The quick span is used
-only where its noise is below that.
+deviation s / sqrt(sum (t - mean)^2). With 2 cm at 30 Hz over 0.2 s, that is 0.11 m/s, and the
+fastest of 21 joints of a standing person appears to move at up to 0.5 m/s. So s is measured as
+well: it is the residual of the captures after fitting a parabola, which fits any motion with
+constant acceleration, as the median over the person's joints. (A kick moves few joints; noise moves
+them all.) Speed within ``CERTAIN`` standard deviations is not *surely* speed. At most
+``MOST_NOISE_M_S`` is attributed to noise: a noisier sensor makes people appear fast, never slow.
+The quick span is used only where its noise is below that.
 """
 
 from dataclasses import dataclass
@@ -30,11 +30,12 @@ from hri_predict.people.snapshot import RecentCaptures
 QUICK_S, SPAN_S = 0.1, 0.2
 LEAST_CAPTURES = 3
 LEAST_SPAN_S = 0.09
-"""Captures of a shorter time measure nothing: 0.1 s, less the jitter of their stamps."""
+"""Minimum time spanned by the captures of a measurement: 0.1 s, less the jitter of the stamps."""
 HELD_S = 0.15
-"""A joint that was last seen longer ago than this before the capture has no present speed."""
+"""Maximum time from a joint's last observation to the capture; its speed is unknown after that."""
 CERTAIN = 4.0
-"""Standard deviations: of 63 components (21 joints), one in 250 captures exceeds it by chance."""
+"""Number of standard deviations: one of 63 components (21 joints) exceeds it by chance in one of
+250 captures."""
 MOST_NOISE_M_S = 0.5
 _NOISE_CAPTURES = 5
 _QUICK_S, _SPAN_S = QUICK_S + 1e-6, SPAN_S + 1e-6  # a span holds its ends
@@ -46,7 +47,7 @@ class JointSpeeds:
 
     Attributes:
         speed: (P, J) the greater of both spans; 0 where not measured.
-        surely: (P, J) the part of it that noise does not explain.
+        surely: (P, J) the part of ``speed`` that noise does not explain.
         measured: (P, J).
     """
 
@@ -65,9 +66,9 @@ def joint_speeds(captures: RecentCaptures, shown: Bools | None = None) -> JointS
     """Return the speed of every joint.
 
     Args:
-        captures: the newest ones.
-        shown: (P, J) the joints that show the sensor's noise: not the inferred ones, which repeat
-            that of others. ``None``: all.
+        captures: the newest captures.
+        shown: (P, J) joints used to measure the sensor's noise: all except inferred ones, which
+            repeat the noise of others. ``None``: all joints.
     """
     shows = np.ones(captures.observed.shape[::2], np.bool_) if shown is None else shown
     found = _measured(
@@ -77,7 +78,7 @@ def joint_speeds(captures: RecentCaptures, shown: Bools | None = None) -> JointS
 
 
 Measured = tuple[Floats, Floats, Bools]
-"""(P, J) each: speed, surely and measured of ``JointSpeeds``."""
+"""(P, J) each: ``speed``, ``surely`` and ``measured`` of ``JointSpeeds``."""
 
 
 def _by_arrays(ages_s: Floats, positions: Floats, observed: Bools, shows: Bools) -> Measured:
@@ -107,7 +108,7 @@ def _by_arrays(ages_s: Floats, positions: Floats, observed: Bools, shows: Bools)
 
 
 def _slope(place: Floats, ages: Floats, used: Bools) -> _Slope:
-    """Slopes over the captures that are ``used`` (P, C, J)."""
+    """Return the slopes over the captures that are ``used`` (P, C, J)."""
     centred, spread, count = _centred(ages, used)
     velocity = (
         np.einsum("pcj,pcji->pji", centred, place) / np.where(spread > 0, spread, 1.0)[..., None]
@@ -120,7 +121,7 @@ def _slope(place: Floats, ages: Floats, used: Bools) -> _Slope:
 
 
 def _noise(place: Floats, ages: Floats, used: Bools) -> Floats:
-    """(P,) standard deviation of a component, metres; 0 where there are too few captures."""
+    """Return (P,) standard deviations of a component, metres; 0 for too few captures."""
     centred, spread, count = _centred(ages, used)
     square = np.where(used, centred**2, 0.0)
     square = np.where(used, square - (square.sum(1) / np.maximum(count, 1))[:, None], 0.0)
@@ -141,7 +142,8 @@ def _noise(place: Floats, ages: Floats, used: Bools) -> Floats:
 
 
 def _centred(ages: Floats, used: Bools) -> tuple[Floats, Floats, Floats]:
-    """(P, C, J) times from the mean of those used, 0 elsewhere; their squares' sum; their count."""
+    """Return (P, C, J) times relative to the mean of the used ones, 0 elsewhere; the sum of their
+    squares; their number."""
     time = np.where(used, -np.where(np.isfinite(ages), ages, 0.0), 0.0)
     count = used.sum(1)
     middle = time.sum(1) / np.maximum(count, 1)
@@ -159,7 +161,8 @@ def _nothing(seen: Bools) -> Measured:
 
 @part
 def _choose(ages: Floats, positions: Floats, observed: Bools, into: tuple[Floats, Bools]) -> None:
-    """One joint's places (C, 3) from its last, and the captures (3, C) for noise and both spans."""
+    """Return a joint's positions (C, 3) relative to its last one, and the captures (3, C) to use
+    for noise and for both spans."""
     place, used = into
     rank, last = 0, len(ages) - 1
     for c in range(last, -1, -1):
@@ -180,7 +183,7 @@ def _choose(ages: Floats, positions: Floats, observed: Bools, into: tuple[Floats
 
 @part
 def _slope_of(ages: Floats, place: Floats, used: Bools) -> tuple[float, float, float]:
-    """Return one joint's speed, deviation, and 1 if it is measured."""
+    """Return one joint's speed, its standard deviation, and 1 if it was measured."""
     count, middle = 0, 0.0
     newest, oldest = inf, 0.0
     for c in range(len(ages)):
@@ -205,7 +208,7 @@ def _slope_of(ages: Floats, place: Floats, used: Bools) -> tuple[float, float, f
 
 @part
 def _variance_of(ages: Floats, place: Floats, used: Bools, kept: Floats) -> float:
-    """Return one joint's residual from a parabola, square metres; -1: too few captures."""
+    """Return one joint's residual after fitting a parabola, square metres; -1: too few captures."""
     n, middle = 0, 0.0
     for c in range(len(ages)):
         if used[c]:

@@ -1,4 +1,4 @@
-"""Joint zones as array operations; ``joint_zones`` says what they mean."""
+"""Joint zones as array operations; see ``joint_zones`` for the rules."""
 
 import numpy as np
 
@@ -58,7 +58,7 @@ def spheres_by_arrays(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Spher
 
 
 def _followed(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Bools:
-    """(N, J) whether a joint follows the forecast."""
+    """Return (N, J) whether a joint follows the forecast."""
     people = len(bodies.unknown)
     follows = bodies.joint_age < FRESH_S
     follows[people:] = False
@@ -74,7 +74,7 @@ def _followed(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Bools:
 
 
 def _knots(last: Floats, follows: Bools, ahead: Ahead, rule: Rule) -> Floats:
-    """(N, H+1, J, 3) the forecast's path from the capture on; other joints stay in place."""
+    """Return (N, H+1, J, 3) the forecast path from the capture on; other joints stay in place."""
     people = len(ahead.positions)
     knots = np.repeat(last[:, None], rule.horizon_steps + 1, axis=1)
     moves = np.broadcast_to(follows[:people, None, :, None], ahead.positions.shape)
@@ -83,7 +83,8 @@ def _knots(last: Floats, follows: Bools, ahead: Ahead, rule: Rule) -> Floats:
 
 
 def _deviation(until: Floats, ahead: Ahead, rule: Rule) -> Floats:
-    """(N, K+1, J) largest distance from the forecast by each interval's end (N, K+1), metres."""
+    """Return (N, K+1, J) largest distance from the forecast by each interval's end (N, K+1),
+    metres."""
     end = rule.trusted_steps / rule.rate_hz
     beyond = rule.physical_m_s * np.maximum(until - end, 0.0)[..., None]
     people, steps = len(ahead.positions), until * rule.rate_hz
@@ -107,7 +108,7 @@ def _deviation(until: Floats, ahead: Ahead, rule: Rule) -> Floats:
 
 
 def _std_during(std: Floats, steps: Floats, horizon_steps: int) -> Floats:
-    """(P, H, J) at the forecast's steps to the largest (P, K+1, J) during each interval."""
+    """Convert (P, H, J) at the forecast's steps to the largest (P, K+1, J) during each interval."""
     people = len(std)
     person = np.arange(people)[:, None]
     end = np.ceil(steps[:people]).astype(np.intp)  # forecast step k is at (k + 1)
@@ -122,11 +123,11 @@ def _cut(
     follows: Bools,
     when: tuple[Floats, Rule],
 ) -> tuple[Floats, Floats]:
-    """Cut to what a body can do; entry 0 stays as captured.
+    """Cut zones to the physical limits; entry 0 stays as captured.
 
-    With a calibration, this cut alone bounds a joint without a radius: zones at the standard's
-    speeds hold fewer bodies than calibrated zones. Without a calibration, joints that follow no
-    forecast keep the standard's speeds.
+    With a calibration, only this cut bounds a joint without a radius, because zones at the
+    standard's speeds hold fewer bodies than calibrated zones. Without a calibration, joints without
+    a forecast keep the standard's speeds.
     """
     mid, radius, more = spheres
     until, rule = when

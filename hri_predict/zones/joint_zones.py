@@ -2,9 +2,9 @@
 
 The growth rule
 ===============
-Time ``t`` runs from each person's capture. A joint that was seen in that capture, and in
-``SETTLED_STEPS`` of the last ``RECENT_STEPS`` steps, is within its *calibrated radius* of its
-forecast position (``radii``: by what is known of this joint and this forecast). The live
+Time ``t`` runs from each person's capture. A joint that was seen in
+that capture, and in ``SETTLED_STEPS`` of the last ``RECENT_STEPS`` steps, is within its *calibrated
+radius* of its forecast position (``radii`` computes it for this joint and forecast). The live
 self-check may widen this radius by a factor.
 
 Without a calibration the *uncalibrated rule* applies. The joint is within
@@ -13,21 +13,21 @@ Without a calibration the *uncalibrated rule* applies. The joint is within
 
 of its forecast position. ``v`` comes from the standard, ``a`` from SaRA (``HumanLimits``), and
 ``e_v`` bounds the error of the forecast's velocity. A person who suddenly does the opposite of the
-forecast can leave such a zone; how often is unknown.
+forecast can leave such a zone; the rate of this is unknown.
 
-*Physical limits*, what a body can do by then (``reach``), apply without a forecast, to a joint that
-was not seen in the capture or only recently appeared, and to a person whose motion is out of
-distribution. Without a calibration, the standard's assumption replaces them: the joint is at most
-``v (t + joint_age)`` from where it was last seen, where ``v`` is the physical speed or the joint's
-present speed, whichever is higher, and the physical limit if the person's speed could not be
-measured. A lost person continues from where each joint was last seen, at the speed last measured or
-the physical speed, whichever is higher; a limb that was faster than its body gets an arm's length
-farther. Past the last calibrated step the zone grows at the physical speed.
+*Physical limits* bound what a body can do in a given time (``reach``). They apply without a
+forecast, to a joint that was not seen in the capture or only recently appeared, and to a person
+whose motion is out of distribution. Without a calibration, the standard's assumption replaces them:
+the joint is at most ``v (t + joint_age)`` from where it was last seen, where ``v`` is the higher of
+the physical speed and the joint's present speed, or the physical limit if the person's speed could
+not be measured. The zones of a lost person grow from each joint's last seen position, at the higher
+of the last measured speed and the physical speed. A limb that was faster than its body may get up
+to an arm's length ahead of it. Past the last calibrated step the zone grows at the physical speed.
 
-Zones that follow a forecast are also cut to what a body can do by then.
+Zones that follow a forecast are also cut to the physical limits.
 
-The sphere of a joint that its tracker never delivers is about its *inferred* place, and larger by
-the radius within which the true joint is, at every time.
+If the tracker never delivers a joint, its sphere is centred on its *inferred* position, and always
+enlarged by the radius that holds the true joint.
 """
 
 from dataclasses import dataclass
@@ -60,23 +60,23 @@ from hri_predict.zones.trust import Trust
 __all__ = ["FRESH_S", "LIMB_M", "JointSpheres", "JointZones"]
 
 RECENT_STEPS, SETTLED_STEPS = 15, 8
-"""Number of the most recent steps in which a settled joint was seen: calibrated radii rest on
-at least as much history."""
+"""Number of recent steps in which a settled joint was seen; calibrated radii assume at least as
+much history."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class JointSpheres:
-    """Regions where joints may be. P people (lost ones last), K steps after now, J joints.
+    """Regions where joints may be. P people (lost people last), K steps after now, J joints.
 
     Attributes:
-        mid, radius: (P, K+1, J, 3) and (P, K+1, J); entry 0 at the capture, entry k during the
+        mid, radius: (P, K+1, J, 3) and (P, K+1, J); entry 0 is for the capture, entry k for the
             whole interval that ends with step k.
-        path, inflation: the same for the forecast positions, without growth or cut. Joints without
-            a forecast grow at the standard's speeds.
-        joint_age: (P, J) seconds from when a joint was last seen to its person's capture.
-        claimed: (P, H, J) the calibrated radii before widening, of the people who are here, also of
-            those out of distribution, whose zones have physical limits. A missing radius is
-            infinite. ``None`` without a calibration.
+        path, inflation: as ``mid`` and ``radius``, for the forecast positions without growth or
+            cut. Joints without a forecast grow at the standard's speeds.
+        joint_age: (P, J) seconds from a joint's last observation to its person's capture.
+        claimed: (P, H, J) calibrated radii before widening, for the people in view, including those
+            out of distribution, whose zones use physical limits. Infinite if there is no radius.
+            ``None`` without a calibration.
     """
 
     mid: Floats
@@ -96,7 +96,7 @@ class JointZones:
         rate_hz: steps per second of the forecast.
         horizon_steps: H of the forecast.
         times_s: (K+1,) ends of the intervals after now, from 0.
-        radii: calibrated ones; ``None``: the predictor is not calibrated.
+        radii: calibrated radii; ``None``: the predictor is not calibrated.
     """
 
     def __init__(
@@ -146,10 +146,11 @@ class JointZones:
         """Return spheres for all people in ``snapshot``; see ``ZoneBuilder.build``.
 
         Args:
-            snapshot, forecast, trust, velocities: as there.
-            capture_ns: the oldest capture; ``None``: there is none.
-            growth_m_s: (P, J) speeds of joints without a forecast; ``None``: the physical speed.
-            unknown: (P,) whose speed is unknown: without a calibration they have no forecast.
+            snapshot, forecast, trust, velocities: as in ``ZoneBuilder.build``.
+            capture_ns: time of the oldest capture; ``None``: no capture.
+            growth_m_s: (P, J) speeds for joints without a forecast; ``None``: the physical speed.
+            unknown: (P,) whether a person's speed is unknown; without a calibration, their forecast
+                is not used.
         """
         if velocities is None:
             velocities = velocities_in(snapshot, self._rate_hz)
@@ -179,9 +180,9 @@ class JointZones:
         trust: Trust | None,
         velocities: Velocities,
     ) -> Toward | None:
-        """Return how near each joint may come by direction, without segments; see ``Toward``.
+        """Return the extent of each joint by direction, without segments; see ``Toward``.
 
-        ``None``: there is no calibration, or no person here.
+        ``None``: there is no calibration, or no person in view.
         """
         here, rule = len(snapshot.ids), self._rule
         if forecast is None or trust is None or spheres.claimed is None or self._radii is None:
@@ -260,7 +261,8 @@ class JointZones:
         )
 
     def _lost(self, snapshot: PeopleSnapshot) -> list[Floats]:
-        """The rows of lost people: places, ages of joints, speeds, limbs' speeds, inferred."""
+        """Return rows of lost people: positions, joint ages, speeds, limb speeds, inferred
+        radii."""
         lost, joints = snapshot.lost, len(self._rule.speed)
         onward = np.array([[p.speed_m_s] for p in lost])
         onward = np.maximum(onward, self._limits.physical_speed_m_s)  # as just before the loss
@@ -297,7 +299,7 @@ class JointZones:
         trust: Trust | None,
         velocities: Velocities,
     ) -> Floats | None:
-        """(P, H, J) calibrated radii, infinite for people and joints that have none."""
+        """Return (P, H, J) calibrated radii, infinite for people and joints without one."""
         if self._radii is None:
             return None
         people, joints = len(snapshot.ids), len(self._skeleton.joints)

@@ -1,14 +1,14 @@
-"""Learned scale: how wrong the forecast of each joint may be, from what is known when it is made.
+"""Learned scale: expected error of the forecast of each joint, from data known when it is made.
 
-A small network of two hidden layers, shared by all joints, gives a *scale* in metres for each
-joint and step; the conformal factors of a calibration turn it into a radius (``radii``). What it
-reads depends on the past and on the forecast alone, so radii stay valid for people and motion
-that the network was not fitted on: J. Lei et al., "Distribution-Free Predictive Inference for
-Regression", JASA 113 (2018) 1094, section 5.2 (locally weighted conformal inference). The network
-is fitted to a quantile of the error's logarithm (``lab.calibration.scale_fit``); here it only runs.
+A small network of two hidden layers, shared by all joints, gives a *scale* in metres for each joint
+and step; the conformal factors of a calibration turn it into a radius (``radii``). Its inputs
+depend only on the past and on the forecast, so radii stay valid for people and motion outside the
+network's training data: J. Lei et al., "Distribution-Free Predictive Inference for Regression",
+JASA 113 (2018) 1094, section 5.2 (locally weighted conformal inference). The network is fitted to a
+quantile of the error's logarithm (``lab.calibration.scale_fit``); this module only evaluates it.
 
-Its inputs do not change when the room is turned or moved, and name no body: lengths of bones do
-not occur.
+Its inputs are invariant to rotation and translation of the room, and do not identify a body: bone
+lengths are not used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,15 +40,15 @@ from hri_predict.zones.motion_class import trunk_joints
 __all__ = ["BEYOND", "LEAST_M", "MOST_M", "Evidence", "LearnedScale", "ScaleNetwork"]
 
 LEADS_S = (0.12, 0.4)
-"""Ages of the forecasts whose errors the network reads. The first shows noise, the second how
+"""Ages of the past forecasts whose errors are inputs: the first error shows noise, the second how
 predictable a person is."""
 LEAD_TOLERANCE_S = (0.045, 0.07)
-"""Maximum difference of a forecast's age from the one of ``LEADS_S`` that it stands for: at 8 to 60
-captures a second there is one.
+"""Maximum difference between a forecast's age and its entry of ``LEADS_S``: at 8 to 60 captures per
+second, a forecast is always found.
 """
 
 KNOT_STEPS = (1, 2, 3, 5, 8, 11, 15, 20, 25, 30)
-"""The network runs at these steps; between them the scale's logarithm is linear."""
+"""Steps at which the network is evaluated; the scale's logarithm is linear between them."""
 
 KINDS = tuple(dict.fromkeys(n.removeprefix("l_").removeprefix("r_") for n in JOINTS))
 
@@ -65,14 +65,14 @@ AHEAD = ("moved", "speed_ahead", "lead", "log_lead")
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Evidence:
-    """Knowledge of P people when a forecast is made. T steps back, H ahead, J joints.
+    """Data on P people when a forecast is made. T steps back, H steps ahead, J joints.
 
     Attributes:
-        history, observed: (P, T, J, 3) metres and (P, T, J); where T is short, speeds are measured
-            over what there is.
+        history, observed: (P, T, J, 3) metres and (P, T, J); if T is short, speeds are measured
+            over the available steps.
         forecast: (P, H, J, 3) metres.
         error_m: (P, 2, J) errors of the forecasts made ``LEADS_S`` ago; NaN if unknown.
-        residual_m: (P,) see ``motion_class``; NaN if unknown.
+        residual_m: (P,) residual, see ``motion_class``; NaN if unknown.
         measured: (P, T, J) where the history was measured; ``None``: where it was observed.
     """
 
@@ -85,7 +85,7 @@ class Evidence:
 
 
 def inputs_now(evidence: Evidence, rate_hz: float, skeleton: Skeleton) -> Floats:
-    """(P, J, ``NOW``) the inputs that all steps share."""
+    """Return (P, J, ``NOW``) the inputs that all steps share."""
     return _inputs_now(evidence, rate_hz, trunk_joints(skeleton))
 
 
@@ -130,7 +130,7 @@ def _inputs_now(
 
 
 def inputs_ahead(evidence: Evidence | EvidenceArrays, knots: Ints, rate_hz: float) -> Floats:
-    """(P, K, J, ``AHEAD``) the inputs of the steps ``knots`` (K,), counted from 1."""
+    """Return (P, K, J, ``AHEAD``) the inputs for the steps ``knots`` (K,), counted from 1."""
     last = evidence.history[:, -1:]
     seen = evidence.observed[:, -1:, :]
     at = evidence.forecast[:, knots - 1]
@@ -143,7 +143,7 @@ def inputs_ahead(evidence: Evidence | EvidenceArrays, knots: Ints, rate_hz: floa
 
 
 def _velocity(history: Floats, seen: Bools, *, skip: int, back: int, rate_hz: float) -> Floats:
-    """(P, J, 3) over ``back`` steps that end ``skip`` before the newest; 0 where not observed."""
+    """Return (P, J, 3) m/s over ``back`` steps, ending ``skip`` before the newest; 0 if unseen."""
     end, start = history.shape[1] - 1 - skip, max(history.shape[1] - 1 - skip - back, 0)
     both = seen[:, end] & seen[:, start]
     moved = history[:, end] - history[:, start]
@@ -157,7 +157,7 @@ def _mean(error: Floats) -> Floats:
 
 
 def _known(values: Floats) -> tuple[Floats, Floats]:
-    """The values with 0 where unknown, and 1 where they are unknown."""
+    """Return the values, with 0 where unknown, and flags that are 1 where they are unknown."""
     unknown = np.isnan(values)
     return np.where(unknown, 0.0, values), unknown.astype(np.float64)
 
@@ -171,13 +171,13 @@ def _log_error(value: Floats) -> Floats:
 
 
 def kind_of(skeleton: Skeleton) -> Ints:
-    """(J,) index into ``KINDS`` of each joint; -1 for others."""
+    """Return (J,) index into ``KINDS`` of each joint; -1 for other joints."""
     plain = [n.removeprefix("l_").removeprefix("r_") for n in skeleton.joints]
     return np.array([KINDS.index(n) if n in KINDS else -1 for n in plain], np.intp)
 
 
 def knots_within(horizon_steps: int) -> Ints:
-    """The knots of a horizon; its last step is one."""
+    """Return the knots of a horizon; its last step is always a knot."""
     return np.array(sorted({*(k for k in KNOT_STEPS if k < horizon_steps), horizon_steps}))
 
 
@@ -186,7 +186,7 @@ class ScaleNetwork:
     """The fitted network. ``NOW`` + ``AHEAD`` + ``KINDS`` inputs, hidden layers of ReLU.
 
     Attributes:
-        mean, deviation: of the inputs that are not kinds.
+        mean, deviation: mean and standard deviation of all inputs except kinds.
         layers: weights (inputs, outputs) and biases (outputs,), first to last; the last gives the
             natural logarithm of the scale in metres.
     """
@@ -196,7 +196,7 @@ class ScaleNetwork:
     layers: tuple[tuple[Floats, Floats], ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Lists of numbers."""
+        """Return lists of numbers."""
         return {
             "mean": _rounded(self.mean),
             "deviation": _rounded(self.deviation),
@@ -208,13 +208,13 @@ class ScaleNetwork:
         """Invert ``to_json``.
 
         Raises:
-            ValueError: shapes or numbers do not fit.
+            ValueError: a shape or number is invalid.
         """
         try:
             mean, deviation = _array(data["mean"]), _array(data["deviation"])
             layers = tuple((_array(d["weights"]), _array(d["biases"])) for d in data["layers"])
         except (KeyError, TypeError, OverflowError) as error:
-            raise ValueError("the scale is not a network of numbers") from error
+            raise ValueError("the scale is not a valid network") from error
         plain, width = len(NOW) + len(AHEAD), len(NOW) + len(AHEAD) + len(KINDS)
         if mean.shape != (plain,) or deviation.shape != (plain,) or not (deviation > 0).all():
             raise ValueError("the scale's mean or deviation does not fit its inputs")
@@ -223,7 +223,7 @@ class ScaleNetwork:
                 raise ValueError("a layer of the scale does not fit the one before it")
             width = weights.shape[1]
         if width != 1 or len(layers) < 2:
-            raise ValueError("the scale's network must end in one number")
+            raise ValueError("the scale's network must have one output")
         return ScaleNetwork(mean=mean, deviation=deviation, layers=layers)
 
 
@@ -239,11 +239,11 @@ def _array(values: Any) -> Floats:
 
 
 class LearnedScale:
-    """The scale of forecasts of one predictor.
+    """The scale for forecasts of one predictor.
 
     Args:
         network: see ``ScaleNetwork``.
-        skeleton: of the forecasts.
+        skeleton: skeleton of the forecasts.
         rate_hz: steps per second.
         horizon_steps: H.
     """
@@ -274,7 +274,7 @@ class LearnedScale:
         )
 
     def __call__(self, evidence: Evidence) -> Floats:
-        """(P, H, J) metres; never shrinks with the horizon; infinite for joints of no kind."""
+        """Return (P, H, J) metres; never shrinks with the horizon; infinite without a kind."""
         seen = EvidenceArrays(
             history=plain(evidence.history),
             observed=plain_flags(evidence.observed),

@@ -1,7 +1,7 @@
-"""Zones of lost people whose possible places are known, because other places were seen free.
+"""Zones of lost people whose possible places are limited, because other places were seen free.
 
 Each place is a disc on the floor. A person in it may stand, crouch or reach out in any direction,
-so each zone is an upright capsule about the disc, an arm's reach wider.
+so each zone is an upright capsule around the disc, enlarged by an arm's reach.
 """
 
 import numpy as np
@@ -11,18 +11,18 @@ from hri_predict.base.geometry import Capsules
 from hri_predict.people.snapshot import LostPerson
 
 ARM_M = 0.85
-"""Reach of a hand from the body's middle: ISO 13855:2010 takes 850 mm for an arm."""
+"""Reach of a hand from the body's middle: ISO 13855:2010 assumes 850 mm for an arm."""
 TOP_M = 2.5
 """Maximum reach above the place where a person stands: a tall man's grip is at 2.2 m."""
 
 
 def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
-    """(K, S) capsules that hold a person who is in one of ``places``.
+    """Return (K, S) capsules that hold a person who is in one of ``places``.
 
     Args:
-        person: with places.
-        until_s: (K,) seconds since ``places_ns`` by which they may have walked on.
-        segments: S; the places are dealt out over them, and joined where there are more.
+        person: a lost person with ``places``.
+        until_s: (K,) seconds of possible walking since ``places_ns``.
+        segments: S; the places are distributed over them, and merged if there are more.
     """
     assert person.places is not None
     held = _at_most(person.places, segments)
@@ -36,7 +36,7 @@ def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
 
 
 def _at_most(places: Floats, count: int) -> Floats:
-    """(min(D, count), 3) discs that hold all of ``places``: neighbours are joined."""
+    """Return (min(D, count), 3) discs that cover all of ``places``: neighbours are merged."""
     if len(places) <= count:
         return places
     joined = []

@@ -1,16 +1,16 @@
-"""Speed classes and the residual: what the node knows about a person before a forecast is judged.
+"""Speed classes and the residual: data on a person known before a forecast can be judged.
 
 - **speed** of the trunk: *still* below ``STILL_M_S``, *brisk* from ``BRISK_M_S`` on, *slow* in
-  between. A person who walks straight on is far easier to predict than one who sets out, turns or
+  between. A person who walks straight on is far easier to predict than one who starts, turns or
   stops. Each class has its own factors on the learned scale.
-- **residual**: how wrong forecasts of this person were lately. It is the mean over joints of the
-  distance between the newest capture and its forecast of ``RESIDUAL_S`` before; the largest such
-  value within the last ``RESIDUAL_S`` counts. The learned scale reads it.
+- **residual**: recent forecast error of this person. It is the mean over joints of the distance
+  between the newest capture and its forecast made ``RESIDUAL_S`` earlier; the largest such value
+  within the last ``RESIDUAL_S`` is used. It is an input of the learned scale.
 
-A person whose speed is unknown counts as *slow* in a calibration; a zone then takes the largest
-radii of all speeds (``radii.Radii``). The speed depends on the past alone, so a calibration within
-each class is as valid as one without classes (Mondrian conformal prediction: V. Vovk, A. Gammerman,
-G. Shafer, "Algorithmic Learning in a Random World", 2005, section 4.5).
+A person whose speed is unknown counts as *slow* in a calibration; for zones, the largest radii of
+all speed classes are used (``radii.Radii``). The speed depends on the past alone, so a calibration
+within each class is as valid as one without classes (Mondrian conformal prediction: V. Vovk, A.
+Gammerman, G. Shafer, "Algorithmic Learning in a Random World", 2005, section 4.5).
 """
 
 from functools import cache
@@ -24,21 +24,23 @@ from hri_predict.base.skeleton import Skeleton
 from hri_predict.zones.human_speed import Velocities
 
 STILL_M_S = 0.4
-"""Below this speed the trunk stays: well under walking (1.2 m/s), well over swaying (0.05 m/s)."""
+"""Below this speed the trunk counts as still: well below walking (1.2 m/s), well above swaying
+(0.05 m/s)."""
 BRISK_M_S = 1.0
-"""From this speed on a person walks: people prefer 1.2 to 1.4 m/s (R. Bohannon, Age and Ageing 26
-(1997), 15), and are slower when they set out, turn or stop."""
+"""Minimum speed of a person who walks: people prefer 1.2 to 1.4 m/s (R. Bohannon, Age and Ageing 26
+(1997), 15), and are slower when they start, turn or stop."""
 RESIDUAL_S = 0.4
-"""Age of a forecast whose error counts as the residual, and time for which it is remembered."""
+"""Age of the forecast whose error is the residual, and time for which the error is kept."""
 SPEED_CLASSES = ("still", "slow", "brisk")
 _TRUNK = ("waist", "torso", "neck", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
 
 
 def trunk_speed(velocities: Velocities, skeleton: Skeleton) -> Floats:
-    """(P,) speed of the trunk in m/s, the mean of its measured joints; NaN without any.
+    """Return (P,) speed of the trunk in m/s, the mean over its measured joints; NaN if none is
+    measured.
 
     Args:
-        velocities: of all joints.
+        velocities: velocities of all joints.
         skeleton: names the joints.
     """
     trunk = trunk_joints(skeleton)
@@ -49,7 +51,7 @@ def trunk_speed(velocities: Velocities, skeleton: Skeleton) -> Floats:
 
 
 def trunk_joints(skeleton: Skeleton) -> Ints:
-    """Indices of the joints whose mean is the trunk's motion."""
+    """Return the indices of the joints whose mean is the trunk's motion."""
     return _trunk_of(tuple(skeleton.joints))
 
 
@@ -59,5 +61,5 @@ def _trunk_of(joints: tuple[str, ...]) -> Ints:
 
 
 def speed_class(speed_m_s: Floats) -> NDArray[np.intp]:
-    """(P,) index into ``SPEED_CLASSES``; an unknown speed (NaN) is *slow*."""
+    """Return (P,) index into ``SPEED_CLASSES``; an unknown speed (NaN) is *slow*."""
     return (~(speed_m_s < STILL_M_S)).astype(np.intp) + (speed_m_s >= BRISK_M_S)

@@ -1,7 +1,7 @@
-"""Which motions the calibration contains: outside these ranges, radii mean nothing.
+"""Ranges of motion covered by the calibration: outside these ranges, radii are not valid.
 
-No two trackers place joints alike, and no two bodies are alike: lengths of bones say nothing about
-whether a forecast can be trusted, so there is no range of them here.
+Trackers place joints differently, and bodies differ, so bone lengths do not show whether a forecast
+can be trusted: there is no range for them here.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from hri_predict.base.geometry import norm
 from hri_predict.zones.human_speed import Velocities, joint_speeds
 
 SHORT_S = 0.12
-"""A forecast up to this far ahead can hardly be wrong, unless the scene itself jumped."""
+"""Time ahead within which a forecast is hardly ever wrong, unless the scene itself jumped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionRanges:
-    """The ranges in the calibration. J joints of the canonical skeleton.
+    """The ranges of a calibration. J joints of the canonical skeleton.
 
     Attributes:
         speed_m_s: (J,) highest speed of each joint; infinite or NaN if unknown: never exceeded.
@@ -30,10 +30,10 @@ class MotionRanges:
 
 
 def short_ratio(ratio: Floats, judged: Bools) -> Floats:
-    """(N,) median over the judged joints of error / calibrated radius; NaN without any.
+    """Return (N,) median over the judged joints of error / calibrated radius; NaN without any.
 
-    It is the upper median: of two joints, one that is right does not make both right. Above 1, most
-    joints are outside at once. Use it for forecasts not older than ``SHORT_S``.
+    The upper median is used, so that one good joint of two does not hide a bad one. Above 1, most
+    joints are outside at the same time. Use it for forecasts not older than ``SHORT_S``.
 
     Args:
         ratio: (N, J).
@@ -50,7 +50,7 @@ def short_ratio(ratio: Floats, judged: Bools) -> Floats:
 def motion_ranges(
     history: Floats, observed: Bools, rate_hz: float, *, ratio_short: float
 ) -> MotionRanges:
-    """The ranges of P windows; see ``MotionRanges``.
+    """Return the ranges of P windows; see ``MotionRanges``.
 
     NaN for joints that were never measured.
 
@@ -68,10 +68,10 @@ def motion_ranges(
 
 
 def is_out_of_range(velocities: Velocities, ranges: MotionRanges, *, speed_margin: float) -> Bools:
-    """(P,) whether a joint is faster than ``speed_margin`` times the fastest in the calibration.
+    """Return (P,) whether a joint is faster than ``speed_margin`` times its calibrated maximum.
 
     Args:
-        velocities: of the joints of P people.
+        velocities: velocities of the joints of P people.
         ranges, speed_margin: see above.
     """
     velocity, measured = velocities

@@ -1,4 +1,4 @@
-"""Radii: how large each joint's zone must be, by a calibration and what is known of the person."""
+"""Radii: required size of each joint's zone, from a calibration and data on the person."""
 
 from collections.abc import Sequence
 from math import exp, log
@@ -19,7 +19,7 @@ from hri_predict.zones.toward import BINS
 
 
 class Radii:
-    """The radii of one choice of coverage, by joint of one skeleton.
+    """Radii for one coverage setting, by joint of one skeleton.
 
     Attributes:
         steps: number of calibrated steps.
@@ -27,11 +27,11 @@ class Radii:
     Args:
         calibration: see ``Calibration``.
         settings: level, question and basis.
-        skeleton: of the zones; joints that were not calibrated have infinite radii.
+        skeleton: skeleton of the zones; joints that were not calibrated have infinite radii.
         horizon_steps: H of the forecast; radii of steps that were not calibrated are infinite.
 
     Raises:
-        ConfigError: too few recordings guarantee the level, or it is not calibrated.
+        ConfigError: too few recordings to guarantee the level, or the level is not calibrated.
     """
 
     def __init__(
@@ -77,11 +77,12 @@ class Radii:
         self._shape = _NO_SHAPE if shape is None else shape.logarithms(horizon_steps)
 
     def of(self, speed_m_s: Floats, evidence: Evidence) -> Floats:
-        """(P, H, J) metres for P people.
+        """Return (P, H, J) metres for P people.
 
         Args:
-            speed_m_s: (P,) trunk speeds; who has none (NaN) gets the largest radii of all speeds.
-            evidence: of the same people.
+            speed_m_s: (P,) trunk speeds; for an unknown speed (NaN), the largest radii of all
+                classes are used.
+            evidence: data on these people.
         """
         if self._scale is None:
             return _largest(self._table, speed_m_s)
@@ -94,7 +95,8 @@ class Radii:
         return self._noise.grown(found, noise_m, self._of, self._level)
 
     def shares(self, speed_m_s: Floats) -> Floats | None:
-        """(P, H, BINS) shares of the radii by direction, see ``toward``; ``None``: not calibrated.
+        """Return (P, H, BINS) shares of the radii by direction, see ``toward``; ``None``: not
+        calibrated.
 
         Args:
             speed_m_s: as in ``of``.
@@ -104,11 +106,11 @@ class Radii:
 
 _NO_SHAPE = np.zeros((0, 0, 0)), np.zeros((0, 0, 0))
 _Tables = tuple[Floats, Floats, Floats, Floats]
-"""(3, H, J) factors and limits, (3, H, B) ``ScaleShape.logarithms``, empty if there is none."""
+"""(3, H, J) factors and limits, (3, H, B) ``ScaleShape.logarithms``; empty without a shape."""
 
 
 def _largest(table: Floats, speed_m_s: Floats) -> Floats:
-    """(P, H, J) of a table (3, H, J) by speed classes."""
+    """Return (P, H, J) from a table (3, H, J) by speed class."""
     found = table[speed_class(speed_m_s)]
     found[np.isnan(speed_m_s)] = table.max(0)
     return found
@@ -125,7 +127,7 @@ def _radii_by_arrays(scale_m: Floats, speed_m_s: Floats, tables: _Tables) -> Flo
 
 
 def _by_class(scale_m: Floats, fast: Ints, tables: _Tables) -> Floats:
-    """(P, H, J) metres for people of known speed classes."""
+    """Return (P, H, J) metres for people of known speed classes."""
     factors, limits, knots, logs = tables
     shaped = scale_m if not knots.size else shaped_by(scale_m, knots[fast], logs[fast])
     found = np.minimum(factors[fast] * shaped, limits[fast])
@@ -175,7 +177,7 @@ _radii = kernel(_radii_by_loops, _radii_by_arrays)
 
 
 def _by_joint(table: Floats, of_joint: Sequence[int]) -> Floats:
-    """(3, H, J) of a table (3, G, H); joint -1 is infinite."""
+    """Return (3, H, J) from a table (3, G, H); joint -1 is infinite."""
     padded = np.concatenate([table, np.full_like(table[:, :1], np.inf)], axis=1)
     return padded[:, list(of_joint)].swapaxes(1, 2)
 

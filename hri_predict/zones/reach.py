@@ -1,10 +1,10 @@
-"""Abilities of bodies: the bounds that no zone needs to exceed, and the cut to these bounds.
+"""Physical limits of bodies: bounds that no zone needs to exceed, and the cut to these bounds.
 
-Three bounds give each joint a sphere during each interval: its highest speed from where it was; its
-velocity at capture and how much that can change (like the reachable sets of SaRA: S. Pereira, M.
-Althoff, "Overapproximative human arm occupancy prediction for collision avoidance", 2018); and the
-bones, outwards from the pelvis: a joint is within its bone's length of its parent.
-``HumanLimits`` says where the figures come from.
+Three bounds give each joint a sphere during each interval: its maximum speed from its last
+position; its velocity at capture and the possible change of it (like the reachable sets of SaRA: S.
+Pereira, M. Althoff, "Overapproximative human arm occupancy prediction for collision avoidance",
+2018); and the bones, outwards from the pelvis: a joint is within its bone's length of its parent.
+``HumanLimits`` gives the sources of the figures.
 """
 
 from typing import NamedTuple, Self
@@ -17,19 +17,19 @@ from hri_predict.zones.settings import HumanLimits
 from hri_predict.zones.sphere_geometry import along, cut
 
 VELOCITY_STEPS = 2
-"""Steps of history over which the velocity at capture is taken."""
+"""Number of history steps over which the velocity at capture is measured."""
 BONE_FACTOR, BONE_MARGIN_M = 1.1, 0.02
-"""A bone may be this much longer than seen at capture: joints slip on the body."""
+"""Margin on a bone's length seen at capture, because joints slip on the body."""
 
 
 class BodyReach(NamedTuple):
     """The bounds for one skeleton, see ``of``. J joints.
 
     Attributes:
-        speed, burst, sustained: (J,) see ``settings.Reach``.
+        speed, burst, sustained: (J,) limits, see ``settings.Reach``.
         rate_hz: steps per second of the history.
-        parents: (J,) of each joint; -1 for roots.
-        bone: (J,) longest distance to the parent, metres; infinite for roots.
+        parents: (J,) parent of each joint; -1 for roots.
+        bone: (J,) maximum distance to the parent, metres; infinite for roots.
         order: all joints but the roots, from the root outwards.
         depth: (J,) the number of bones between a joint and its root.
     """
@@ -45,7 +45,7 @@ class BodyReach(NamedTuple):
 
     @classmethod
     def of(cls, limits: HumanLimits, skeleton: Skeleton, rate_hz: float) -> Self:
-        """The bounds for a skeleton's joints, tree and parts, and a history of ``rate_hz``."""
+        """Return the bounds for a skeleton's joints, tree and parts; history at ``rate_hz``."""
         part = np.full(len(skeleton.joints), "trunk", dtype=object)
         for kind in ("arm", "leg"):
             for side in ("left", "right"):
@@ -68,7 +68,7 @@ class BodyReach(NamedTuple):
         )
 
     def velocity(self, history: Floats, observed: Bools) -> tuple[Floats, Bools]:
-        """(P, J, 3) velocity at capture, and (P, J) whether both its steps were observed."""
+        """Return (P, J, 3) velocity at capture, and (P, J) whether both its steps were observed."""
         if history.shape[1] <= VELOCITY_STEPS:
             shape = (len(history), history.shape[2])
             return np.zeros((*shape, 3)), np.zeros(shape, dtype=bool)
@@ -87,14 +87,14 @@ class BodyReach(NamedTuple):
         until: Floats,
         joint_age: Floats | None = None,
     ) -> tuple[Floats, Floats]:
-        """Cut spheres to what speed and acceleration allow.
+        """Cut spheres to the limits of speed and acceleration.
 
         Args:
             mid, around: (P, K, J, 3) and (P, K, J), each holding a joint during an interval.
-            last: (P, J, 3) where it was last seen.
-            velocity: see ``velocity``.
-            since, until: (P, K) begin and end of the intervals, seconds after the capture.
-            joint_age: (P, J) seconds from when it was last seen to the capture; ``None``: 0.
+            last: (P, J, 3) last seen positions.
+            velocity: velocities at capture, see ``velocity``.
+            since, until: (P, K) start and end of the intervals, seconds after the capture.
+            joint_age: (P, J) seconds from the last observation to the capture; ``None``: 0.
         """
         t = until[..., None]  # (P, K, 1)
         by_speed = self.speed * (t if joint_age is None else t + joint_age[:, None])
@@ -122,11 +122,11 @@ class BodyReach(NamedTuple):
 
         Args:
             mid, around: (P, K, J, 3) and (P, K, J).
-            last: (P, J, 3) where each joint was at the capture.
-            seen: (P, J) whether it was seen in that capture. A bone has the length seen then;
-                otherwise that of the largest person.
+            last: (P, J, 3) joint positions at the capture.
+            seen: (P, J) whether each joint was seen in that capture. A bone has the length seen
+                then; otherwise that of the largest person.
             all_joints: whether to cut joints that were not seen as well.
-            inferred: (P, J) metres within which a joint is of its place in ``last``.
+            inferred: (P, J) maximum distance of a joint from its position in ``last``, metres.
         """
         parents = self.parents
         apart = np.sqrt(((last - last[:, parents]) ** 2).sum(-1))
@@ -154,7 +154,7 @@ class BodyReach(NamedTuple):
 
 
 def _inside(square: Floats, radius: Floats, bound: Floats) -> Bools:
-    """Whether spheres lie in other spheres, by the squared distance of their centres."""
+    """Return whether spheres are inside others, from the squared distance of the centres."""
     room = bound - radius
     result: Bools = (room >= 0) & (square <= room * room)
     return result
@@ -163,7 +163,7 @@ def _inside(square: Floats, radius: Floats, bound: Floats) -> Bools:
 def _cut_outside(
     mid: Floats, around: Floats, centre: Floats, radius: Floats
 ) -> tuple[Floats, Floats]:
-    """``cut``, but only for spheres that do not lie in the other one already: they are few."""
+    """Apply ``cut`` only to the few spheres that are not already inside the other one."""
     apart = mid - centre
     outside = ~_inside(np.einsum("...i,...i->...", apart, apart), around, radius)
     some = np.nonzero(outside)

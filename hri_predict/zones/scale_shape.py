@@ -1,10 +1,10 @@
-"""Dependence of the tail of errors on the size of the learned scale.
+"""Shape: how the tail of the errors depends on the size of the learned scale.
 
-The network says how large an error may be, but not how heavy its tail is. A person who stands still
-has a small scale and may start to walk; an arm that is in motion has a large one, and its errors
-seldom exceed it by much. One factor for both makes the zones of arms too large and those of people
-who stand too small. So the scale is first multiplied by a factor that depends on its own size, the
-trunk's speed class and the step.
+The network estimates the size of an error, but not how heavy its tail is. A person who stands still
+has a small scale but may start to walk; a moving arm has a large scale, and its errors seldom
+exceed it by much. One factor for both would make the zones of arms too large and those of standing
+people too small. The scale is therefore first multiplied by a factor that depends on the scale
+itself, the trunk's speed class and the step.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from hri_predict.base.arrays import Floats, Ints
 from hri_predict.zones.motion_class import SPEED_CLASSES
 
 KNOTS = 8
-"""Sizes of the scale at which a factor is known; between them it is interpolated, log by log."""
+"""Number of knots: sizes of the scale with a known factor; log-log interpolation in between."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +25,7 @@ class ScaleShape:
 
     Attributes:
         size_m: (3, H, B) sizes, metres, ascending, by speed class and step.
-        factor: (3, H, B) factors there; beyond the knots those of the nearest.
+        factor: (3, H, B) factors at these sizes; beyond the knots, the nearest factor applies.
     """
 
     size_m: Floats
@@ -35,19 +35,19 @@ class ScaleShape:
         """(W, H, J) metres: the scale times its factor.
 
         Args:
-            scale_m: (W, H, J); steps beyond the shape's last count as that one.
+            scale_m: (W, H, J); steps beyond the end of the shape use its last step.
             fast: (W,) speed class.
         """
         knots, logs = self.logarithms(scale_m.shape[1])
         return shaped_by(scale_m, knots[fast], logs[fast])
 
     def logarithms(self, steps: int) -> tuple[Floats, Floats]:
-        """(3, ``steps``, B) each: the logarithms of sizes and factors."""
+        """Return the logarithms of sizes and factors, (3, ``steps``, B) each."""
         step = np.minimum(np.arange(steps), self.size_m.shape[1] - 1)
         return np.log(self.size_m[:, step]), np.log(self.factor[:, step])
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data: sizes in whole micrometres, factors in whole thousandths."""
+        """Return plain data: sizes in whole micrometres, factors in whole thousandths."""
         return {
             "size_um": np.round(self.size_m * 1e6).astype(np.int64).tolist(),
             "thousandths": np.ceil(self.factor * 1000.0 - 1e-6).astype(np.int64).tolist(),
@@ -55,10 +55,10 @@ class ScaleShape:
 
     @classmethod
     def of_json(cls, data: dict[str, Any], steps: int) -> "ScaleShape":
-        """Read what ``to_json`` gave.
+        """Read the output of ``to_json``.
 
         Raises:
-            ValueError: it is none, or not of ``steps``.
+            ValueError: the data are not a shape, or not for ``steps``.
         """
         if set(data) != {"size_um", "thousandths"}:
             raise ValueError("shape must have size_um and thousandths")
@@ -77,7 +77,8 @@ class ScaleShape:
 
 
 def shaped_by(scale_m: Floats, knots: Floats, logs: Floats) -> Floats:
-    """(W, H, J) metres: the scale times its factor, by (W, H, B) ``ScaleShape.logarithms``."""
+    """Return (W, H, J) metres: the scale times its factor, from (W, H, B)
+    ``ScaleShape.logarithms``."""
     knots, logs = knots[:, :, None], logs[:, :, None]
     size = np.log(scale_m)
     below = np.count_nonzero(size[..., None] >= knots[..., 1:-1], axis=-1)[..., None]
@@ -89,7 +90,7 @@ def shaped_by(scale_m: Floats, knots: Floats, logs: Floats) -> Floats:
 
 
 def _at(table: Floats, index: Ints) -> Floats:
-    """The entries of (W, H, 1, B) at (W, H, J, 1), as (W, H, J)."""
+    """Return the entries of (W, H, 1, B) at (W, H, J, 1), as (W, H, J)."""
     wide = np.broadcast_to(table, (*index.shape[:-1], table.shape[-1]))
     found: Floats = np.take_along_axis(wide, index, axis=-1)[..., 0]
     return found

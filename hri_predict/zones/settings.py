@@ -1,4 +1,4 @@
-"""Settings of zones: how far bodies get, and how often zones hold them."""
+"""Settings of zones: motion limits of bodies, and coverage of zones."""
 
 from typing import ClassVar, Literal, Self
 
@@ -8,25 +8,26 @@ from hri_predict.base.quantities.safe_side import LessSafe, Safety
 from hri_predict.base.settings import MIN_HUMAN_M_S, Settings
 
 MIN_HUMAN_M_S2 = 3.0
-"""No joint is assumed to accelerate less: half of what sprinters' trunks do (``HumanLimits``)."""
+"""Minimum acceleration assumed for any joint: half that of sprinters' trunks (``HumanLimits``)."""
 MAX_ASSUMED_M_S = 5.0
-"""No person is assumed to be faster: with more, runners would not count as fast."""
+"""Maximum speed assumed for a person: with more, runners would not count as fast."""
 MIN_REACH_SHARE = 0.5
-"""Minimum share of the default reach: people at work do at least that."""
+"""Minimum share of the default reach: people at work reach at least this."""
 
 LEVELS = (0.9, 0.95, 0.99)
 """Coverage levels of calibrated zones."""
 
 
 class Reach(Settings):
-    """Reach of a joint of one part of the body: it is within both of two spheres.
+    """Reach of a joint of one part of the body: the joint is inside two spheres.
 
-    The first has the radius ``speed_m_s`` t about where the joint was. The second has the radius
-    (``burst_m_s`` + ``sustained_m_s2`` t / 2) t about where its present velocity would take it.
-    Every zone is cut to them, so they must not be smaller than what people at work do.
+    The first has the radius ``speed_m_s`` t around the joint's last position. The second has the
+    radius (``burst_m_s`` + ``sustained_m_s2`` t / 2) t around the position extrapolated with its
+    present velocity. Every zone is cut to both, so they must not be smaller than the motion of
+    people at work.
     """
 
-    speed_m_s: float = Field(ge=2, le=50, description="no joint of this part is faster")
+    speed_m_s: float = Field(ge=2, le=50, description="maximum speed of any joint of this part")
     burst_m_s: float = Field(
         ge=1, le=50, description="change of velocity within hundredths of a second"
     )
@@ -55,7 +56,7 @@ REACH: dict[Literal["trunk", "arm", "leg"], Reach] = {
 
 
 class HumanLimits(Settings):
-    """Speeds of people: what the standard assumes, and what bodies can do.
+    """Speeds of people: assumptions of the standard, and physical limits.
 
     The standard's figures apply without a calibrated forecast: ISO 13855:2010 gives K = 2.0 m/s for
     an upper limb and 1.6 m/s for a walking body (as quoted in the ifm OY and Schmersal SLC
@@ -63,7 +64,7 @@ class HumanLimits(Settings):
     50 for arms and hands, and 2 m/s for every joint (JakobThumm/sara-shield,
     ``safety_shield/config/human_reach_TUM_lab.yaml``).
 
-    No zone needs to exceed ``reach``. SaRA's figures are too small for it: people run, jump and
+    No zone needs to exceed ``reach``. SaRA's figures are too small for this: people run, jump and
     kick. The sprinters of di Prampero et al. (J. Exp. Biol. 208 (2005) 2809) reached 9.46 m/s (SD
     0.19) and accelerated by 6.42 m/s2 (SD 0.61). Mean + 3 SD give the trunk's speed and every
     part's sustained acceleration. Bursts and the limbs' speeds are chosen to hold at least 99.9 %
@@ -103,7 +104,7 @@ class HumanLimits(Settings):
         description="minimum size of zones, in standard deviations of the forecast; 0: off",
     )
     extend_beyond_horizon: bool = Field(
-        False, description="past the last horizon zones grow at the physical speed"
+        False, description="let zones grow at the physical speed beyond the last horizon"
     )
     reach: dict[Literal["trunk", "arm", "leg"], Reach] = Field(
         REACH,
@@ -159,8 +160,8 @@ class CoverageSettings(Settings):
     """Coverage of the body by zones (``risk.coverage``); see ``calibration``.
 
     ``of: joint`` requires each joint to be inside (the joint nearest to the robot is one joint);
-    ``body`` requires all joints at once, which takes larger zones. ``guaranteed`` radii exist only
-    if enough independent recordings support the level; ``estimated`` radii rest on all windows
+    ``body`` requires all joints at once, which requires larger zones. ``guaranteed`` radii exist
+    only if enough independent recordings support the level; ``estimated`` radii use all windows
     together.
     """
 
@@ -177,12 +178,13 @@ class CoverageSettings(Settings):
         None, description="file from hri-predict calibrate; default: the shipped one"
     )
     self_check: bool = Field(
-        True, description="compare past forecasts with the truth; widen zones that were too small"
+        True,
+        description="compare past forecasts with the actual motion; widen zones that are too small",
     )
 
     safety: ClassVar[Safety] = {
         "level": LessSafe(below="zones fail to hold a body more often: 1 - {value:g} of the time"),
-        "self_check": LessSafe(other="zones that turn out too small are not noticed or widened"),
+        "self_check": LessSafe(other="zones that turn out too small are not detected or widened"),
     }
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""Spheres: the smallest around what two spheres share, and around the parts of a path."""
+"""Smallest spheres around the intersection of two spheres, and around the parts of a path."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from hri_predict.base.geometry import norm
 def cut(
     centre: Floats, radius: Floats, other_centre: Floats, other_radius: Floats
 ) -> tuple[Floats, Floats]:
-    """The smallest sphere that holds all points inside both spheres.
+    """Return the smallest sphere that holds all points inside both spheres.
 
     With d the distance of the centres, the spheres meet in a circle whose plane is at
     x = (d^2 + r1^2 - r2^2) / 2d from the first centre. Where 0 < x < d the circle's disc is the
@@ -33,7 +33,8 @@ def cut(
 
 
 def along(d: Floats, radius: Floats, other_radius: Floats) -> tuple[Floats, Floats]:
-    """The sphere of ``cut``: its place, as a part of the way to the other centre, and its radius.
+    """Return the sphere of ``cut``: its centre, as a fraction of the way to the other centre, and
+    its radius.
 
     Args:
         d: (...) distance of the centres, metres.
@@ -52,7 +53,7 @@ def along(d: Floats, radius: Floats, other_radius: Floats) -> tuple[Floats, Floa
 
 
 def enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
-    """Spheres around a piecewise linear path.
+    """Return spheres around a piecewise linear path.
 
     Args:
         knots: (P, N, J, 3) the path at steps 0..N-1; it ends at the last.
@@ -61,7 +62,7 @@ def enclosed(knots: Floats, steps: Floats) -> tuple[Floats, Floats]:
 
     Returns:
         mid (P, K+1, J, 3) and radius (P, K+1, J): entry k >= 1 holds the path between
-        ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 begins at
+        ``steps[k-1]`` and ``steps[k]``; entry 0 is the path at step 0. Interval 1 starts at
         ``steps[1] - 1``, the current step.
     """
     last = knots.shape[1] - 1

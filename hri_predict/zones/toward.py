@@ -1,11 +1,11 @@
-"""Extent of a body in one direction: less than its zones extend to all sides.
+"""Extent of a body in one direction, which is smaller than that of its zones.
 
-A zone is a ball about a joint's forecast place, and holds the joint in every direction. A part of
-the robot only needs to know how far the joint may come *towards it*. For a joint whose true place
-is off its forecast place by e, and a unit vector n, that is e.n: its quantile is 0.4 to 0.8 of the
-quantile of e's length. The calibration states this share for each speed class and step by the angle
-between n and the forecast's motion (``Calibration.toward``), fixed before the outcome is known.
-``docs/decisions/zones-toward-the-robot.md`` proves what ``risk.separation.search`` makes of it.
+A zone is a ball around a joint's forecast position and holds the joint in every direction. A part
+of the robot only needs to know how far the joint may come *towards it*. For a forecast error e and
+a unit vector n, this is e.n, with a quantile of 0.4 to 0.8 times the quantile of e's length. The
+calibration states this share for each speed class and step by the angle between n and the
+forecast's motion (``Calibration.toward``), fixed before the outcome is known.
+``docs/decisions/zones-toward-the-robot.md`` proves the method of ``risk.separation.search``.
 """
 
 from typing import NamedTuple
@@ -16,9 +16,9 @@ from hri_predict.base.arrays import Bools, Floats, Ints
 from hri_predict.base.geometry import norm, transform
 
 STILL_M = 0.05
-"""A joint whose forecast moves less than this has no direction of motion."""
+"""Minimum forecast displacement that defines a direction of motion."""
 STEEP = 0.6
-"""Vertical part of a direction from which it counts as up or down, not sideways."""
+"""Minimum vertical component of a direction that counts as up or down, not sideways."""
 COSINES = (-0.75, -0.25, 0.25, 0.75, 0.93)
 """Cosines between the classes of the angle to the motion, from behind to ahead."""
 BINS = 3 + len(COSINES)
@@ -29,16 +29,17 @@ class Toward(NamedTuple):
     """Support of P bodies by direction. K+1 entries, J joints, S segments, as in the zones.
 
     Attributes:
-        ends: (P, S, 2) the joints that bound each segment.
+        ends: (P, S, 2) the joints at both ends of each segment.
         extra: (P, S) metres that a segment extends beyond its joints' spheres.
         mid, radius: (P, K+1, J, 3) and (P, K+1, J) the joints' spheres.
         path: (P, K+1, J, 3) their forecast places.
         claim: (P, K+1, J) their calibrated radii.
-        rest: (P, K+1, J) metres about ``path`` besides ``claim``; infinite without a forecast.
-        within: (P, J) radius of the inferred place of a joint that is not seen: it counts in all
-            directions; 0 for others.
-        way: (P, K+1, J, 3) unit vectors of the forecast motion; zeros of a still joint.
-        shares: (P, K+1, BINS) of ``claim`` that count in directions of a class.
+        rest: (P, K+1, J) metres around ``path`` in addition to ``claim``; infinite without a
+            forecast.
+        within: (P, J) radius around the inferred position of an unseen joint, applied in all
+            directions; 0 for other joints.
+        way: (P, K+1, J, 3) unit vectors of the forecast motion; zeros for a still joint.
+        shares: (P, K+1, BINS) shares of ``claim`` to use in directions of each class.
     """
 
     ends: Ints
@@ -53,7 +54,7 @@ class Toward(NamedTuple):
     shares: Floats
 
     def of(self, people: Ints) -> "Toward":
-        """Return the support of some people, by their indices."""
+        """Return the support of some people, given by their indices."""
         return Toward._make(rows[people] for rows in self)
 
     def moved(self, matrix: Floats) -> "Toward":
@@ -74,7 +75,8 @@ NOTHING = Toward(
 
 
 def direction_class(direction: Floats, way: Floats) -> Ints:
-    """(...) the class of unit vectors (..., 3), for joints that move along ``way`` (..., 3)."""
+    """Return (...) the class of unit vectors (..., 3), for joints that move along ``way`` (...,
+    3)."""
     cosine = np.einsum("...i,...i->...", direction, way)
     found = 1 + np.searchsorted(COSINES, cosine, side="right")
     found = np.where(np.einsum("...i,...i->...", way, way) > 0.25, found, 0)
@@ -83,14 +85,14 @@ def direction_class(direction: Floats, way: Floats) -> Ints:
 
 
 def ways(moved: Floats) -> Floats:
-    """(..., 3) unit vectors of displacements (..., 3); zeros of those below ``STILL_M``."""
+    """Return (..., 3) unit vectors of displacements (..., 3); zeros for those below ``STILL_M``."""
     size = norm(moved)[..., None]
     found: Floats = np.where(size >= STILL_M, moved / np.maximum(size, STILL_M), 0.0)
     return found
 
 
 def followed(joint_age: Floats, claimed: Floats, outside: Bools, steps: int) -> Bools:
-    """(P, J) whether a joint has a calibrated radius and follows its forecast."""
+    """Return (P, J) whether a joint has a calibrated radius and follows its forecast."""
     has = np.isfinite(claimed[:, :steps]).all(1)
     found: Bools = np.asarray((joint_age < 1e-6) & has & ~outside[:, None])
     return found

@@ -9,8 +9,8 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.protocol.reasons import Reason
 
 BY_CHANCE = 1.1
-"""Maximum factor that is not reported: radii that hold as often as they say miss now and then. They
-widen, but neither is it said nor does the standard lose its say."""
+"""Maximum factor that is not reported: even well-calibrated radii miss occasionally. They widen,
+but this is not reported, and the standard's assumptions still apply."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class Trust:
         residual_m: (P,) metres; NaN if no forecast is old enough to be judged.
         error_m: (P, 2, J) metres, see ``learned_scale.Evidence``; NaN if unknown.
         widen: (P, H) factors >= 1 for the calibrated radii.
-        out_of_distribution: (P,) whose motion lies outside the calibration: use physical limits.
+        out_of_distribution: (P,) whether motion is outside the calibration: use physical limits.
     """
 
     residual_m: Floats
@@ -31,12 +31,12 @@ class Trust:
 
     @property
     def widened(self) -> Bools:
-        """(P,) whose radii are widened by more than chance would; NaN counts as that."""
+        """(P,) whether radii are widened by more than chance explains; NaN counts as widened."""
         return ~np.asarray((self.widen <= BY_CHANCE).all(1))
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """``MOTION_UNLIKE`` and ``ZONES_WIDENED`` as they apply, worst first."""
+        """``MOTION_UNLIKE`` and ``ZONES_WIDENED`` where applicable, worst first."""
         found: Sequence[tuple[bool, Reason]] = (
             (bool(self.out_of_distribution.any()), Reason.MOTION_UNLIKE),
             (bool((self.widened & ~self.out_of_distribution).any()), Reason.ZONES_WIDENED),
@@ -44,7 +44,7 @@ class Trust:
         return tuple(reason for holds, reason in found if holds)
 
     def residual_alone(self) -> "Trust":
-        """The past errors alone, which the scale reads: no widening, no physical limits."""
+        """Return a copy with only the past errors: no widening, no physical limits."""
         return replace(
             self,
             widen=np.ones_like(self.widen),

@@ -8,7 +8,7 @@ from hri_predict.base.geometry import Capsules
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zones:
-    """Regions where every body segment of every person may be. P people (lost ones too), S
+    """Regions in which each body segment of each person may be. P people (lost people too), S
     segments.
 
     Attributes:

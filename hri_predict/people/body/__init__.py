@@ -1,1 +1,1 @@
-"""Whether a body can be true: its size, and how it stands."""
+"""Plausibility checks of a body: its size and its posture."""

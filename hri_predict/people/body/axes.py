@@ -1,7 +1,7 @@
-"""Which axes of a source would make its bodies stand: a wrong choice is one of 24 rotations.
+"""Finds the axes of a source with which its bodies stand: a wrong choice is one of 24 rotations.
 
-Gravity shows which axis is up. No body shows the room's heading, so of the axes with which all
-stand those are named with which people look ahead.
+Gravity shows which axis is up. Bodies do not show the room's heading, so among the axes with which
+all bodies stand, those with which people look ahead are returned.
 """
 
 import itertools
@@ -16,22 +16,22 @@ from hri_predict.contracts.joint_map import axes_rotation
 from hri_predict.people.body.posture import posture_of
 
 COMMON = (["x", "y", "z"], ["z", "-x", "-y"], ["z", "x", "y"], ["-z", "-x", "y"])
-"""Axes that trackers use (REP-103, a camera's optical frame, y up): tried first."""
+"""Axes used by trackers (REP-103, a camera's optical frame, y up), which are tried first."""
 ALIKE = 0.02
-"""Axes that make people stand no straighter than this are not better than more common ones."""
+"""Axes whose upright cosine is this close to the best are considered equally good."""
 STANDING = 0.5
 """Minimum cosine between gravity and the sum of all bodies' down, for people who stand or sit."""
 _PAIRS = [(JOINTS.index(f"l_{part}"), JOINTS.index(f"r_{part}")) for part in ("hip", "shoulder")]
 
 
 def all_axes(hands: float) -> Iterator[tuple[list[str], Floats]]:
-    """All 24 axes of one handedness that point forward, left and up; common ones first.
+    """Return all 24 axes of one handedness that point forward, left and up; common ones first.
 
     Args:
         hands: 1 for right-handed sources, -1 for left-handed ones.
 
     Returns:
-        axes, and the (3, 3) rotation that they stand for; of determinant ``hands``.
+        the axes, and their (3, 3) rotation with determinant ``hands``.
     """
     letters = [list(order) for order in itertools.permutations("xyz")]
     signs = itertools.product(("", "-"), repeat=3)
@@ -51,9 +51,9 @@ def standing_axes(
     """Return the axes with which bodies would stand; ``None`` if there are none.
 
     Args:
-        bodies: (J, 3), (J,) canonical joints, as the current axes give them.
-        rotation: (3, 3) from the source's axes to forward, left and up, as it is now.
-        hands: -1 if the bodies have left and right swapped now, or else 1.
+        bodies: (J, 3), (J,) canonical joints, according to the current axes.
+        rotation: (3, 3) current rotation from the source's axes to forward, left and up.
+        hands: -1 if left and right of the bodies are swapped now, otherwise 1.
     """
     down = np.sum([posture_of(*body).down for body in bodies], axis=0)
     length = float(np.linalg.norm(down))
@@ -73,7 +73,7 @@ def standing_axes(
 
 
 def _across(bodies: Sequence[tuple[Floats, Bools]]) -> Floats:
-    """(n, 3) directions from the right to the left hip, or else shoulder."""
+    """Return (n, 3) directions from right to left hip, or shoulder if hips are not seen."""
     found = []
     for positions, observed in bodies:
         for left, right in _PAIRS:

@@ -1,4 +1,4 @@
-"""Places of joints that are not seen, by those that are: a distribution of human postures.
+"""Positions of unseen joints, from the seen ones: a distribution of human postures.
 
 All joints of a body in its own heading frame (z up; y from the right shoulder and hip to the left;
 the origin on the floor below the seen trunk) have one multivariate t distribution, with a mean and
@@ -6,12 +6,12 @@ a scale matrix. From any set of seen joints, the mean of the others follows by c
 Bishop, "Pattern Recognition and Machine Learning" (2006), eq. 2.81 and 2.82. Their scale grows with
 the squared Mahalanobis distance d of the M seen coordinates, by (TAIL + d) / (TAIL + M): P. Ding,
 "On the conditional distribution of the multivariate t distribution", The American Statistician 70
-(2016) 293. So the joints of a body that bends or jumps are less certain than those of one that
-stands. Where the body stands under its joints is not assumed: the origin has a wide prior.
+(2016) 293. The joints of a bending or jumping body are thus less certain than those of a standing
+body. The position of the body on the floor is not assumed: the origin has a wide prior.
 
-Postures do not follow a t distribution either, so this is only a scale: ``factor`` times it held
-``lab.calibration.body_model.HELD`` of the true joints of recordings that were not fitted. A body
-whose seen joints are themselves unlike all recorded ones (lying, climbing) is not completed.
+Postures do not follow a t distribution exactly, so this is only a scale: ``factor`` times the scale
+held ``lab.calibration.body_model.HELD`` of the true joints in recordings that were not used for
+fitting. A body with seen joints unlike any recorded posture (lying, climbing) is not completed.
 """
 
 import json
@@ -32,24 +32,24 @@ NOISE_M = 0.02
 ORIGIN_M, FLOOR_M = 1.0, 0.03
 """Standard deviations of the origin over the floor, and of the floor's height."""
 LEAST_JOINTS = 4
-"""With fewer, a body is bounded by its reach alone."""
+"""Minimum number of seen joints; with fewer, a body is bounded only by its reach."""
 TAIL = 8.0
 """Degrees of freedom."""
 LEAST_GROWTH = 0.7
-"""Growth of the scale, at least: a posture very near to the mean is not as certain as that."""
+"""Minimum growth of the scale: even a posture very near the mean is not more certain than this."""
 LEAST_WIDTH_M = 0.1
-"""Horizontal distance of both shoulders or hips: of less, the heading is not known."""
+"""Minimum horizontal distance between both shoulders or hips from which the heading is known."""
 _PAIRS = tuple((JOINTS.index(f"l_{n}"), JOINTS.index(f"r_{n}")) for n in ("shoulder", "hip"))
 _TRUNK = tuple(
     JOINTS.index(n)
     for n in ("waist", "torso", "neck", "head", "l_shoulder", "r_shoulder", "l_hip", "r_hip")
 )
 _MOST_KEPT = 256
-"""Sets of seen joints whose solution is kept."""
+"""Number of sets of seen joints for which the solution is cached."""
 
 
 class Completed(NamedTuple):
-    """N bodies: places (N, J, 3) of all joints, metres within which they are (N, J), and (N,)
+    """N bodies: positions (N, J, 3) of all joints, their maximum errors (N, J) in metres, and (N,)
     whether the body could be completed."""
 
     positions: Floats
@@ -67,12 +67,12 @@ class _Given(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadingFrame:
-    """Places and headings of N bodies.
+    """Positions and headings of N bodies.
 
     Attributes:
         origin: (N, 3) on the floor, z 0.
-        turn: (N, 3, 3) from the room to the frame.
-        exists: (N,).
+        turn: (N, 3, 3) rotation from the room to the frame.
+        exists: (N,) whether a body has a frame.
     """
 
     origin: Floats
@@ -85,7 +85,7 @@ class HeadingFrame:
 
         Args:
             positions: (N, J, 3) metres, finite.
-            seen: (N, J) the joints that count.
+            seen: (N, J) the joints to use.
         """
         across = np.zeros((len(positions), 2))
         for left, right in _PAIRS:
@@ -106,12 +106,12 @@ class HeadingFrame:
         return cls(origin, turn, np.asarray(exists))
 
     def into(self, positions: Floats) -> Floats:
-        """(N, J, 3) of the room, in the frames."""
+        """Transform (N, J, 3) from the room to the frames."""
         found: Floats = np.einsum("nik,njk->nji", self.turn, positions - self.origin[:, None])
         return found
 
     def back(self, positions: Floats) -> Floats:
-        """(N, J, 3) of the frames, in the room."""
+        """Transform (N, J, 3) from the frames to the room."""
         found: Floats = np.einsum("nki,njk->nji", self.turn, positions) + self.origin[:, None]
         return found
 
@@ -122,8 +122,8 @@ class BodyModel:
     Args:
         mean: (J, 3) metres, in the heading frame.
         covariance: (3 J, 3 J) square metres, positive definite.
-        factor: (J,) scales within which the true joint is.
-        most_odd: largest squared Mahalanobis distance of seen joints from the mean, a coordinate.
+        factor: (J,) number of scales within which the true joint is.
+        most_odd: maximum squared Mahalanobis distance of seen joints from the mean, per coordinate.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class BodyModel:
         self._kept: dict[bytes, _Given] = {}
 
     def complete(self, positions: Floats, seen: Bools) -> Completed:
-        """Return the places of all joints by those that are seen.
+        """Return the positions of all joints, computed from the seen ones.
 
         Args:
             positions: (N, J, 3) metres, finite, in the room: z up, the floor at 0.
@@ -166,7 +166,7 @@ class BodyModel:
         return Completed(frame.back(place.reshape(positions.shape)), within, usable)
 
     def oddness(self, positions: Floats, seen: Bools) -> Floats:
-        """(N,) squared Mahalanobis distance a coordinate; NaN where there is no frame."""
+        """Return (N,) squared Mahalanobis distance per coordinate; NaN where there is no frame."""
         frame = HeadingFrame.of(positions, seen)
         own = frame.into(positions).reshape(len(positions), -1) - self.mean.reshape(-1)
         found = np.full(len(positions), np.nan)
@@ -194,7 +194,7 @@ class BodyModel:
         return found
 
     def to_json(self) -> dict[str, Any]:
-        """Lists of numbers; of the covariance the lower triangle."""
+        """Return lists of numbers; the lower triangle for the covariance."""
         rows = [[float(f"{v:.5g}") for v in row[: i + 1]] for i, row in enumerate(self.covariance)]
         return {
             "joints": list(JOINTS),
@@ -207,7 +207,7 @@ class BodyModel:
 
 @cache
 def body_model() -> BodyModel:
-    """Return the fitted model that ships.
+    """Return the shipped, fitted model.
 
     Raises:
         ConfigError: its file is damaged.
@@ -227,9 +227,9 @@ def _of_json(data: Any) -> BodyModel:
     most_odd, covariance = float(data["most_odd"]), lower + np.tril(lower, -1).T
     numbers = np.concatenate([mean.ravel(), factor, covariance.ravel(), [most_odd]])
     if data["joints"] != list(JOINTS) or len(data["covariance_m2"]) != size:
-        raise ValueError("of another skeleton")
+        raise ValueError("made for another skeleton")
     if mean.shape != (len(JOINTS), 3) or factor.shape != (len(JOINTS),) or most_odd <= 0:
-        raise ValueError("of another shape")
+        raise ValueError("an array has the wrong shape")
     if not np.isfinite(numbers).all() or (factor <= 0).any():
         raise ValueError("not finite, or a factor that is not above 0")
     np.linalg.cholesky(covariance)  # raises where it is no covariance

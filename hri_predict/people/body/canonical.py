@@ -1,4 +1,4 @@
-"""One body as the source sends it, in canonical joints."""
+"""Conversion of one body from the source's joints to canonical joints."""
 
 import math
 from typing import NamedTuple
@@ -14,11 +14,11 @@ from hri_predict.people.body.unseen import at_origin, out_of_reach
 from hri_predict.people.track import Body
 
 HIP_CENTRED_M = 0.35
-"""A waist at the origin, and hips or the lumbar joint within this: the waist was not lost."""
+"""A waist at the origin with hips or the lumbar joint within this distance was not lost."""
 _WAIST = JOINTS.index("waist")
 _NEXT = [JOINTS.index(name) for name in ("l_hip", "r_hip", "torso")]
 ROOM_LIMIT_M = 1000.0
-"""No room is larger: a coordinate beyond this is an error."""
+"""Maximum coordinate: no room is larger, so a larger value is an error."""
 
 
 class Mapped(NamedTuple):
@@ -26,10 +26,11 @@ class Mapped(NamedTuple):
 
     Attributes:
         body: ``None`` if no joint is usable.
-        trouble: the counter of what is wrong with it; ``None``: nothing.
-        unusable: number of observed joints that are not coordinates.
-        unseen: number of observed joints at the source's origin, or out of reach of the others.
-        hip_centred: its waist is at the source's origin, and the rest of the body around it.
+        trouble: the counter for its fault; ``None``: no fault.
+        unusable: number of observed joints without valid coordinates.
+        unseen: number of observed joints at the source's origin, or too far from the others.
+        hip_centred: whether the waist is at the source's origin, with the rest of the body around
+            it.
     """
 
     body: Body | None
@@ -43,9 +44,9 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
     """Map a person's joints to canonical ones. Never raises.
 
     Args:
-        person: as the source gives it.
-        joint_map: of the source.
-        origin: (3,) of the source's frame, in the room; a joint exactly there was not seen.
+        person: the person as sent by the source.
+        joint_map: joint map of the source.
+        origin: (3,) origin of the source's frame, in the room; a joint exactly there was not seen.
     """
     count = len(joint_map.source_joints)
     if person.positions.shape != (count, 3) or person.observed.shape != (count,):
@@ -82,13 +83,13 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
 
 
 def _is_waist(joint_map: JointMap, joints: Bools) -> bool:
-    """Whether one of these (J_source,) joints alone is the waist."""
+    """Return whether exactly one of these (J_source,) joints is mapped to the waist."""
     weights = joint_map.weights[_WAIST]
     return bool((weights[joints] == 1.0).any())
 
 
 def _around(body: Body, origin: Floats) -> bool:
-    """Whether the joints next to the waist are as near to the origin as bones allow."""
+    """Return whether the joints next to the waist are within a bone's length of the origin."""
     next_to = [joint for joint in _NEXT if body.observed[joint]]
     apart = [float(np.linalg.norm(body.positions[joint] - origin)) for joint in next_to]
     return bool(apart) and max(apart) < HIP_CENTRED_M

@@ -1,15 +1,15 @@
-"""Whether the floor is where it was: a sensor that sinks, tilts or is moved takes it along.
+"""Detects an apparent shift of the floor: the sensor has sunk, tilted or been moved.
 
-A skeleton shows the floor where a person stands: both ankles still for a second, equally high, and
-the hips above them. In 548 such seconds of recorded people the ankles were 3 to 14 cm above the
-floor, so a floor that appears ``floor_drift_m`` higher or lower at the same place is not another
-person. It may be a box, a pallet or a new platform, which is in one place: only three places, each
-``APART_M`` from the others, say that the sensor was moved.
+A skeleton shows the floor where a person stands: both ankles are still for a second at equal
+height, with the hips above them. In 548 such seconds of recorded people the ankles were 3 to 14 cm
+above the floor, so a floor that appears ``floor_drift_m`` higher or lower at the same place is not
+due to another person. It may be a box, a pallet or a new platform, but only in one place: the
+sensor counts as moved only if three places agree, each ``APART_M`` from the others.
 
 The places and their heights are learnt in the first minutes of standing; a place with two heights,
-as at the edge of a platform, says nothing. Not seen: a turn about a plumb line and a shift along
-the floor, a sensor that was moved before the node started, and a cell in which people stand
-at fewer than three places.
+such as the edge of a platform, is ignored. Not detected: a rotation about the vertical, a shift
+along the floor, a sensor that was moved before the node started, and any shift in a cell in which
+people stand at fewer than three places.
 """
 
 import math
@@ -27,30 +27,31 @@ from hri_predict.protocol.reasons import Reason
 
 STAND_NS, SAMPLE_NS = 1_000_000_000, 100_000_000
 LEAST_SAMPLES = 4
-"""In a second of a person who stands: the sensor sees them 5 times at least."""
+"""Minimum number of samples in a second of standing: the sensor captures at least 5."""
 STILL_M = 0.03
-"""Maximum standard deviation of an ankle per axis: noise, not a step."""
+"""Maximum standard deviation of a standing person's ankle per axis: a step exceeds it."""
 LEVEL_M = 0.08
-"""Maximum difference of height between the ankles: one foot on a step is more."""
+"""Maximum height difference between the ankles: one foot on a step exceeds it."""
 LEG_M = 0.65
-"""Minimum height of the hips above the ankles: a person who sits has less."""
+"""Minimum height of the hips above the ankles: a seated person is below it."""
 REACH_M, APART_M = 0.5, 1.0
-"""Radius of a place; minimum distance between three that say that the sensor was moved: more than a
-pallet has room for."""
+"""Radius of a place; minimum distance between the three places that show a moved sensor: larger
+than a pallet."""
 FIRST, NEWEST, PLACES = 10, 5, 3
-"""Seconds of standing from which the height of a place is known, at first and since; places."""
+"""Seconds of standing required for the initial and for the current height of a place; number of
+places required."""
 LEARNT = 600
-"""Seconds of standing after which no new place is learnt, once there are ``PLACES``."""
+"""Seconds of standing after which no new place is learnt, if at least ``PLACES`` are known."""
 MOST_PLACES = 256
-"""Places that are kept; those that were not visited for longest are dropped first."""
+"""Maximum number of places kept; the least recently visited are dropped first."""
 AGREES = 0.7
-"""Share of the limit within which every place must be before they agree again."""
+"""Share of the limit to which every place must return before the doubt ends."""
 _FEET, _HIPS = ([JOINTS.index(f"{side}_{name}") for side in "lr"] for name in ("ankle", "hip"))
 
 
 @dataclass(slots=True)
 class _Second:
-    """The captures of one body in the present second: ankles (2, 3) and the hips' mean height."""
+    """The captures of one body in the current second: ankles (2, 3) and the hips' mean height."""
 
     began_ns: int
     next_ns: int
@@ -60,7 +61,7 @@ class _Second:
 
 @dataclass(slots=True)
 class _Place:
-    """A place of standing: (2,) at first and now, and the heights of the ankles there, metres."""
+    """A place where people stand: (2,) initial and current position, and ankle heights, metres."""
 
     at: Floats
     now: Floats
@@ -69,9 +70,9 @@ class _Place:
     drift_m: float | None = None
 
     def add(self, height_m: float, limit_m: float) -> None:
-        """Take in a height, and work out by how much the floor is higher than at first.
+        """Add a height, and update the rise of the floor relative to the initial height.
 
-        While people stand at two heights, that remains as it was; ``None``: never known.
+        While people stand at two heights, the rise does not change; ``None``: not yet known.
         """
         if len(self.first) < FIRST:
             self.first.append(height_m)
@@ -85,7 +86,7 @@ class FloorWatch:
     """The floor under the people of one sensor. One thread only.
 
     Args:
-        settings: ``floor_drift_m`` is the limit; where postures are not checked, the floor is not.
+        settings: ``floor_drift_m`` is the limit; without posture checks, the floor is not checked.
 
     Attributes:
         seconds: seconds of standing that were judged.
@@ -100,9 +101,9 @@ class FloorWatch:
         self._drift_m: float | None = None
 
     def note(self, body: Body, capture_ns: int) -> None:
-        """Take in one body, room frame; ``capture_ns`` rises from call to call for one person.
+        """Add one body, room frame; ``capture_ns`` rises from call to call for each person.
 
-        A body whose place is not known to ``floor_drift_m`` says nothing.
+        A body with a position error above ``floor_drift_m`` is ignored.
         """
         if not self._on or body.error_m >= self._limit_m:
             return
@@ -127,7 +128,7 @@ class FloorWatch:
                 self._stand(place)
 
     def doubts(self) -> tuple[Doubt, ...]:
-        """Return the doubt while the floor is not where it was; none otherwise."""
+        """Return the doubt while the floor appears shifted; otherwise none."""
         if self._drift_m is None:
             return ()
         way = "higher" if self._drift_m > 0 else "lower"
@@ -136,7 +137,7 @@ class FloorWatch:
         return (Doubt(Reason.SENSOR_MOVED, text),)
 
     def _stand(self, ankles: Floats) -> None:
-        """Take in a second in which a person stood: (3,) the middle of the ankles."""
+        """Add a second in which a person stood: (3,) the middle of the ankles."""
         at, away_m = ankles[:2], [math.dist(place.at, ankles[:2]) for place in self._places]
         self.seconds += 1
         if away_m and min(away_m) <= REACH_M:
@@ -169,7 +170,7 @@ class FloorWatch:
 
 
 def _stands(second: _Second) -> Floats | None:
-    """(3,) the middle of the ankles of a person who stood for this second; ``None``: did not."""
+    """Return (3,) the middle of the ankles if the person stood for this second, or ``None``."""
     ankles = np.array(second.ankles)
     if len(ankles) < LEAST_SAMPLES or ankles.std(axis=0).max() > STILL_M:
         return None

@@ -1,13 +1,14 @@
-"""Joints that a tracker does not see, inferred from those that it sees, with their uncertainty.
+"""Unseen joints, inferred from the seen ones, with their uncertainty.
 
-Some never come (COCO has no hands, feet and torso), others are hidden: by a bench, by the edge of
-the picture, or for a moment. ``RULES`` place a joint in a frame that moves with the body: an
-origin, an axis whose length is the person's own measured bone, and for some a direction to the
-joint's side. Both the place and the radius that holds the true joint are shares of that bone, so no
-scale is assumed. Where the rule's anchors are not seen either, ``body_model`` gives the place.
+Some are never sent (COCO has no hands, feet or torso); others are hidden by a bench, by the edge of
+the image, or for a moment. ``RULES`` place a joint in a frame that moves with the body: an origin,
+an axis with the length of the person's own measured bone and, for some joints, a direction to the
+joint's side. Both the position and the radius that holds the true joint are shares of that bone, so
+no body size is assumed. If the rule's anchors are not seen either, ``body_model`` gives the
+position.
 
 The shares are fitted on recordings by ``hri-predict bench joint-maps --fit DATA``, which prints
-``_FITTED`` (docs/measured/joint-maps.md). A joint of a body of which little is seen stays
+``_FITTED`` (docs/measured/joint-maps.md). If too little of a body is seen, its other joints stay
 unobserved.
 """
 
@@ -22,24 +23,24 @@ from hri_predict.base.skeleton import CANONICAL, JOINTS
 from hri_predict.people.body.body_model import BodyModel
 
 _LEAST_SIDE = 0.1
-"""A direction to the side within 6 degrees of the axis is none: the frame would turn at a touch."""
+"""Minimum sine of the angle between side and axis (6 degrees): below it, the frame is unstable."""
 _LEAST_BONE_M = 0.01
-"""A shorter bone has no direction."""
+"""Minimum length of a bone with a usable direction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rule:
-    """Position of one joint, inferred from others. Written for the left side; ``mirrored`` is the
-    right one's.
+    """Rule for the position of one joint, from others. Defined for the left side; ``mirrored``
+    gives the rule for the right.
 
     Attributes:
-        joint: the inferred one.
+        joint: the inferred joint.
         origin: origin of the frame.
-        axis: from and to which joint the first direction points; its length is the bone.
-        side: from and to which joint the third direction points, outwards or to the left; ``None``:
-            the place is on the axis.
+        axis: start and end joint of the first direction; its length is the bone.
+        side: start and end joint of the third direction, outwards or to the left; ``None``: the
+            position is on the axis.
         place: shares of the bone along the axis, forward, and to the side.
-        within: maximum distance of the true joint from the place, as a share of the bone.
+        within: maximum distance of the true joint from this position, as a share of the bone.
     """
 
     joint: str
@@ -51,16 +52,16 @@ class Rule:
 
     @property
     def anchors(self) -> frozenset[str]:
-        """The joints that it needs."""
+        """Joints required by the rule."""
         return frozenset({self.origin, *self.axis, *(self.side or ())})
 
     @property
     def is_left(self) -> bool:
-        """Whether its side is the left, as that of joints in the middle is."""
+        """Whether its side direction points to the left, as for joints in the middle."""
         return not self.joint.startswith("r_")
 
     def mirrored(self) -> "Rule":
-        """The same rule for the other side."""
+        """Return the same rule for the other side."""
         side = None if self.side is None else (_other(self.side[0]), _other(self.side[1]))
         return replace(
             self,
@@ -73,7 +74,8 @@ class Rule:
 
 class Frame(NamedTuple):
     """A rule's frame in some bodies: origin (..., 3), directions (..., 3, 3) as rows (along the
-    axis, forward, to the side; zeros without a side), bone (...) metres, and where it exists."""
+    axis, forward, to the side; zeros without a side), bone (...) in metres, and whether the frame
+    exists."""
 
     origin: Floats
     directions: Floats
@@ -82,10 +84,10 @@ class Frame(NamedTuple):
 
 
 def frame_of(rule: Rule, positions: Floats, observed: Bools) -> Frame:
-    """The frame of a rule in bodies of canonical joints.
+    """Return the frame of a rule in bodies of canonical joints.
 
     Args:
-        rule: whose frame.
+        rule: the rule.
         positions: (..., J, 3) metres, finite.
         observed: (..., J).
     """
@@ -118,7 +120,7 @@ def frame_of(rule: Rule, positions: Floats, observed: Bools) -> Frame:
 
 class Filled(NamedTuple):
     """Bodies with their inferred joints: positions (..., J, 3), observed (..., J), and (..., J)
-    metres within which an inferred joint is; 0 for all others."""
+    maximum error of an inferred joint in metres; 0 for all others."""
 
     positions: Floats
     observed: Bools
@@ -126,11 +128,11 @@ class Filled(NamedTuple):
 
 
 class Inference:
-    """Infers joints that are not seen: by the rules where their anchors are seen, because a bone of
-    the same limb says more than the posture; all others by the distribution of postures.
+    """Infers unseen joints: from the rules if their anchors are seen, because a bone of the same
+    limb is more informative than the posture; otherwise from the distribution of postures.
 
     Args:
-        model: of postures; ``None``: rules alone.
+        model: distribution of postures; ``None``: only rules are used.
         floor_m: height of the floor in the room.
     """
 
@@ -138,7 +140,7 @@ class Inference:
         self._model, self._floor_m = model, floor_m
 
     def fill(self, positions: Floats, observed: Bools) -> Filled:
-        """Add the joints that are not observed; what nothing is known of stays unobserved.
+        """Add joints that are not observed; those that cannot be inferred stay unobserved.
 
         Args:
             positions: (..., J, 3) metres, finite, in the room.
@@ -154,7 +156,7 @@ class Inference:
 
 
 def rule_of(joint: str, observed: Bools) -> Rule | None:
-    """The rule by which a joint is inferred, of a body of which ``observed`` (J,) is seen."""
+    """Return the rule used to infer a joint in a body with seen joints ``observed`` (J,)."""
     seen = {name for name, there in zip(JOINTS, observed, strict=True) if there}
     for rule in RULES:
         if rule.anchors <= seen:
@@ -205,7 +207,7 @@ def _fill_by_postures(filled: Filled, observed: Bools, model: BodyModel, floor_m
 
 
 def _points_up(rule: Rule) -> bool:
-    """Whether the axis of a standing body points upwards."""
+    """Return whether the axis points upwards in a standing body."""
     return rule.axis[1] not in ("l_ankle", "r_ankle")
 
 
@@ -239,7 +241,7 @@ SHAPES: dict[str, Rule] = {
         joint="head_top", origin="head", axis=("neck", "head"), side=("r_shoulder", "l_shoulder")
     ),
 }
-"""The fitted rules without their shares."""
+"""The fitted rules, without their shares."""
 _FITTED = {
     "hand": ((0.199, 0.0, 0.0), 0.534),
     "wrist": ((-0.016, 0.0, 0.0), 0.42),

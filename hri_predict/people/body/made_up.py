@@ -1,16 +1,17 @@
-"""Recognises bodies that a tracker makes up: it froze, coasts, repeats, or knows no place.
+"""Detects bodies that a tracker makes up: frozen, coasting, looped, or without a position.
 
-A tracker that lost a person may continue sending one: the last skeleton with fresh noise, the last
-motion carried on, the last second again. What gives it away is what no body does:
+A tracker that lost a person may continue to send a body: the last skeleton with fresh noise, the
+last motion extrapolated, or the last second repeated. Such data show what real bodies never do:
 
-- *frozen*: all joints stop from one capture to the next, in the middle of a step. Bodies slow down.
+- *frozen*: all joints stop from one capture to the next, in the middle of a step. Real bodies slow
+  down.
 - *coasting*: the body moves over the floor without a change of its shape, or every joint keeps its
-  velocity. Legs swing.
-- *looped*: captures come again, with a jump in between.
+  velocity. Real legs swing.
+- *looped*: captures are repeated, with a jump in between.
 - *about the hips*: see ``relative``.
 
-A body that stood still before, and a trunk without legs, prove nothing. What was recognised holds
-until limbs move again.
+A body that was already standing still and a trunk without legs prove nothing. A detected sign stays
+in force until limbs move again.
 """
 
 import math
@@ -29,39 +30,43 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 
 CAPTURES = 130
-"""Captures kept for each person: two of the longest loops."""
+"""Number of captures kept for each person: two of the longest loops."""
 LONGEST_LOOP = 62
-"""Captures in the longest noisy loop; ``Track.fingerprints`` finds bit-identical ones."""
+"""Number of captures in the longest noisy loop; ``Track.fingerprints`` finds bit-identical
+loops."""
 FREEZE_S, COAST_S, RELATIVE_S = 0.17, 0.5, 2.0
 AWAKE_S, LOOP_S = 0.5, 2.5
-"""Times for which limbs must have moved since the newest sign; after a loop, since its jump."""
+"""Minimum time for which limbs must have moved since the newest sign or, for a loop, since its
+jump."""
 FINEST_S = 1 / 30
-"""Minimum time over which stops and jumps are judged: in less, a body that slows down gently moves
-no farther than one that stands may, and noise alone looks like a jump.
+"""Minimum time over which stops and jumps are judged: in less time, a gently slowing body cannot be
+distinguished from a standing one, and noise alone looks like a jump.
 """
 STILL_JOINTS, COAST_JOINTS = 8, 8
 MOST_NOISE_M = 0.02
-"""Standard deviation per axis above which nothing is said."""
+"""Maximum noise (standard deviation per axis) at which bodies are judged."""
 LOOP_NOISE_M = 0.012
-"""The same for loops, and the minimum standard deviation of the motion in one."""
+"""Maximum noise for the detection of loops, and minimum standard deviation of the motion in a
+loop."""
 STILL_M, RIGID_M, ALIVE_M = 0.0015, 0.002, 0.005
 WHITE = 1.5
-"""Variance of mere noise, per variance of its differences: 1, and its own scatter."""
+"""Maximum ratio of total variance to variance from differences for pure noise: 1 plus scatter."""
 MERE_NOISE = 1.3
-"""The same over the longer span of a body that coasts."""
+"""As ``WHITE``, for the longer span of a coasting body."""
 SLOWING_M_S2 = 8.0
-"""No whole body slows down faster: a sprinter's hardest stop."""
+"""Maximum deceleration of a whole body: a sprinter's hardest stop."""
 LEAST_M_S = 0.12
 TURNING_M = 0.02
-"""By this a joint's step may differ from the one before it: a foot at 18 m/s2 at 30 Hz. A quarter
-of the joints may do more."""
+"""Maximum change of a joint's step from capture to capture: a foot at 18 m/s2 at 30 Hz. A quarter
+of the joints may exceed it."""
 COASTED_M = 0.1
-"""Minimum distance in ``COAST_S`` of a body that glides."""
+"""Minimum distance moved by a gliding body in ``COAST_S``."""
 EVEN = 3.5
-"""Ratio of peak to average speed: a body that glides stays below it, one that jumps does not."""
+"""Ratio of peak to average speed that separates a gliding body (below) from a jumping one
+(above)."""
 LINEAR_S, LINEAR_M = 1.0, 0.6
-"""Time and distance over which joints that each keep their velocity are followed: nearly a step of
-a walker. A slow shift of weight over planted feet is shorter."""
+"""Minimum time and distance over which joints must keep their velocity: nearly a walking step. A
+slow shift of weight over planted feet is shorter."""
 JUMP_M_S2 = 40.0
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
@@ -79,10 +84,10 @@ class Sign(Enum):
 
 @dataclass(slots=True)
 class _Record:
-    """The newest captures of one person, and what was recognised in them.
+    """The newest captures of one person, and the signs found in them.
 
-    Captures lie in arrays of twice the length, so that the newest are one piece: ``stamps``,
-    ``positions`` (n, J, 3) and ``observed`` (n, J) are views of those that are kept.
+    Captures are stored in arrays of twice the length, so that the newest are contiguous:
+    ``stamps``, ``positions`` (n, J, 3) and ``observed`` (n, J) are views of the kept captures.
     """
 
     all_stamps: Stamps = field(default_factory=lambda: np.zeros(2 * CAPTURES, np.int64))
@@ -121,23 +126,24 @@ class _Record:
         self.observed = self.all_observed[kept]
 
     def last(self, count: int) -> tuple[Floats, Floats, Bools]:
-        """Seconds (n,), positions (n, m, 3) of the m joints seen in all, and which these are."""
+        """Return seconds (n,), positions (n, m, 3) of m joints seen in all captures, their
+        indices."""
         always: Bools = np.logical_and.reduce(self.observed[-count:])
         stamps: Floats = np.multiply(self.stamps[-count:] - self.newest_ns, 1e-9)
         return stamps, self.positions[-count:, always], always
 
     def within(self, seconds: float) -> int:
-        """Number of captures in the newest ``seconds``."""
+        """Return the number of captures in the newest ``seconds``."""
         since = self.newest_ns - round(seconds * 1e9)
         return len(self.stamps) - int(np.searchsorted(self.stamps, since))
 
 
 class MadeUpWatch:
-    """The signs in the bodies of one source. One thread only.
+    """Detects signs in the bodies of one source. One thread only.
 
     Args:
-        settings: bodies whose posture is not checked have any shape and gait, and are not judged.
-        origin: (3,) of the source, in the room.
+        settings: without posture checks, bodies may have any shape and gait, and are not judged.
+        origin: (3,) origin of the source, in the room.
         period_ns: the source's nominal time between captures.
     """
 
@@ -150,10 +156,10 @@ class MadeUpWatch:
         self._records: dict[int, _Record] = {}
 
     def judge(self, body: Body, capture_ns: int, hip_centred: bool = False) -> Sign | None:
-        """Take in one body, and return what gives it away.
+        """Add one body, and return the sign that it is made up, if any.
 
         Args:
-            body: in the room.
+            body: body in the room frame.
             capture_ns: rises from call to call.
             hip_centred: its waist was sent at exactly the source's origin.
         """
@@ -177,7 +183,7 @@ class MadeUpWatch:
         return record.sign
 
     def _record(self, body: Body, capture_ns: int) -> _Record:
-        """The record of a body, or of one that was here under another id."""
+        """Return the record of a body, or of one that was at this place with another id."""
         record = self._records.get(body.id)
         if record is not None and capture_ns - record.newest_ns <= FORGET_NS:
             return record
@@ -199,7 +205,7 @@ class MadeUpWatch:
         return hips_are_origin(record.positions[-count:], record.observed[-count:], self._origin)
 
     def _count_again(self, record: _Record, fingerprint: int) -> None:
-        """Count consecutive captures that came before, a loop's length ago."""
+        """Count consecutive captures that repeat those of one loop length ago."""
         lag = 0
         if fingerprint in record.prints:
             lag = len(record.prints) - max(
@@ -217,7 +223,7 @@ class MadeUpWatch:
         return Sign.COASTING if self._coasts(record) else None
 
     def _froze(self, record: _Record) -> bool:
-        """Whether all joints stopped from one capture to the next, ``_freeze`` captures ago."""
+        """Return whether all joints stopped between two captures, ``_freeze`` captures ago."""
         count = self._freeze
         held = count + 3 * self._stride
         if len(record.stamps) < held or not self._is_still(record):
@@ -238,7 +244,7 @@ class MadeUpWatch:
         )
 
     def _is_still(self, record: _Record) -> bool:
-        """Whether the body is where it was, by a quick look at both ends of the span."""
+        """Return whether the body has not moved, from a comparison of both ends of the span."""
         common = record.observed[-1] & record.observed[-self._freeze]
         if not common.any():
             return False
@@ -246,7 +252,8 @@ class MadeUpWatch:
         return float((moved * moved).sum()) < 3 * MOST_NOISE_M**2 * moved.size
 
     def _coasts(self, record: _Record) -> bool:
-        """Whether the body moves without a change of shape, or every joint keeps its velocity."""
+        """Return whether the body moves without changing shape, or all joints keep their
+        velocity."""
         count = record.within(COAST_S)
         if count < 6 or record.newest_ns - record.stamps[-count] < 0.8 * COAST_S * 1e9:
             return False
@@ -268,7 +275,7 @@ class MadeUpWatch:
         return way_m > LINEAR_M * COAST_S / LINEAR_S and self._keeps_velocities(record)
 
     def _keeps_velocities(self, record: _Record) -> bool:
-        """Whether each joint of the legs kept its velocity for a step or more."""
+        """Return whether each leg joint kept its velocity for at least a step."""
         count = record.within(LINEAR_S)
         stamps, joints, always = record.last(count)
         legs = joints[:, np.isin(np.flatnonzero(always), _LEGS)]
@@ -282,7 +289,7 @@ class MadeUpWatch:
         return _is_noise(legs - centred[:, None, None] * slope, RIGID_M)
 
     def _loops(self, record: _Record) -> bool:
-        """Whether captures come again with noise, and the body jumps in between."""
+        """Return whether captures are repeated with noise, with a jump in between."""
         held = len(record.stamps)
         if held < 2 * self._freeze or not self._jumps(record):
             return False
@@ -300,7 +307,7 @@ class MadeUpWatch:
         return False
 
     def _jumps(self, record: _Record) -> bool:
-        """Whether the newest capture is farther off than any body can turn, or was lately."""
+        """Return whether a recent capture jumps farther than a body can move."""
         _, joints, always = record.last(self._freeze + 2)
         if not always.any():
             return False
@@ -308,7 +315,7 @@ class MadeUpWatch:
         return bool(turn.max() > JUMP_M_S2 * max(self._period_s, FINEST_S) ** 2)
 
     def _awake(self, record: _Record) -> bool:
-        """Whether limbs have moved since the sign, in a way that is not noise."""
+        """Return whether limbs have moved beyond noise since the sign."""
         hold_s = LOOP_S if record.sign is Sign.LOOPED else AWAKE_S
         if record.newest_ns - record.sign_ns < hold_s * 1e9:
             return False
@@ -321,7 +328,7 @@ class MadeUpWatch:
 
 
 def _leaps(stamps: Floats, joints: Floats) -> bool:
-    """Whether most of the way of (n, m, 3) is a jump: a glitch, or another body under this id."""
+    """Return whether most motion of (n, m, 3) is a jump: a glitch, or another body with this id."""
     middle = mean_of(joints, 1)
     fastest = (norm(middle[1:] - middle[:-1]) / (stamps[1:] - stamps[:-1])).max()
     mean = np.linalg.norm(middle[-1] - middle[0]) / (stamps[-1] - stamps[0])
@@ -329,20 +336,20 @@ def _leaps(stamps: Floats, joints: Floats) -> bool:
 
 
 def _white(values: Floats) -> float:
-    """Variance of white noise in (n, ...), by second differences: smooth motion has small ones."""
+    """Return the variance of white noise in (n, ...) from second differences."""
     turns = _turns(values)
     return float((turns * turns).sum()) / turns.size / 6.0 if turns.size else math.nan
 
 
 def _turns(values: Floats) -> Floats:
-    """Second differences of (n, ...); ``numpy.diff`` takes several times as long."""
+    """Return second differences of (n, ...); ``numpy.diff`` takes several times as long."""
     steps = values[1:] - values[:-1]
     turns: Floats = steps[1:] - steps[:-1]
     return turns
 
 
 def _variance(values: Floats) -> float:
-    """Mean variance over time of (n, ...)."""
+    """Return the mean variance over time of (n, ...)."""
     off = values - mean_of(values)
     off *= off
     return float(off.sum(axis=0).sum()) / max(len(values) - 1, 1) / max(off[0].size, 1)
@@ -354,12 +361,12 @@ def _is_noise(values: Floats, floor_m: float) -> bool:
 
 
 def _stops_dead(since_s: Floats, joints: Floats, stopped: Floats, *, noise_m: float) -> bool:
-    """Whether a body was too fast for a stop.
+    """Return whether a body was too fast for the stop that followed.
 
     Args:
-        since_s: (3,) s from each of three captures until it stopped, the longest first.
-        joints: (3, m, 3) where it was then.
-        stopped: (m, 3) where it is since.
+        since_s: (3,) seconds from each of three captures to the stop, longest first.
+        joints: (3, m, 3) positions in these captures.
+        stopped: (m, 3) positions since the stop.
         noise_m: standard deviation per axis.
     """
     fast = False
@@ -376,6 +383,6 @@ def _stops_dead(since_s: Floats, joints: Floats, stopped: Floats, *, noise_m: fl
 
 
 def _goes_on(turn: Floats, noise_m: float) -> bool:
-    """Whether few joints change their step by more than limbs can; ``turn`` (m, 3) by how much."""
+    """Return whether few joints change their step, by ``turn`` (m, 3), by more than limbs can."""
     turned = norm(turn) > TURNING_M + 4.5 * noise_m
     return bool(turned.sum() <= 0.25 * len(turned))

@@ -1,19 +1,19 @@
-"""Which way a body's own "down" points, and whether its left is on its left: pure geometry.
+"""A body's own "down" direction, and whether its left and right are swapped: pure geometry.
 
-Gravity shows in every body, and no joint angle alone shows it: people bend, sit, kneel and reach
-up. So all long bones vote together. Each bone, taken from its upper to its lower end as in a person
-who stands with hanging arms, is one vector, and their sum is the body's down. A person who bends
-over still has legs, a person who sits still has trunk and shanks, and all who walk or stand agree
-to a few degrees. In the recordings of the guide "Wrong axes", the sum of a whole body never stayed
-more than 70 degrees from true down.
+Every body shows the direction of gravity, but no single joint angle does: people bend, sit, kneel
+and reach up. Therefore all long bones are added up. Each bone is a vector from its upper to its
+lower end, as in a person who stands with hanging arms, and their sum is the body's down. For a
+bending person the legs still point down, for a seated person the trunk and shanks, and for people
+who walk or stand all bones agree to a few degrees. In the recordings of the guide "Wrong axes", the
+sum of a whole body never stayed more than 70 degrees from true down.
 
-Arms hang, reach and rise, and legs lie: so a direction needs the trunk (shoulders against hips, if
-neck or waist are not seen) or the head against neck or shoulders. Everything that is seen has a
-height.
+Arms hang, reach and rise, and legs may be horizontal, so a direction requires the trunk (shoulders
+to hips, if neck or waist are not seen) or the head and the neck or shoulders. Heights are computed
+from all seen joints.
 
-A turned body can't show that its left and right are swapped, but a joint can: knees bend forward,
-toes point forward and elbows lie behind the line of a hanging arm, seen from a body whose left is
-on its left. Each is a triple product, which no rotation changes and every mirror inverts.
+Swapped left and right do not show in the body as a whole, but they do in its joints: in a correct
+body, knees bend forward, toes point forward and elbows are behind the line of a hanging arm. Each
+is a triple product, which no rotation changes and every mirror inverts.
 """
 
 from dataclasses import dataclass
@@ -36,11 +36,11 @@ _UPPER = np.array([_AT[a] for a, _ in _BONES])
 _LOWER = np.array([_AT[b] for _, b in _BONES])
 _TRUNK, _HEAD, _ARMS, _LEGS = 0, 1, slice(2, 6), (slice(6, 8), slice(8, 10))
 _INSTEAD = (("neck", "l_shoulder", "r_shoulder"), ("waist", "l_hip", "r_hip"))
-"""A point of the trunk, and those whose middle stands for it where it is not seen."""
+"""A point of the trunk, and the joints whose midpoint replaces it if it is not seen."""
 _ANKLES = np.array([_AT["l_ankle"], _AT["r_ankle"]])
 HEAD_M, RAISED_M = 2.1, 2.7
-"""Heights of tall people above the place where they stand: of head, shoulders and trunk, and of
-the joints that they lift: hands, elbows, knees and feet.
+"""Maximum heights of tall people's joints above the floor where they stand: head, shoulders, trunk,
+and raised hands, elbows, knees and feet.
 """
 _LIFTED = ("elbow", "wrist", "hand", "knee", "ankle", "foot")
 _HIGHEST = np.array([RAISED_M if name.endswith(_LIFTED) else HEAD_M for name in JOINTS])
@@ -70,17 +70,18 @@ class Posture:
 
     Attributes:
         down: (3,) metres, the sum of the bones; in an upright person it points along -z.
-        bones: their number; 0: too little is seen for a direction.
+        bones: number of bones; 0: too little is seen for a direction.
         bones_m: metres, the sum of their lengths; ``down`` is as long if all agree.
-        has_leg: whether a whole leg is in the sum; without one, a person who leans over a table
-            looks much like one who lies.
-        handed_m: metres by which knees, toes and elbows lie where they do in a body whose left is
-            on its left; negative: on the other side; ``None``: nothing shows it.
-        feet_m: z of the mean of the ankles seen, room frame; ``None`` without any.
+        has_leg: whether a whole leg is in the sum; without a leg, a person who leans over a table
+            looks like a person who lies down.
+        handed_m: metres by which knees, toes and elbows are on the correct side; negative: left and
+            right are swapped; ``None``: unknown.
+        feet_m: mean z of the seen ankles, room frame; ``None``: no ankle is seen.
         middle: (3,) mean of the observed joints, room frame.
         heights: (5th, 90th) percentile of the observed joints' z.
-        lowest_m: z of the lowest joint but one, because one joint may be wrong.
-        above_m: minimum z at which a person can stand with all joints but one at this height.
+        lowest_m: z of the second-lowest joint, because one joint may be wrong.
+        above_m: minimum z at which a person with joints at these heights can stand, with one joint
+            ignored.
     """
 
     down: Floats
@@ -128,12 +129,12 @@ def posture_of(positions: Floats, observed: Bools) -> Posture:
 
 
 def shows_down(observed: Bools) -> bool:
-    """Whether a body of which these joints (J,) are seen shows where its down is."""
+    """Return whether a body with these seen joints (J,) shows its down direction."""
     return bool(_bones_seen(_with_trunk(np.zeros((len(JOINTS), 3)), observed)[1]).any())
 
 
 def _bones_seen(observed: Bools) -> Bools:
-    """The bones to sum up; none without a trunk or a head on it."""
+    """Return the bones to sum up; none without a trunk or a head."""
     seen = observed[_UPPER] & observed[_LOWER]
     if not (seen[_TRUNK] or seen[_HEAD]):
         return np.zeros_like(seen)
@@ -143,7 +144,7 @@ def _bones_seen(observed: Bools) -> Bools:
 
 
 def _with_trunk(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
-    """The body with the middle of shoulders or hips in place of a neck or waist not seen."""
+    """Return the body with the midpoint of shoulders or hips for an unseen neck or waist."""
     for name, *others in _INSTEAD:
         sides = [_AT[other] for other in others]
         if not observed[_AT[name]] and observed[sides].all():
@@ -154,7 +155,8 @@ def _with_trunk(positions: Floats, observed: Bools) -> tuple[Floats, Bools]:
 
 
 def _handed(positions: Floats, observed: Bools) -> float | None:
-    """See ``Posture.handed_m``: knees and toes ahead, elbows behind; sums of the sides' halves."""
+    """Return ``Posture.handed_m``: knees and toes ahead, elbows behind; half the sum of both
+    sides."""
     use = observed[_JOINTS].all(axis=1)
     left, right, top, bottom, tip = positions[_JOINTS].swapaxes(0, 1)
     if (use & _IS_ARM).any():

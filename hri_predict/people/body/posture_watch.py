@@ -1,16 +1,16 @@
-"""Judges over time whether a source's bodies can be right: on the floor, upright, not mirrored.
+"""Checks over time that a source's bodies are plausible: on the floor, upright, not mirrored.
 
-Wrong axes (a camera's taken for the room's, y up for z up) turn every body of a source, all the
-time. One capture proves nothing, since people lie, jump and tumble. So each person is judged by
-postures smoothed over half a second, and a verdict needs a span of them, to be given and to be
-taken back.
+Wrong axes (camera axes instead of room axes, y up instead of z up) rotate every body of a source,
+all the time. One capture proves nothing, because people lie down, jump and fall. So each person is
+judged from postures smoothed over half a second, and a verdict is reached or withdrawn only over a
+span of postures.
 
-A person who lies flat is believed only near the floor, nearly at rest, and if a person has stood
-upright before. Until then a body that lies is as likely one whose axes are wrong, and is refused at
-once.
+A body that lies flat is accepted only near the floor, nearly at rest, and after a person has stood
+upright. Until then it may as well be due to wrong axes, and is refused immediately.
 
-Everything that is seen has a height: no joint is deeper than the floor, or higher than a tall
-person's on the highest platform. This holds for arms alone too, which say nothing else.
+Heights of all seen joints are checked: no joint may be below the floor, or higher than a tall
+person can reach on the highest platform. This also applies if only arms are seen, which show
+nothing else.
 """
 
 import math
@@ -28,32 +28,33 @@ from hri_predict.people.settings import PeopleSettings
 from hri_predict.people.track import Body
 
 UPRIGHT = 0.7
-"""Cosine between a body's down and gravity's from which the body confirms the axes."""
+"""Minimum cosine between a body's down and gravity at which the body confirms the axes."""
 TILTED, TILTED_UPPER = 0.35, 0.2
-"""The same below which it does not stand, sit or kneel; for a body without a leg in view."""
+"""Minimum cosine for a body that stands, sits or kneels; for a body without a leg in view."""
 COHERENT, COHERENT_UPPER = 0.4, 0.6
 """Minimum length of ``Posture.down`` per length of bones: below it, the bones disagree."""
 MIRRORED_M = 0.025
-"""A body whose knees, toes and elbows are this far on the wrong side has left and right swapped;
-the least of any recording was 0.05 m on the right side, with a leg in view."""
+"""Distance of knees, toes and elbows on the wrong side at which left and right count as swapped;
+the minimum in any recording was 0.05 m on the correct side, with a leg in view."""
 LYING_M = 0.9
-"""Height above the floor below which a lying person has nine tenths of the joints: a bench's."""
+"""Height above the floor that nine tenths of a lying person's joints are below: a bench."""
 GLIDING_M_S = 0.8
-"""Maximum speed of a lying person; one who walks is faster."""
+"""Maximum speed of a lying person; a walking person is faster."""
 VIEW_MARGIN_M = 0.5
-"""A body seen this far outside the field of view cannot be where it seems."""
+"""Distance outside the field of view at which a body's position cannot be right."""
 
 SMOOTH_S = 0.5
 JUDGE_NS = 30_000_000
 HOLD_S, HOLD_UPPER_S, HOLD_BONE_S, RELEASE_S = 0.5, 2.0, 4.0, 1.0
-"""Times that a body is wrong before it is refused: a whole body, one without a leg in view, and
-one of which a single bone says all, since people look down at their work for some seconds."""
+"""Times for which a body must be wrong before it is refused: a whole body, a body without a leg in
+view, and a body judged from a single bone, because people look down at their work for some
+seconds."""
 FORGET_NS = 5_000_000_000
 INHERIT_M = 0.5
 
 
 class Verdict(Enum):
-    """Fault of a body's posture; the value is the name of its counter."""
+    """Fault of a body's posture; its value is the name of its counter."""
 
     TILTED = "lying_bodies"
     UPSIDE_DOWN = "upside_down_bodies"
@@ -63,7 +64,7 @@ class Verdict(Enum):
 
     @property
     def text(self) -> str:
-        """Words for people that continue "bodies are"."""
+        """Readable text that completes the phrase "bodies are"."""
         return _TEXT[self]
 
 
@@ -78,7 +79,7 @@ _TEXT = {
 
 @dataclass(slots=True, kw_only=True)
 class _Record:
-    """One person: smoothed posture, and for how long it has been wrong or right."""
+    """One person's smoothed posture, and the time for which it has been wrong or right."""
 
     seen_ns: int
     judged_ns: int
@@ -97,13 +98,13 @@ class _Record:
 
 
 class PostureWatch:
-    """The verdicts on the people of one source. One thread only.
+    """Verdicts on the people of one source. One thread only.
 
     Attributes:
-        upright_seen: a person has stood upright, and no other has contradicted it since: gravity is
-            where ``room_from_source`` and the joint map put it.
-        unjudged: captures of bodies too little of which is seen for a direction; only heights
-            are judged.
+        upright_seen: whether a person has stood upright, uncontradicted since: ``room_from_source``
+            and the joint map then give the right direction of gravity.
+        unjudged: number of captures of bodies with too few seen joints for a direction; only their
+            heights are checked.
     """
 
     def __init__(self, settings: PeopleSettings, field_of_view: Region | None = None) -> None:
@@ -117,9 +118,9 @@ class PostureWatch:
         self.unjudged = 0
 
     def judge(self, body: Body, capture_ns: int) -> Verdict | None:
-        """Take in one body and return why it cannot be right, if it has been wrong for long enough.
+        """Add one body, room frame; return its fault if it has been wrong for long enough.
 
-        The room's frame; ``capture_ns`` rises from call to call for one person.
+        ``capture_ns`` rises from call to call for each person.
         """
         if not self._on:
             return None
@@ -136,7 +137,7 @@ class PostureWatch:
         return record.refused
 
     def _begin(self, person: int, posture: Posture, capture_ns: int) -> _Record:
-        """Start a record, or continue that of a body that stood here under another id."""
+        """Start a record, or continue that of a body that stood here with another id."""
         for other, record in list(self._records.items()):
             if record.seen_ns == capture_ns:
                 continue
@@ -157,7 +158,7 @@ class PostureWatch:
         return record
 
     def _decide(self, record: _Record, posture: Posture, elapsed_s: float) -> None:
-        """Count how long the record has been wrong, right and upright, and judge."""
+        """Update the times for which the record has been wrong, right and upright, and judge."""
         wrong = self._wrong(record, posture)
         if wrong is None:
             record.wrong_s, record.right_s = 0.0, record.right_s + elapsed_s
@@ -201,18 +202,18 @@ class PostureWatch:
         return None
 
     def _may_lie(self, record: _Record, posture: Posture) -> bool:
-        """Whether a person may lie here, on the floor or little above it."""
+        """Return whether a person may lie here, on the floor or slightly above it."""
         low, high = posture.heights
         near_floor = self._below <= low and high <= self._floor + LYING_M
         return self.upright_seen and near_floor and _speed(record) < GLIDING_M_S
 
     def _off_floor(self, record: _Record) -> bool:
-        """Whether the feet are below the floor, or higher than any person stands in this room."""
+        """Return whether feet are below the floor, or higher than a person can stand here."""
         on_floor = record.feet_m is None or self._below <= record.feet_m <= self._above
         return not on_floor or self._out_of_reach(record)
 
     def _out_of_reach(self, record: _Record) -> bool:
-        """Whether joints are where no person can have them, in any posture."""
+        """Return whether joints are at heights that no person can reach in any posture."""
         return record.lowest_m < self._below or record.above_m > self._above
 
 
@@ -222,9 +223,9 @@ def refusal_of(
     settings: PeopleSettings,
     field_of_view: Region | None = None,
 ) -> Verdict | None:
-    """Why one person's captures (n, J, 3) and (n, J), taken one after another, cannot be right.
+    """Return why one person's consecutive captures (n, J, 3) and (n, J) cannot be right.
 
-    ``None`` too if they are not checked; too little may be seen, see ``shows_down``.
+    Also ``None`` if they are not checked; too little may be seen, see ``shows_down``.
     """
     watch = PostureWatch(settings, field_of_view)
     verdict = None
@@ -235,7 +236,7 @@ def refusal_of(
 
 
 def _smooth(record: _Record, posture: Posture, capture_ns: int) -> float:
-    """Take a posture into the record; return the seconds since the one before it, at most 0.5."""
+    """Add a posture to the record; return the seconds since the previous posture, at most 0.5."""
     first = record.judged_ns == NEVER
     elapsed_s = 0.0 if first else min((capture_ns - record.judged_ns) * 1e-9, SMOOTH_S)
     share = 1.0 if first else 1.0 - math.exp(-elapsed_s / SMOOTH_S)
@@ -262,7 +263,7 @@ def _mixed(before: float | None, now: float | None, share: float) -> float | Non
 
 
 def _cosine(record: _Record) -> float:
-    """Cosine between the smoothed down and gravity's."""
+    """Return the cosine between the smoothed down direction and gravity."""
     return float(-record.down[2] / max(float(np.linalg.norm(record.down)), 1e-9))
 
 
@@ -271,7 +272,7 @@ def _speed(record: _Record) -> float:
 
 
 def _outside(region: Region, point: Floats) -> float:
-    """Metres by which ``point`` (3,) lies outside a prism; 0 inside."""
+    """Return the distance in metres of ``point`` (3,) from a prism; 0 inside."""
     up = max(region.z_min - point[2], point[2] - region.z_max, 0.0)
     corners = np.asarray(region.polygon, np.float64)
     if in_polygon(point[:2], corners):

@@ -1,8 +1,8 @@
-"""Recognises coordinates relative to the hips: their bodies walk in place, wherever they are.
+"""Detects coordinates relative to the hips: such bodies walk in place.
 
 Some trackers (MediaPipe's world landmarks) put the origin between the hips of each body. Then the
-middle of the hips stays at the origin, or, where a pose lifts it to a true height, at one place,
-while the legs walk.
+middle of the hips stays at the origin, or at one place if a pose lifts it to a true height, while
+the legs walk.
 """
 
 import numpy as np
@@ -11,13 +11,14 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.skeleton import JOINTS
 
 HERE_M = 0.03
-"""No hips stay nearer than this to the origin: a sensor, a floor or a table is there."""
+"""Minimum distance of real hips from the origin, where a sensor, the floor or a table is."""
 STILL_M = 0.015
-"""Standard deviation over the floor of hips that do not move, with a tracker's noise."""
+"""Maximum horizontal standard deviation of hips that do not move, including a tracker's noise."""
 EXACT_M = 2e-4
-"""Standard deviation over the floor of hips that are the origin: moved, but never swaying."""
+"""Maximum horizontal standard deviation of hips that are the origin, which may be moved but never
+sway."""
 SWING_M = 0.08
-"""Minimum standard deviation over the floor of a foot that walks: a step has 0.2 m."""
+"""Minimum horizontal standard deviation of a walking foot: a step has 0.2 m."""
 OPPOSED = -0.5
 """Maximum correlation between the two feet of a person who walks."""
 _HIPS = [JOINTS.index(name) for name in ("l_hip", "r_hip")]
@@ -28,15 +29,15 @@ _LEGS = [
 
 
 def hips_are_origin(positions: Floats, observed: Bools, origin: Floats) -> bool:
-    """Whether the hips of a body are the origin of its coordinates.
+    """Return whether the hips of a body are the origin of its coordinates.
 
-    They are if they stay at the source's origin, or if the legs walk while the hips stay above or
-    below the origin, or exactly where they are.
+    This holds if the hips stay at the source's origin, or if the legs walk while the hips stay
+    above or below the origin, or do not move at all.
 
     Args:
         positions: (n, J, 3) metres, captures of one body over two seconds or so, in the room.
         observed: (n, J).
-        origin: (3,) of the source.
+        origin: (3,) origin of the source.
     """
     if not len(positions):
         return False
@@ -60,7 +61,7 @@ def _is_origin(hips: Floats, positions: Floats, always: Bools, origin: Floats) -
 
 
 def _walk(positions: Floats, always: Bools) -> bool:
-    """Whether the legs walk: both feet swing, one against the other. (n, J, 3) about the hips."""
+    """Return whether both feet swing in opposition, as in walking; (n, J, 3) about the hips."""
     pair = next((pair for pair in _LEGS if always[pair].all()), None)
     if pair is None:
         return False

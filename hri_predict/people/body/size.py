@@ -1,8 +1,8 @@
 """Checks that a body is of human size, to detect wrong units such as millimetres sent as metres.
 
-A tracker with other units than configured puts people a thousand times too far away, or all of a
-body into one point at its own origin. No other check detects it: such a body moves as evenly as a
-true one.
+A tracker with units other than configured puts people a thousand times too far away, or a whole
+body into one point at its own origin. No other check detects this: such a body moves as smoothly as
+a real one.
 """
 
 import numpy as np
@@ -14,9 +14,10 @@ from hri_predict.base.skeleton import CANONICAL
 MIDDLE_M = 2.0
 """Greatest distance of a joint from the body's middle: 1.6 m for a tall man's raised fingers."""
 STRAY = 0.25
-"""If at most this share of joints is beyond, the joints are wrong, not the body; see ``track``."""
+"""Maximum share of joints beyond that distance for which only the joints are wrong; see
+``track``."""
 LONG_BONE_M = 0.1
-"""Even a child's longest limb bone (upper arm, forearm, thigh or shank) is longer than this."""
+"""Minimum length of the longest limb bone (upper arm, forearm, thigh or shank), even of a child."""
 _LONG = np.array(
     [
         (segment.joint_a, segment.joint_b)

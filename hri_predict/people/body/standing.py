@@ -1,4 +1,4 @@
-"""A body that stands: what measures that need some body are taken on."""
+"""A standing body, for measurements that need an example body."""
 
 import numpy as np
 

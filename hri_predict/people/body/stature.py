@@ -1,8 +1,8 @@
-"""A person's height, by the lengths of the limbs, in any posture; and which unit would fit.
+"""Estimates a person's height from limb lengths, in any posture, and the unit that would fit.
 
 Fractions of the stature after Drillis and Contini (1966), as in D. Winter, "Biomechanics and Motor
-Control of Human Movement", fig. 4.1. Trackers put joints a few centimetres apart, which is a tenth
-of a bone; a wrong unit is a factor of more than two.
+Control of Human Movement", fig. 4.1. Trackers differ by a few centimetres in joint positions, a
+tenth of a bone; a wrong unit is a factor of more than two.
 """
 
 import math
@@ -16,11 +16,11 @@ from hri_predict.base.skeleton import CANONICAL
 from hri_predict.contracts.joint_map import METRES_PER_UNIT
 
 LEAST_M, MOST_M = 1.2, 2.3
-"""Statures of the adults who work beside robots, with room for trackers' bones."""
+"""Range of statures of adults at work, with a margin for trackers' bone lengths."""
 USUAL_M = 1.7
 _LIKELY = 0.2
-"""Logarithm of a ratio to the usual stature (1.39 to 2.08 m) within which a unit itself is meant
-rather than one that was taken for another."""
+"""Maximum logarithm of the ratio to the usual stature (1.39 to 2.08 m) at which a unit itself is
+preferred to a mistaken conversion."""
 _FRACTIONS = {"upper_arm": 0.186, "forearm": 0.146, "thigh": 0.245, "shank": 0.246}
 _BONES = [
     (segment.joint_a, segment.joint_b, _FRACTIONS[segment.name[2:]])
@@ -30,7 +30,7 @@ _BONES = [
 
 
 def stature_m(bodies: Sequence[tuple[Floats, Bools]]) -> float | None:
-    """Return the stature that the limbs of most bodies say; ``None`` if no whole limb is seen.
+    """Return the stature indicated by most bodies' limbs; ``None`` if no whole limb is seen.
 
     Args:
         bodies: (J, 3) metres and (J,), canonical joints.
@@ -49,7 +49,7 @@ def stature_m(bodies: Sequence[tuple[Floats, Bools]]) -> float | None:
 
 
 def is_adult(stature: float) -> bool:
-    """Whether a person can be so tall, in metres."""
+    """Return whether a person can have this height in metres."""
     return LEAST_M <= stature <= MOST_M
 
 
@@ -57,16 +57,16 @@ def fitting_unit(stature: float, scale_to_m: float) -> tuple[float, str] | None:
     """Return the metres per unit with which people would be adults, and its name.
 
     Args:
-        stature: as it is now.
-        scale_to_m: metres per unit now.
+        stature: stature in metres at the current scale.
+        scale_to_m: current metres per unit.
 
     Returns:
-        The unit itself, or else the factor of a unit that was taken for another one before, such as
+        The unit itself, or the factor of a unit that was mistaken for another one earlier, such as
         inches for centimetres; ``None`` if no unit fits.
     """
     units = {real: name for name, real in METRES_PER_UNIT.items()}
     taken = {
-        scale_to_m * real / other: f"{name} that was taken for {wrong}"
+        scale_to_m * real / other: f"{name} mistaken for {wrong}"
         for name, real in METRES_PER_UNIT.items()
         for wrong, other in METRES_PER_UNIT.items()
         if name != wrong

@@ -1,1 +1,1 @@
-"""Which scenes are new, and when they were captured by the clock of the node."""
+"""Detects new scenes, and computes their capture times on the node's clock."""

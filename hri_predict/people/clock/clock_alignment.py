@@ -1,35 +1,34 @@
 """Aligns a source's stamps with the node's clock.
 
-Only the source knows the time of a capture, and only on its own clock; only the node knows the time
-of receipt. One difference is known for every scene: receipt - stamp = offset between the clocks +
-latency of this scene. Latency is never negative, so the smallest difference is the best estimate of
-the offset (the filter of NTP and of Cristian's algorithm). The smallest latency cannot be measured
-from one side, so it is a setting (``min_latency_s``). Four things look alike in that difference and
-must be distinguished:
+Only the source has the time of a capture, on its own clock; only the node has the time of receipt.
+One difference is known for every scene: receipt - stamp = offset between the clocks + latency of
+this scene. Latency is never negative, so the smallest difference is the best estimate of the offset
+(the filter of NTP and of Cristian's algorithm). The minimum latency cannot be measured from one
+side, so it is a setting (``min_latency_s``). Four effects look alike in that difference and must be
+distinguished:
 
-- *Delay*: scenes begin to arrive later, at once or ever more. Must appear as age, however long it
-  lasts.
-- *Drift*: the clocks run at slightly different rates. ``OffsetLine`` follows it, within what clocks
-  do.
+- *Delay*: scenes start to arrive later, suddenly or gradually. It must appear as age, however long
+  it lasts.
+- *Drift*: the clocks run at slightly different rates. ``OffsetLine`` follows it, within the limits
+  of real clocks.
 - *Jump*: the stamp's step disagrees, by more than ``jump_limit_ns``, both with the sequence's step
   times the nominal period (not a delay: a late scene has a true stamp) and with the receipt's step
   (not a pause: a source that pauses resumes with stamps and receipts advanced alike). The capture
-  is then extrapolated, and the line is moved there. Where the sequence does not vouch for a jump
-  back (the source paused or restarted, or many scenes are missing), it may as well be a delay, and
-  counts as one up to ``SAME_CLOCK_NS``.
-- *Spike*: wrong stamps for a short time. Beyond the limit they are jumps; the line from before is
-  remembered for ``TRIAL_NS``, and stamps that fit it again are believed again. Below it, stamps
-  that
-  are too new pull the captures towards the past, but not the line: after two buckets they are
-  forgotten. A single one, by more than ``SPIKE_NS``, is not believed at all: it takes
-  ``SPIKE_CONFIRMATIONS`` scenes within ``SPIKE_WITHIN_NS``.
+  is then extrapolated, and the line is moved to it. If the sequence does not confirm a backward
+  jump (the source paused or restarted, or many scenes are missing), it may as well be a delay, and
+  is treated as one up to ``SAME_CLOCK_NS``.
+- *Spike*: wrong stamps for a short time. Beyond the limit they are jumps; the previous line is kept
+  for ``TRIAL_NS``, and stamps that fit it again are accepted. Below the limit, stamps that are too
+  new shift the captures into the past, but not the line: after two buckets they have no effect. A
+  stamp that is too new by more than ``SPIKE_NS`` is ignored unless ``SPIKE_CONFIRMATIONS`` scenes
+  within ``SPIKE_WITHIN_NS`` confirm it.
 
-Backward steps of a clock that are smaller than the limit count as delay, and so does a clock that
-stands still while its source sleeps. All errors make the age larger, never smaller, except these:
+Backward steps of a clock below the limit count as delay, and so does a clock that stops while its
+source sleeps. All errors make the age larger, never smaller, with these exceptions:
 
 - A delay that exists since the first scene, or since the scene of a jump, counts as offset. No
-  one-way alignment can detect it. A delay of the scene before a jump is carried across it, for
-  good: whether it continues looks the same on the new clock.
+  one-way alignment can detect it. A delay of the scene before a jump is carried across it
+  permanently: on the new clock, an ended and a continuing delay look the same.
 - A delay that grows no faster than the clock may drift: from the first half hour on by
   ``MAX_WANDER``, and by ``wander_ns`` in all; before, by ``MAX_DRIFT`` at most.
 """
@@ -41,17 +40,17 @@ from hri_predict.people.clock.offset_line import LOCK_NS, WANDER_NS, OffsetLine
 
 NS_PER_S = 1_000_000_000
 BUCKET_NS = 5 * NS_PER_S
-"""The minimum is taken over the current and the previous bucket: 5 to 10 s."""
+"""Length of a bucket. The minimum is taken over the current and the previous bucket: 5 to 10 s."""
 SPIKE_NS = 20_000_000
 SPIKE_CONFIRMATIONS = 3
 SPIKE_WITHIN_NS = 2 * NS_PER_S
 MIN_JUMP_NS = 100_000_000
-"""ntpd slews what is less than 128 ms, and steps what is more (STEPT, RFC 5905, section 11.1)."""
+"""ntpd slews offsets below 128 ms, and steps larger ones (STEPT, RFC 5905, section 11.1)."""
 JUMPED_SCENES = 10
 TRIAL_NS = 10 * NS_PER_S
-"""Time for which the line from before a jump is remembered."""
+"""Time for which the line from before a jump is kept."""
 SAME_CLOCK_NS = 10 * NS_PER_S
-"""A source that restarts so little late, or less, still has the clock that it had."""
+"""Maximum delay after a restart at which the source's clock is assumed unchanged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,14 +58,15 @@ class ClockEstimate:
     """The estimate of a source's clock, for display only.
 
     Attributes:
-        offset_ns: capture (node's clock) minus stamp (source's clock), as believed now.
-        drift_ppm: by how much the source's clock runs fast; ``None`` before three buckets are full.
-        jumps: jumps seen since start, restarts among them.
+        offset_ns: current estimate of capture (node's clock) minus stamp (source's clock).
+        drift_ppm: rate by which the source's clock runs fast; ``None`` before three buckets are
+            full.
+        jumps: jumps seen since start, including restarts.
         spikes: stamps that were too new.
-        rise_ns: by how much the offset rose since the first scene; that much of the receipts' delay
-            is taken for drift. Negative where the source's clock runs fast.
+        rise_ns: rise of the offset since the first scene, attributed to drift rather than to delay.
+            Negative if the source's clock runs fast.
         wandered_ns: part of it beyond the steady drift.
-        late_ns: by how much even the fastest scenes of the last seconds were late.
+        late_ns: delay of even the fastest scenes of the last seconds.
     """
 
     offset_ns: int
@@ -80,7 +80,7 @@ class ClockEstimate:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """From one scene to the next: by its stamp, by its sequence, by its receipt."""
+    """Time from one scene to the next, according to the stamp, the sequence and the receipt."""
 
     stamp_ns: int
     scenes: int
@@ -89,7 +89,7 @@ class _Step:
 
 @dataclass(frozen=True, slots=True)
 class _Last:
-    """The scene before."""
+    """The previous scene."""
 
     stamp_ns: int
     sequence: int
@@ -118,7 +118,7 @@ class _Window:
         self._previous += by_ns
 
     def add(self, above_ns: int, now_ns: int) -> int | None:
-        """Add a difference; return the lowest of the bucket before, if this begins another."""
+        """Add a difference; if it starts a new bucket, return the lowest of the previous bucket."""
         in_bucket_ns = now_ns - self._start_ns
         if in_bucket_ns < BUCKET_NS:
             self._lowest = min(self._lowest, above_ns)
@@ -130,17 +130,17 @@ class _Window:
 
 
 class ClockAlignment:
-    """Turns stamps of a source into capture times of the node's clock.
+    """Converts stamps of a source to capture times on the node's clock.
 
     Args:
         period_ns: the source's nominal time between captures.
         min_latency_ns: minimum time from capture to receipt.
         jump_limit_ns: greatest deviation of a stamp; default: the longer of 0.1 s and 3 periods.
-        wander_ns: greatest rise of the offset beyond the clock's steady drift.
+            wander_ns: greatest rise of the offset beyond the clock's steady drift.
 
     Attributes:
         jumps: jumps seen since start, restarts among them.
-        spikes: scenes whose stamp was ahead of the believed offset by more than ``SPIKE_NS``.
+        spikes: scenes with a stamp ahead of the estimated offset by more than ``SPIKE_NS``.
     """
 
     def __init__(
@@ -170,11 +170,11 @@ class ClockAlignment:
 
     @property
     def offset_ns(self) -> int:
-        """Capture (node's clock) minus stamp (source's clock), as believed now."""
+        """Current estimate of capture (node's clock) minus stamp (source's clock)."""
         return self._offset_ns
 
     def estimate(self) -> ClockEstimate | None:
-        """Return the present estimate of the source's clock; ``None`` before the first scene."""
+        """Return the current estimate of the source's clock; ``None`` before the first scene."""
         line = self._line
         if line is None:
             return None
@@ -196,11 +196,11 @@ class ClockAlignment:
 
     @property
     def late(self) -> bool:
-        """Whether all scenes of the last seconds were later than any drift explains."""
+        """Whether all scenes of the last seconds were later than drift can explain."""
         return self._window.lowest > LOCK_NS
 
     def restart(self) -> None:
-        """The source restarted, perhaps with another clock. This counts as a jump."""
+        """Handle a restart of the source, perhaps with another clock. This counts as a jump."""
         self._restarted = True
         self._note_jump()
 
@@ -210,7 +210,7 @@ class ClockAlignment:
         Args:
             stamp_ns: the scene's stamp, the source's clock.
             sequence: the source's counter; the caller passes only scenes that advance it.
-            receipt_ns: when it arrived, the node's clock.
+            receipt_ns: time of receipt, node's clock.
         """
         newest_possible = receipt_ns - self._min_latency_ns
         seen_ns = newest_possible - stamp_ns
@@ -237,7 +237,7 @@ class ClockAlignment:
         return capture_ns
 
     def _is_jump(self, step: _Step, above_ns: int) -> bool:
-        """Whether the source's clock jumped, at a scene that lies ``above_ns`` above the line."""
+        """Return whether the source's clock jumped, at a scene ``above_ns`` above the line."""
         if abs(above_ns) <= LOCK_NS:
             return False
         expected_ns = step.scenes * self._period_ns
@@ -250,10 +250,10 @@ class ClockAlignment:
         return min(abs(deviation) for deviation in deviations) > self._jump_limit_ns
 
     def _carried_ns(self, step: _Step) -> int:
-        """Return the time from the last scene to a scene whose stamp is not believed.
+        """Return the time from the last scene to a scene with a rejected stamp.
 
-        The sequence says it, unless the source paused or restarted. Then the receipt says more. A
-        capture that is too new is corrected by the next scene of less latency.
+        The sequence gives this time, unless the source paused or restarted; then the receipt is
+        more reliable. A capture that is too new is corrected by the next scene with less latency.
         """
         expected_ns = step.scenes * self._period_ns
         if 0 < expected_ns <= self._jump_limit_ns:
@@ -265,7 +265,7 @@ class ClockAlignment:
         self._scenes_since_jump = 0
 
     def _move(self, line: OffsetLine, by_ns: int, receipt_ns: int) -> None:
-        """The source's clock jumped: move the line, and forget what was seen before."""
+        """Handle a jump of the source's clock: move the line, and forget earlier differences."""
         if not self._restarted:  # that was counted
             self._note_jump()
         line.shift(by_ns)
@@ -274,7 +274,7 @@ class ClockAlignment:
         self._suspects.clear()
 
     def _follow(self, line: OffsetLine, above_ns: int, receipt_ns: int) -> None:
-        """Take one more difference, ``above_ns`` above the line, into account."""
+        """Add one difference, ``above_ns`` above the line."""
         if above_ns < min(0, self._window.lowest) - SPIKE_NS:
             self.spikes += 1
             self._suspects.append((receipt_ns, above_ns))

@@ -1,43 +1,44 @@
-"""The offset that is believed between a source's clock and the node's: a line over time.
+"""The estimated offset between a source's clock and the node's clock: a line over time.
 
 From one side, a slow clock and a growing delay look alike: both raise the difference receipt -
-stamp. What tells them apart is how clocks behave. A quartz is off by a steady part of its time,
-50 ppm or less; two of them differ by 100. Temperature changes that by less than 1 ppm for each
-degree, so by a few ppm over a shift. ntpd, which disciplines a clock, takes 15 ppm for the error of
-a quartz (PHI in RFC 5905, section 7.2), and 500 for the most that it ever corrects (MAXFREQ), which
-only broken clocks need. Therefore:
+stamp. They are distinguished by the behaviour of clocks. A quartz has a constant rate error of 50
+ppm or less; two of them differ by up to 100 ppm. Temperature changes this by less than 1 ppm per
+degree, so by a few ppm over a shift. ntpd, which disciplines a clock, assumes an error of 15 ppm
+for a quartz (PHI in RFC 5905, section 7.2), and corrects at most 500 ppm (MAXFREQ), which only
+broken clocks need. Therefore:
 
 - The line never rises by more than ``MAX_DRIFT``.
-- In the first ``LEARNING_NS`` of scenes it learns the steady drift, and bounds its rise the closer
-  the longer it has learnt. From then on it rises by that drift, and beyond it by no more than
-  ``MAX_WANDER``, and by ``wander_ns`` in all.
-- It follows only what lies within ``LOCK_NS`` above it. Scenes that are all later than that are
-  late: no clock leaps, so the line learns nothing from them, however long they last. It falls then
-  as fast as the clock may run.
-- Without scenes it keeps the drift learnt for ``HOLD_NS``, and rises no more after that. Before the
-  drift is learnt it does not rise, and then follows what lies a little higher (``_unsure_ns``).
+- In the first ``LEARNING_NS`` of scenes it learns the steady drift, with a bound on its rise that
+  tightens over time. From then on it rises by that drift, plus at most ``MAX_WANDER``, up to
+  ``wander_ns`` in total.
+- It follows only differences within ``LOCK_NS`` above it. If all scenes are later than that, they
+  are delayed: clocks do not leap, so the line does not learn from them, however long this lasts. It
+  then falls as fast as the clock may run.
+- Without scenes it keeps the learnt drift for ``HOLD_NS``, and stops rising after that. Before the
+  drift is learnt it does not rise without scenes, and afterwards follows slightly higher
+  differences (``_unsure_ns``).
 
-It falls whenever scenes come through faster: that is evidence, and no assumption.
+It falls whenever scenes arrive faster: this is evidence, not an assumption.
 """
 
 from dataclasses import dataclass
 
 S = 1_000_000_000
 MAX_DRIFT = 200e-6
-"""Twice what two crystals of 50 ppm differ by: room for age and cold."""
+"""Twice the difference of two 50 ppm crystals: a margin for ageing and cold."""
 LOCK_NS = 20_000_000
 """Height above the line beyond which a stamp is late."""
 LEARNING_NS = 30 * 60 * S
 MAX_WANDER = LOCK_NS / LEARNING_NS
-"""11 ppm: what the drift learnt may be wrong by, and what a temperature may change."""
+"""11 ppm: possible error of the learnt drift, plus the effect of temperature."""
 HOLD_NS = 2 * 3600 * S
 YOUNG_NS = 10 * S
 WANDER_NS = 100_000_000
 BUCKETS = 12
-"""Minima that are remembered: one minute of a steady source."""
+"""Number of minima kept: one minute of a steady source."""
 AGREEING = 4
-"""Minimum number of buckets that must agree before the line is lowered. A fault of stamps that is
-shorter than the time of two buckets spoils three at most.
+"""Minimum number of buckets that must agree before the line is lowered. A stamp fault shorter than
+two buckets affects at most three of them.
 """
 MIN_SAMPLES = 3
 
@@ -72,12 +73,12 @@ class OffsetLine:
 
     Args:
         offset_ns: capture (node's clock) minus stamp (source's clock), from the first scene.
-        now_ns: when that was received.
-        wander_ns: greatest rise in all beyond the steady drift, once that is learnt.
+        now_ns: time of its receipt.
+        wander_ns: maximum total rise beyond the steady drift, once the drift is learnt.
 
     Attributes:
-        rise_ns: by how much the offset rose since the first scene, jumps not counted: the drift
-            that was believed. Negative where the source's clock runs fast.
+        rise_ns: rise of the offset since the first scene, without jumps: the estimated drift.
+            Negative if the source's clock runs fast.
         wandered_ns: part of ``wander_ns`` that is used up.
     """
 
@@ -94,11 +95,11 @@ class OffsetLine:
 
     @property
     def slope(self) -> float | None:
-        """The drift learnt so far, as rise over time; ``None`` before three buckets."""
+        """The drift learnt so far, as rise per time; ``None`` before three buckets."""
         return self._rate if self._rate is not None else self._slope.value()
 
     def at(self, now_ns: int) -> int:
-        """The offset believed at ``now_ns``."""
+        """Return the estimated offset at ``now_ns``."""
         if self._rate is None:
             return self._offset_ns + round(self._young() * max(0, now_ns - self._now_ns))
         held_ns = max(0, min(now_ns, self._locked_ns + HOLD_NS) - self._now_ns)
@@ -106,13 +107,13 @@ class OffsetLine:
         return self._offset_ns + round(self._rate * held_ns + min(0.0, self._rate) * beyond_ns)
 
     def shift(self, by_ns: int) -> None:
-        """The source's clock jumped; how fast it runs is still known."""
+        """Handle a jump of the source's clock; its rate is still known."""
         self._offset_ns += by_ns
 
     def follow(self, lowest_ns: int, now_ns: int) -> int:
-        """Take the lowest difference of a bucket, which ends at ``now_ns``, into account.
+        """Add the lowest difference of a bucket that ends at ``now_ns``.
 
-        ``lowest_ns`` is relative to the line. Returns by how much the line was moved.
+        ``lowest_ns`` is relative to the line. Return the shift of the line.
         """
         line_ns = self.at(now_ns)
         self.rise_ns += line_ns - self._offset_ns
@@ -149,7 +150,7 @@ class OffsetLine:
         return min(round((greatest - least) * alone_ns), self._wander_ns)
 
     def _between(self) -> tuple[float, float]:
-        """The least and the greatest drift that agree with what was learnt so far."""
+        """Return the minimum and maximum drift consistent with the data so far."""
         slope = self.slope
         if slope is None:
             return -MAX_DRIFT, MAX_DRIFT
@@ -157,21 +158,21 @@ class OffsetLine:
         return max(slope - unsure, -MAX_DRIFT), min(slope + unsure, MAX_DRIFT)
 
     def _may_rise_ns(self, elapsed_ns: int) -> int:
-        """Return how far the line may rise beyond its own slope."""
+        """Return the maximum rise of the line beyond its own slope."""
         if self._rate is None:
             return round((self._between()[1] - self._young()) * elapsed_ns)
         left_ns = self._wander_ns - self.wandered_ns
         return max(0, min(round(MAX_WANDER * elapsed_ns), left_ns))
 
     def _may_fall_ns(self, elapsed_ns: int) -> int:
-        """Return how far the clock may have run fast, unseen, while all scenes were late."""
+        """Return the maximum undetected gain of the clock while all scenes were late."""
         if self._rate is None:
             return round(max(0.0, self._young() - self._between()[0]) * elapsed_ns)
         alone = self._now_ns - self._locked_ns > HOLD_NS
         return round(MAX_WANDER * elapsed_ns) if alone else 0
 
     def _correct(self, step_ns: int, drift_ns: int) -> None:
-        """Move the line by ``step_ns``; a fall beyond ``drift_ns`` was not drift, but delay."""
+        """Move the line by ``step_ns``; a fall beyond ``drift_ns`` was due to delay, not drift."""
         self._offset_ns += step_ns
         self._lowest = [lowest - step_ns for lowest in self._lowest]
         self.rise_ns += max(step_ns, drift_ns)
@@ -179,7 +180,7 @@ class OffsetLine:
             self.wandered_ns = max(0, self.wandered_ns + step_ns)
 
     def _learn(self, above_ns: int) -> None:
-        """Learn the drift from a bucket's lowest difference, ``above_ns`` above the line."""
+        """Update the drift from a bucket's lowest difference, ``above_ns`` above the line."""
         if abs(above_ns) > LOCK_NS:
             return
         self._learnt_ns = self._now_ns - self._start_ns

@@ -1,4 +1,4 @@
-"""Decides which scenes of a source are new, and when they were captured."""
+"""Decides whether scenes of a source are new, and computes their capture times."""
 
 from collections import Counter, deque
 
@@ -29,7 +29,8 @@ from hri_predict.people.ring_buffer import NEVER
 #   that follow, and it is far larger. ``ADDS_UP`` lies between.
 
 WINDOW = 90
-"""Scenes, 3 s at 30 a second: the line is then known to 2 ms where stamps are up to 30 ms late."""
+"""Number of scenes, 3 s at 30 Hz: the line is then accurate to 2 ms if stamps are up to 30 ms
+late."""
 FEWEST = 30
 LEAST_NS = 2_000_000
 MOST_NS = 40_000_000
@@ -37,10 +38,10 @@ ADDS_UP = 0.8
 
 
 class EvenCaptures:
-    """Moves the captures of one source.
+    """Corrects capture times of one source to an even rate.
 
     Attributes:
-        moved: captures moved since the start.
+        moved: number of captures moved since the start.
     """
 
     def __init__(self) -> None:
@@ -50,17 +51,17 @@ class EvenCaptures:
         self._newest_ns: int | None = None
 
     def forget(self) -> None:
-        """Start again, since the source or its clock did."""
+        """Start again, because the source restarted or its clock jumped."""
         self._sequences.clear()
         self._captures.clear()
         self._newest_ns = None
 
     def move(self, sequence: int, capture_ns: int) -> int:
-        """Return when a scene was captured: at the time given, or up to ``MOST_NS`` earlier.
+        """Return the capture time of a scene: the given time, or up to ``MOST_NS`` earlier.
 
         Args:
-            sequence: of the scene; it counts up from the last.
-            capture_ns: as stamped, the node's clock.
+            sequence: sequence of the scene, higher than the last.
+            capture_ns: stamped capture time, node's clock.
         """
         if self._sequences and sequence <= self._sequences[-1]:
             self.forget()
@@ -77,7 +78,7 @@ class EvenCaptures:
         return capture_ns
 
     def _late(self) -> tuple[int, int]:
-        """Return the lateness of the newest stamp, 0 if nothing is moved; and the line's step."""
+        """Return the lateness of the newest stamp, 0 if nothing is moved, and the line's step."""
         if len(self._captures) < FEWEST:
             return 0, 0
         scenes = np.array(self._sequences, dtype=np.int64) - self._sequences[0]
@@ -92,7 +93,7 @@ class EvenCaptures:
 
 
 def _lateness(scenes: Floats, stamps: Floats) -> tuple[Floats, float]:
-    """(N,) ns above the lowest line of the least-squares slope, and that slope, ns per scene."""
+    """Return (N,) ns above the lowest line of least-squares slope, and the slope (ns/scene)."""
     apart = scenes - scenes.mean()
     slope = float((apart @ stamps) / (apart @ apart))
     late: Floats = stamps - slope * scenes
@@ -102,27 +103,28 @@ def _lateness(scenes: Floats, stamps: Floats) -> tuple[Floats, float]:
 # --------------------------------------------------------------------------------------------------
 
 RESTART_SCENES = 10
-"""After this many consecutive scenes that count up from a lower sequence, the source restarted."""
+"""Number of consecutive scenes counting up from a lower sequence that indicate a restart."""
 
 
 class SceneGate:
     """Lets a scene pass if its sequence and its capture advance.
 
-    A repeated scene holds no new information, however often it arrives. It must not make the input
-    look fresh.
+    A repeated scene contains no new information, however often it arrives, and must not make the
+    input look fresh.
 
     Args:
         period_ns: the source's nominal time between captures.
         min_latency_ns: minimum time from capture to receipt.
         clock_wander_ns: see ``ClockAlignment``.
         even_captures: whether captures arrive at an even rate; see ``EvenCaptures``.
-        stamps_are_ours: stamps are captures of the node's clock already: nothing is aligned.
+        stamps_are_ours: stamps are already capture times on the node's clock, so nothing is
+            aligned.
 
     Attributes:
         alignment: alignment of the source's clock with the node's.
-        capture_ns: of the newest scene that passed (node's clock).
+        capture_ns: capture time of the newest scene that passed (node's clock).
         repeats: number of consecutive scenes that did not advance.
-        counters: counts of the scenes by their fate.
+        counters: number of scenes by outcome.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""Lost people: who vanished, where they may be, and when they stop being lost."""
+"""Lost people: people who vanished, where they may be, and when they stop being lost."""

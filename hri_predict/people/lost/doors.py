@@ -1,15 +1,15 @@
-"""Exits and entrances: where people leave and enter the room.
+"""Exits and entrances, where people leave and enter the room.
 
-A person leaves by *crossing* an exit: seen in the room, then in the exit, then going out of it at
-walking pace by a side that leads out. Places are those of hips or feet (``floor``). A person who
-vanishes before has not left: who stands in a doorway, has just come in, turns round, crouches, or
-brushes an exit's edge, may come back unseen.
+A person leaves by *crossing* an exit: the person is seen in the room, then in the exit, then
+leaving it at walking pace through a side that leads out. Positions are those of hips or feet
+(``floor``). A person who vanishes earlier has not left: a person who stands in a doorway, has just
+come in, turns round, crouches, or touches an exit's edge may return unseen.
 
-Where the source states an error of a person's place, the person has left only if every place within
-that error is behind the side, too.
+If the source states a position error, the person has left only if every position within that error
+is behind the side, too.
 
-The sides that lead out: the line that the configuration names (``out``), or else every side that
-lies on the far side of where the person came in, if the exit is wide enough there for a body.
+The sides that lead out are the configured line (``out``) or, by default, every side opposite to
+where the person came in, if the exit is wide enough there for a body.
 """
 
 from collections.abc import Sequence
@@ -24,23 +24,26 @@ from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 
 LATELY_S = 0.2
-"""Over this time before the newest capture motion is measured: a part of a step."""
+"""Time before the newest capture over which motion is measured: part of a step."""
 PACE_M_S = 0.4
 """Minimum speed of a person who leaves; a slower one may be about to stop."""
 OUT_M = 0.1
-"""Half of a body's depth, without its arms: who is nearer to the side still stands in it."""
+"""Half of a body's depth, without arms: a person nearer to the side is still in the exit."""
 THROUGH_M = 0.3
-"""A person who got less far towards the side that leads out may only have passed an edge."""
+"""Minimum progress towards the side that leads out: with less, only an edge may have been
+passed."""
 HALF_M = 0.25
-"""Half of a body's width, with its arms: an exit is left by its middle, where a whole body fits."""
+"""Half of a body's width, with arms: a crossing must be where a whole body fits through the
+exit."""
 UNSEEN_S = 0.3
 """Maximum interval between two captures that show a crossing."""
 BEHIND_M, BEHIND_LINE_M = 0.75, 3.0
-"""So near behind a side a person counts as outside; behind a line that was named, farther."""
+"""Maximum distance behind a side at which a person counts as outside; larger for a configured
+line."""
 BACK_M = 0.05
-"""A person who moved inwards by more than this since crossing is coming back."""
+"""A person who has moved inwards by more than this since crossing is coming back."""
 RESUMED_S, RESUMED_M = 1.0, 0.1
-"""A track resumed on the way out counts as left, within this time, once it went on this far."""
+"""A track resumed on the way out counts as left if it moves this far onwards within this time."""
 
 
 class Doors:
@@ -57,11 +60,11 @@ class Doors:
         self._entrances = self._exits if entrances is None else tuple(entrances)
 
     def is_entrance(self, point: Floats) -> bool:
-        """Whether people may enter at ``point`` (3,), room frame."""
+        """Return whether people may enter at ``point`` (3,), room frame."""
         return any(region.contains(point) for region in self._entrances)
 
     def follow(self, track: Track) -> None:
-        """Note how the newest capture of ``track`` leads into an exit, through it or back."""
+        """Record whether the newest capture of ``track`` leads into an exit, through it or back."""
         place = floor_place(track) if self._exits else None
         if place is None:
             return
@@ -82,7 +85,7 @@ class Doors:
             passage.in_room = passage.crossed is None
 
     def has_left(self, track: Track) -> bool:
-        """Whether a person who has vanished has crossed an exit, and was not coming back."""
+        """Return whether a person who has vanished had crossed an exit and was not coming back."""
         crossed, place = track.passage.crossed, track.passage.place
         if crossed is None or place is None:
             return False
@@ -113,7 +116,7 @@ class Doors:
             visit.fits = way is not None and self._fits(door, place, way)
 
     def _fits(self, door: int, place: Floats, way: Way) -> bool:
-        """Whether a body that walks there is in the exit with its whole width."""
+        """Return whether a body walking there is inside the exit with its whole width."""
         if way.speed_m_s < PACE_M_S:
             return False
         aside = HALF_M * np.array([-way.moved[1], way.moved[0]]) / np.hypot(*way.moved)
@@ -122,7 +125,7 @@ class Doors:
         return all(exit_.contains(np.append(place + a, middle_z)) for a in (aside, -aside))
 
     def _crossed(self, track: Track, visit: Visit, before: Floats, place: Floats) -> Crossed | None:
-        """The side by which a body that was in an exit, and is so no more, went out."""
+        """Return the side through which a body that was in an exit has left it."""
         way = floor_way(track, LATELY_S)
         found = self._out(visit, before, place, track.error_m)
         if way is None or found is None or way.along(found.side.out) < PACE_M_S:
@@ -130,7 +133,7 @@ class Doors:
         return found
 
     def _out(self, visit: Visit, begin: Floats, end: Floats, error_m: float) -> Crossed | None:
-        """Return where the path from ``begin`` to ``end`` leads right through an exit."""
+        """Return the crossing if the path from ``begin`` to ``end`` leads right through an exit."""
         if not visit.from_room:
             return None
         for side in self._sides[visit.door]:
@@ -143,7 +146,7 @@ class Doors:
 
 
 def _sides(exit_: Region) -> tuple[Side, ...]:
-    """The sides of an exit, or the part of one that leads out."""
+    """Return the sides of an exit, or the configured line that leads out."""
     corners = np.asarray(exit_.polygon, dtype=np.float64)
     after = np.roll(corners, -1, axis=0)
     doubled = float(np.sum(corners[:, 0] * after[:, 1] - after[:, 0] * corners[:, 1]))

@@ -1,7 +1,7 @@
-"""The place of a body on the floor, and its motion there: by its hips, or by both feet.
+"""Position and motion of a body on the floor, from its hips or both feet.
 
-The mean of all seen joints is not a place on the floor: it moves by half a metre when a pallet
-hides the legs. So places and ways come from the same few joints, and only if these were seen.
+The mean of all seen joints does not give a position on the floor: it moves by half a metre when a
+pallet hides the legs. So positions and motion use the same few joints, and only if these were seen.
 """
 
 from collections.abc import Iterable
@@ -24,7 +24,8 @@ _STANDS = tuple(
         ("l_foot", "r_foot"),
     )
 )
-"""Joints above which a body stands, the best first. One foot alone swings half a step ahead."""
+"""Joints that give a body's position on the floor, best first. A single foot may swing half a step
+ahead."""
 _FEET = np.array([JOINTS.index(name) for name in ("l_ankle", "l_foot", "r_ankle", "r_foot")])
 
 
@@ -40,12 +41,12 @@ class Way(NamedTuple):
         return float(np.linalg.norm(self.moved)) / self.seconds
 
     def along(self, direction: Floats) -> float:
-        """The part (m/s) of the speed along a unit vector (2,)."""
+        """Return the component (m/s) of the velocity along a unit vector (2,)."""
         return float(self.moved @ direction) / self.seconds
 
 
 def floor_place(track: Track) -> Floats | None:
-    """(2,) where the body stands in its newest capture; ``None``: hips and feet are hidden."""
+    """Return (2,) position of the body in its newest capture; ``None`` if not visible."""
     seen = track.stamps == track.capture_ns
     for joints in _STANDS:
         if seen[joints].all():
@@ -55,9 +56,10 @@ def floor_place(track: Track) -> Floats | None:
 
 
 def floor_way(track: Track, span_s: float) -> Way | None:
-    """Return the body's motion over the floor in the last ``span_s`` before it was last seen.
+    """Return the body's motion over the floor in the ``span_s`` before it was last seen.
 
-    The same joints at both ends; ``None``: they were not seen, or for less than half of that time.
+    The same joints are used at both ends; ``None``: they were not seen, or for less than half of
+    that time.
     """
     stamps, positions, observed = track.history.samples()
     recent = np.flatnonzero(stamps >= track.capture_ns - round(span_s * 1e9))
@@ -76,9 +78,9 @@ def floor_way(track: Track, span_s: float) -> Way | None:
 
 
 def standing_in(tracks: Iterable[Track], capture_ns: int) -> list[Floats]:
-    """(2,) places on the floor of the bodies that a scene shows down to an ankle or a foot.
+    """Return (2,) floor positions of the bodies that a scene shows down to an ankle or a foot.
 
-    Without those whose place the source does not know exactly: they show nothing.
+    Bodies with a stated position error are left out: they prove nothing.
     """
     places = []
     for track in tracks:

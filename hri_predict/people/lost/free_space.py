@@ -1,24 +1,24 @@
-"""Space that a source sees free, and places where a lost person may still be.
+"""Space seen free by a source, and places where a lost person may still be.
 
-Only a sensor that can distinguish free space from occupied space gives such evidence (a depth
-camera or a lidar whose tracker reports every person who stands in the open):
-``source.sees_free_space``. The floor is a grid. A cell is *open* in a scene if no person could
-stand there unseen: it and half a body's width around it are inside the field of view (or behind a
-wall), outside every static shadow, and not behind (or at) another body. A lost person may be in
-every cell that they can walk to from where they were last seen, except in cells that they could
-reach only by staying in the open for ``free_captures`` captures.
+Only a sensor that distinguishes free from occupied space gives such evidence (a depth camera or a
+lidar with a tracker that reports every person who stands in the open): ``source.sees_free_space``.
+The floor is a grid. A cell is *open* in a scene if no person could stand there unseen: the cell and
+half a body's width around it are inside the field of view (or behind a wall), outside every static
+shadow, and not behind (or at) another body. A lost person may be in any cell within walking
+distance of where they were last seen, except in cells that can be reached only by staying in the
+open for ``free_captures`` captures.
 
-So a person who steps behind a pallet may be there, or within reach of it, and nowhere else, until
-the sensor sees behind it.
+So a person who steps behind a pallet can only be there, or within reach of it, until the sensor
+sees behind it.
 
-No person vanishes in the open. If the very place where a person was last seen counts as open, and
-no person was seen there again, the claim that it is seen is wrong: something unknown stands between
-it and the camera (a vehicle, say), and it is unknown how much that hides, or where it goes. For
-this person, no place counts as seen free then, until a body is seen down to its feet at that place,
-or just behind it on the same line of sight. So the tracker's drop-outs end where the body is found.
+No person vanishes in the open. If the place where a person was last seen counts as open, and no
+person is seen there again, it is in fact hidden: an unknown object (such as a vehicle) stands
+between it and the camera, with unknown size and motion. For this person, no place then counts as
+seen free until a body is seen down to its feet at that place, or just behind it on the same line of
+sight. A drop-out of the tracker thus ends when the body is found again.
 
-A body whose place the source states with an error may hide other places than it seems to. So scenes
-with such a person prove nothing, and no place counts as seen free for one who is lost.
+A body with a stated position error may hide other places than it appears to. So scenes with such a
+body prove nothing, and for a lost person with such an error no place counts as seen free.
 """
 
 import itertools
@@ -38,33 +38,34 @@ FREE_SPACE_M = 60.0
 """Maximum size of the grid of seen free space: a larger one would delay the advice."""
 CELL_M = 0.25
 BODY_M = 0.3
-"""Half a body's width. A person this near to a hidden place may be half hidden, and be missed."""
+"""Half a body's width. A person this near to a hidden place may be half hidden and not detected."""
 HIDES_M = 0.3
-"""A person who lies on the floor fits into this height."""
+"""Height of a person who lies on the floor."""
 TALL_M = 2.0
 """Maximum height at which a shadow that hides a standing person begins."""
 STEP_M = 0.5
-"""A body's mean may lie this far from where it was: other joints, a step."""
+"""Maximum change of a body's mean between scenes, due to other joints or a step."""
 ON_LINE_M, BEFORE_M, BEHIND_M = 0.2, 0.2, 0.5
-"""A body so near to the line of sight to a place, so little before or behind that place, shows that
-the line is free. From a camera 2.4 m high and 4 m away, such a line is half a metre above the place
-at most: what is lower hides no person."""
+"""Maximum distances of a body from the line of sight to a place, in front of the place and behind
+it, at which the body shows that the line is free. From a camera 2.4 m high and 4 m away, such a
+line is at most half a metre above the place: lower objects do not hide a person."""
 MOST_PLACES = 16
-"""At most the number of a body's segments: a zone has a capsule for each."""
+"""Maximum number of discs; at most the number of a body's segments, as a zone has a capsule for
+each."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
 _BORDER_M = 1.0  # of the grid around the field of view: cells that are never open
 
 
 class FreeSpace:
-    """The grid and what is open in it.
+    """The grid and its open cells.
 
     Args:
         view: space that the sensor sees.
         room: region where people can be, up to walls and fences; ``None``: everywhere.
-        shadows: space that it never sees within its view.
-        viewpoints: (V, 3) where the cameras are; empty: unknown, so nothing is open in a scene with
-            people in it, because they may hide others.
-        captures: number of captures in which a person in the open is seen at least once.
+        shadows: space within the view that the sensor never sees.
+        viewpoints: (V, 3) camera positions; empty: unknown, so no cell is open in a scene with
+            people, because they may hide others.
+        captures: number of captures within which a person in the open is seen at least once.
         floor_m: height of the floor.
     """
 
@@ -99,7 +100,7 @@ class FreeSpace:
         self._open: Bools = hidden == 0
 
     def free(self, seen: Sequence[Floats]) -> Bools:
-        """Which cells are open in a scene with these bodies at (3,) places."""
+        """Return which cells are open in a scene with bodies at these (3,) positions."""
         if not len(seen):
             return self._open
         if not len(self._viewpoints):
@@ -118,14 +119,15 @@ class FreeSpace:
         return Whereabouts(self, place[:2], capture_ns, speed_m_s)
 
     def within(self, place: Floats, metres: float) -> Bools:
-        """Cells of the room whose middle is within this distance of ``place``."""
+        """Return the cells of the room with centres within this distance of ``place``."""
         apart = np.hypot(*np.moveaxis(self.centres - place[:2], -1, 0))
         near: Bools = self.in_room & (apart <= metres)
         return near
 
     def shows(self, place: Floats, standing: Sequence[Floats]) -> bool:
-        """Whether bodies seen down to their feet, at these (2,) places, show that ``place`` (2,) is
-        seen. Which of several cameras sees a body is not known: then only that very place counts.
+        """Return whether bodies seen down to their feet at these (2,) places show that ``place`` is
+        seen. With several cameras it is unknown which one sees a body, so only the place itself
+        counts.
         """
         for body in standing:
             away = body - place
@@ -140,7 +142,7 @@ class FreeSpace:
         return False
 
     def _touches(self, region: Region) -> Bools:
-        """Cells that lie at least partly inside."""
+        """Return cells that are at least partly inside."""
         return self._contains(region) | (self._edge_m(region) < _HALF_M)
 
     def _contains(self, region: Region) -> Bools:
@@ -155,7 +157,7 @@ class FreeSpace:
         return distance
 
     def _behind(self, viewpoint: Floats, bodies: Floats) -> Bools:
-        """Cells that one camera does not see for these (B, 2) bodies: behind them, or at them."""
+        """Return cells hidden from one camera by these (B, 2) bodies: behind them, or at them."""
         way = self.centres - viewpoint  # (X, Y, 2)
         length = np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)
         hidden = np.zeros(self.shape, bool)
@@ -176,9 +178,10 @@ class Whereabouts:
     """Possible places of one lost person.
 
     Attributes:
-        capture_ns: the newest scene that was taken into account.
+        capture_ns: capture time of the newest scene used.
         speed_m_s: maximum walking speed of the person.
-        disputed: the place where the person was last seen counted as open, and no person was there.
+        disputed: whether the place where the person was last seen counted as open without a person
+            there.
     """
 
     def __init__(self, space: FreeSpace, place: Floats, capture_ns: int, speed_m_s: float) -> None:
@@ -202,13 +205,13 @@ class Whereabouts:
         return bool(self._left.any())
 
     def update(self, capture_ns: int, free: Bools | None, standing: Sequence[Floats] = ()) -> None:
-        """Let the person walk until ``capture_ns``, then remove cells that are seen free.
+        """Expand the possible places until ``capture_ns``, then remove cells that are seen free.
 
         Args:
             capture_ns: capture time of the scene.
             free: cells that are open in it; ``None``: the scene proves nothing, and cells seen
                 before must be seen again.
-            standing: (2,) places of the bodies in it that are seen down to their feet.
+            standing: (2,) places of the bodies seen down to their feet in the scene.
         """
         self._shown = self._shown or self._space.shows(self._place, standing)
         self.disputed = self.disputed and not self._shown
@@ -229,7 +232,7 @@ class Whereabouts:
             self._dispute()
 
     def _dispute(self) -> None:
-        """The person may be wherever they can have walked to: what was seen free is not."""
+        """Reset to all places within walking distance: earlier free space is not trusted."""
         self.disputed = True
         seconds = max(0, self.capture_ns - self._begun_ns) * 1e-9
         reached = self._space.within(self._place, STEP_M + CELL_M + self.speed_m_s * seconds)
@@ -237,7 +240,7 @@ class Whereabouts:
         self._travel_m = 0.0
 
     def places(self) -> Floats:
-        """(D, 3) x, y and radius of discs that hold every place, D <= ``MOST_PLACES``."""
+        """Return (D, 3) x, y and radius of discs that cover every place, D <= ``MOST_PLACES``."""
         index = np.argwhere(self._left > 0)
         least = math.ceil(math.sqrt(len(index) / MOST_PLACES))  # smaller ones are too many
         for size in itertools.count(max(2, least)):  # cells along a block's edge
@@ -250,7 +253,7 @@ class Whereabouts:
 
 
 def _discs(cells: Floats, block: Ints) -> Floats:
-    """(D, 3) a disc about all cells of each block, by their (M, 2) middles; x, y and radius."""
+    """Return (D, 3) a disc around the cells of each block, from (M, 2) centres; x, y, radius."""
     if not len(cells):
         return np.zeros((0, 3))
     order = np.argsort(block, kind="stable")
@@ -261,7 +264,7 @@ def _discs(cells: Floats, block: Ints) -> Floats:
 
 
 def _spread(left: Ints) -> Ints:
-    """Each cell takes the largest of itself and its eight neighbours."""
+    """Set each cell to the maximum of itself and its eight neighbours."""
     for axis in (0, 1):
         padded = np.pad(left, [(1, 1) if a == axis else (0, 0) for a in (0, 1)])
         a, b = np.moveaxis(padded, axis, 0), left.shape[axis]
@@ -270,7 +273,7 @@ def _spread(left: Ints) -> Ints:
 
 
 def free_space_of(settings: PeopleSettings, source: SourceSettings) -> FreeSpace | None:
-    """The grid of a source that sees free space; ``None``: it does not.
+    """Return the grid of a source that sees free space; ``None`` for other sources.
 
     Raises:
         ConfigError: the room is too large.

@@ -1,13 +1,13 @@
-"""Lost people: people who vanished, but not by an exit.
+"""Lost people: people who vanished, but not through an exit.
 
-A tracker that returns no skeleton has not seen an empty place. So a lost person stays lost, a zone
-that grows at the speed last measured (the risk stage grows it). Scenes without that person do not
-change this. A person stops being lost only by
+A missing skeleton does not prove that a place is empty. So a lost person stays lost, with a zone
+that grows at the last measured speed (in the risk stage). Scenes without that person do not change
+this. A person stops being lost only by
 
 - being seen again: see ``Roster``;
 - ``acknowledge``, some time after the person was last seen, if ``to_acknowledge`` counted them;
-- having no place left to be, if the source sees free space, and a body was seen again where the
-  person was last seen: see ``free_space``.
+- exclusion of every possible place, if the source sees free space, and a body was seen again where
+  the person was last seen: see ``free_space``.
 
 Time alone never ends it.
 """
@@ -26,9 +26,9 @@ from hri_predict.people.snapshot import LostPerson
 from hri_predict.people.track import Body, Track
 
 SPEED_SPAN_S = 0.4
-"""The last speed is measured over this time: a third of a step, and four captures at 10 Hz."""
+"""Time over which the last speed is measured: a third of a step, and four captures at 10 Hz."""
 GAIN, GAIN_M_S = 1.25, 0.4
-"""A lost person may become this much faster than measured: a runner gains 4 m/s2 for a moment."""
+"""Margin on the measured speed of a lost person: a runner gains 4 m/s2 for a moment."""
 
 
 @dataclass(slots=True, eq=False, kw_only=True)
@@ -36,14 +36,14 @@ class Lost:
     """One lost person.
 
     Attributes:
-        id: under which the body was last seen.
-        positions: (J, 3) where each joint was last seen; NaN if never.
-        joint_age_s: (J,) seconds from then to ``capture_ns``; inf if never.
-        capture_ns: when the person was last seen.
-        speed_m_s: maximum speed at which the body moves on.
-        limbs_m_s: (J,) how much faster than the body each joint was.
-        error_m: by how much all joints may be off together.
-        track: a body that appears may take it over; ``None`` after a restart.
+        id: id of the body when last seen.
+        positions: (J, 3) last seen position of each joint; NaN if never seen.
+        joint_age_s: (J,) seconds from that observation to ``capture_ns``; inf if never.
+        capture_ns: capture in which the person was last seen.
+        speed_m_s: maximum speed of the body.
+        limbs_m_s: (J,) speed of each joint in excess of the body's.
+        error_m: possible common position error of all joints.
+        track: track that a newly seen body may continue; ``None`` after a restart.
         whereabouts: possible places of the person; ``None``: the source does not see free space.
     """
 
@@ -59,30 +59,30 @@ class Lost:
 
     @property
     def centroid(self) -> Floats:
-        """(3,) mean of the joints seen last."""
+        """(3,) mean of the last seen joints."""
         newest = self.joint_age_s <= self.joint_age_s.min()
         centroid: Floats = self.positions[newest].mean(axis=0)
         return centroid
 
     def apart(self, body: Body) -> float:
-        """Return the distance (m) of ``body`` from the last place; see ``Track.apart``."""
+        """Return the distance (m) of ``body`` from the last seen position; see ``Track.apart``."""
         if self.track is not None:
             return self.track.apart(body)
         return float(np.linalg.norm((body.centroid - self.centroid)[:2]))
 
 
 class LostPeople:
-    """People who vanished, and whose whereabouts are unknown.
+    """People who vanished, with unknown whereabouts.
 
     Args:
         settings: see ``PeopleSettings``.
-        space: space that the source sees free; ``None``: it does not see free space.
+        space: space seen free by the source; ``None``: the source does not see free space.
 
     Attributes:
         people: the lost people.
-        forgotten: more people were lost than are kept, or it is unknown who was lost: a person may
-            be anywhere, until an acknowledgement.
-        distrusted: it is unknown who was lost, because the state file cannot be trusted.
+        forgotten: whether more people were lost than are kept, or it is unknown who was lost: a
+            person may be anywhere until an acknowledgement.
+        distrusted: whether it is unknown who was lost, because the state file cannot be trusted.
     """
 
     def __init__(self, settings: PeopleSettings, space: FreeSpace | None) -> None:
@@ -97,8 +97,7 @@ class LostPeople:
         self._sets = 0
 
     def add(self, track: Track) -> None:
-        """Add a lost person. Beyond ``max_people`` the oldest place is dropped, and that person
-        may be anywhere."""
+        """Add a lost person. Beyond ``max_people``, the oldest is dropped and may be anywhere."""
         ever = np.isfinite(track.positions).all(-1)
         age_s = np.where(ever, (track.capture_ns - np.where(ever, track.stamps, 0)) * 1e-9, np.inf)
         _, limbs_m_s = track.speeds(SPEED_SPAN_S)
@@ -118,8 +117,8 @@ class LostPeople:
     def speed_of(self, track: Track) -> float:
         """Return the maximum speed of a body that is no longer seen, m/s.
 
-        It is the last measured speed plus a margin, and at least the standard's. If none was
-        measured, it is the fastest that a body can be.
+        This is the last measured speed plus a margin, and at least the standard's speed. If no
+        speed was measured, it is the maximum speed of a body.
         """
         measured, _ = track.speeds(SPEED_SPAN_S)
         if measured is None:
@@ -127,21 +126,21 @@ class LostPeople:
         return max(self._settings.lost_speed_m_s, GAIN * measured + GAIN_M_S)
 
     def onward_speed_of(self, track: Track) -> float:
-        """Return the maximum speed of a lost body: as ``speed_of``, or as it was speeding up."""
+        """Return the maximum speed of a lost body: ``speed_of``, or more if it was accelerating."""
         most = self._settings.max_body_speed_m_s
         return max(self.speed_of(track), min(speed_reached(track), most))
 
     def found_speed_of(self, track: Track) -> float:
         """Return the maximum speed of a body that is found elsewhere, m/s.
 
-        As ``speed_of``, but the standard's if none was measured: a person who was seen for a moment
-        is not found at the other end of the room.
+        As ``speed_of``, but the standard's speed if none was measured: a person seen only briefly
+        is not found again at the other end of the room.
         """
         measured, _ = track.speeds(SPEED_SPAN_S)
         return self._settings.lost_speed_m_s if measured is None else self.speed_of(track)
 
     def remove(self, lost: Lost) -> None:
-        """Forget a person who is seen again."""
+        """Remove a person who is seen again."""
         self.people.remove(lost)
 
     def see(
@@ -151,13 +150,13 @@ class LostPeople:
         is_whole: bool,
         standing: Sequence[Floats] = (),
     ) -> int:
-        """Note a scene of a source that sees free space.
+        """Add a scene from a source that sees free space.
 
         Args:
-            capture_ns: of the scene.
-            seen: (3,) places of the bodies in it.
+            capture_ns: capture time of the scene.
+            seen: (3,) positions of the bodies in the scene.
             is_whole: whether the source saw the room and every body was located.
-            standing: (2,) places on the floor of the bodies in it that are seen down to their feet.
+            standing: (2,) floor positions of the bodies seen down to their feet.
 
         Returns:
             the number of lost people who are now proven to be gone.
@@ -175,7 +174,7 @@ class LostPeople:
         return before - len(self.people)
 
     def snapshot(self) -> tuple[LostPerson, ...]:
-        """All of them, for the risk stage."""
+        """Return all lost people, for the risk stage."""
         return tuple(
             LostPerson(
                 id=lost.id,
@@ -194,11 +193,11 @@ class LostPeople:
         )
 
     def to_acknowledge(self, now_ns: int) -> int:
-        """Return the number of the set of people that an acknowledgement may end now; 0 if there is
+        """Return the number of the set of lost people that an acknowledgement can clear now; 0 if
         none.
 
-        People who were seen too recently are not in it: the operator may not mean them. A set that
-        gains a person gets the next number, because the operator may not have heard of them.
+        People seen too recently are not included, because the operator may not mean them. A set
+        that gains a person gets the next number, because the operator may not know of that person.
         """
         settled_ns = now_ns - self._settled_ns
         asked: set[Lost | None] = {p for p in self.people if p.capture_ns < settled_ns}
@@ -209,9 +208,9 @@ class LostPeople:
         return self._sets if asked else 0
 
     def acknowledge(self) -> int:
-        """Forget those that ``to_acknowledge`` counted last; return their number.
+        """Remove the people last counted by ``to_acknowledge``; return their number.
 
-        An operator says that they are gone.
+        Call this when an operator confirms that they are gone.
         """
         before, asked = len(self.people), self._asked
         self.people = [p for p in self.people if p not in asked]
@@ -235,7 +234,7 @@ class LostPeople:
             self.lose_places([oldest.capture_ns])
 
     def lose_places(self, last_seen_ns: Sequence[int]) -> None:
-        """People were last seen then (each), and it is not known where they are."""
+        """Record people last seen at these times, at unknown places."""
         for capture_ns in last_seen_ns:
             self.forgotten = True
             self._dropped_ns = max(self._dropped_ns or capture_ns, capture_ns)
@@ -243,10 +242,10 @@ class LostPeople:
 
 
 def match_places(distance: Floats, radii: Floats) -> dict[int, int]:
-    """Pair each start with the nearest place whose zone it lies in, each place once.
+    """Pair each start with the nearest place with a zone that contains it, using each place once.
 
     Args:
-        distance: (S, V) metres from where S bodies appear to where V bodies vanished.
+        distance: (S, V) metres between S appearing bodies and V places where bodies vanished.
         radii: (S, V) metres; negative where the pair is impossible.
 
     Returns:

@@ -1,30 +1,30 @@
-"""Maximum speed of a body that is no longer seen: as it was seen last, and as it sped up then."""
+"""Maximum speed of a body that is no longer seen, from its last speed and acceleration."""
 
 import numpy as np
 
 from hri_predict.people.track import Track
 
 APART_S, START_APART_S = 0.1, 0.06
-"""Minimum time between two captures whose difference is a speed: 2 mm of noise of the joints' mean
-are 0.03 m/s in 0.1 s. Of a body that was at rest a shorter time is enough."""
+"""Minimum time between two captures for a speed: 2 mm of noise of the joints' mean are 0.03 m/s in
+0.1 s. For a body that was at rest, a shorter time is enough."""
 WITHIN_S = 0.6
-"""Captures before this say nothing about the newest speed. At 5 Hz three captures take 0.4 s."""
+"""Maximum age of captures used for the newest speed. At 5 Hz three captures take 0.4 s."""
 SPEEDING_M_S2 = 2.2
-"""A walker's trunk hardly speeds up by more, within a step or when starting."""
+"""Usual maximum acceleration of a walker's trunk, within a step or when starting."""
 AT_REST_M_S = 0.2
-"""Speed below which a person has just begun to move, at some time within the newest interval: then
-the body may speed up twice as quickly as the mean over this interval says."""
+"""Speed below which a person is at rest. If the next speed is higher, motion started at an unknown
+time within the newest interval, and the true acceleration may be twice its mean."""
 GOES_ON_S = 1.0
-"""For this long a runner may speed up as measured: 6.4 m/s2, the most that was measured of
-sprinters at the start, lead to 8 m/s in 1.25 s. A zone that grows at the speed reached then is
-ahead of a body that speeds up evenly for twice as long."""
+"""Time for which a runner may keep the measured acceleration: 6.4 m/s2, the highest measured for
+sprinters at the start, lead to 8 m/s in 1.25 s. A zone that grows at the speed reached then stays
+ahead of a body that accelerates evenly for twice as long."""
 
 
 def speeding(track: Track) -> tuple[float, float] | None:
-    """The newest speed of a body, m/s, and how quickly it speeds up, m/s2.
+    """Return the newest speed of a body, m/s, and its acceleration, m/s2.
 
-    Both come from three captures, and from the joints seen in all three. ``None``: there are no
-    such captures.
+    Both are measured from three captures, with the joints seen in all three. ``None``: no such
+    captures.
     """
     starting = _measured(track, START_APART_S)
     if starting is not None and starting[1] < AT_REST_M_S:
@@ -39,7 +39,7 @@ def speeding(track: Track) -> tuple[float, float] | None:
 
 
 def _measured(track: Track, apart_s: float) -> tuple[float, float, float] | None:
-    """The newest speed, the one before, and the seconds between their middles."""
+    """Return the newest speed, the previous one, and the seconds between their midpoints."""
     stamps, positions, observed = track.history.samples()
     apart_ns, anchors = round(apart_s * 1e9), [len(stamps) - 1]
     recent = track.capture_ns - round(WITHIN_S * 1e9)

@@ -1,4 +1,4 @@
-"""Lost people across a restart of the node: where they were last seen, and how long ago."""
+"""Stores lost people across a restart of the node: last seen positions and ages."""
 
 import threading
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ _LONG_AGO_S = 1e8
 
 
 class RemembersLost:
-    """The part of ``People`` that carries lost people across a restart."""
+    """Part of ``People`` that preserves lost people across a restart."""
 
     _lock: threading.Lock
     _lost: LostPeople
@@ -25,7 +25,7 @@ class RemembersLost:
     _has_recalled: bool
 
     def remember(self) -> dict[str, Any]:
-        """Lost people, for a restart of the node."""
+        """Return the lost people as data for a restart of the node."""
         with self._lock:
             lost = [*lost_as_data(self._lost.people, self._now_ns), *self._recalled]
             forgotten = self._lost.forgotten or bool(self._unplaced)
@@ -33,10 +33,10 @@ class RemembersLost:
             return data | ({"distrusted": True} if self._lost.distrusted else {})
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take the lost people of an earlier run; they appear with the next snapshot.
+        """Restore the lost people of an earlier run; they appear in the next snapshot.
 
         Raises:
-            KeyError, TypeError, ValueError: not as ``remember`` gives them.
+            KeyError, TypeError, ValueError: the data do not match the output of ``remember``.
         """
         recalled = list(data["lost"])
         lost_from_data(recalled, 0)  # refuses wrong data
@@ -47,7 +47,7 @@ class RemembersLost:
             self._has_recalled = True
 
     def distrust(self, why: str) -> None:
-        """It is unknown who was lost: a person may be anywhere, until an acknowledgement."""
+        """Record unknown lost people: a person may be anywhere until an acknowledgement."""
         with self._lock:
             if not self._has_recalled:
                 self._lost.forgotten = self._lost.distrusted = True
@@ -77,10 +77,10 @@ def lost_as_data(people: Sequence[Lost], now_ns: int) -> list[dict[str, Any]]:
 
 def lost_from_data(people: Sequence[Mapping[str, Any]], now_ns: int) -> list[Lost]:
     """Return lost people from the data of ``lost_as_data``. Their ids are negative, because a
-    restarted source may give the old numbers to others.
+    restarted source may assign the old ids to other people.
 
     Raises:
-        KeyError, TypeError, ValueError: not as ``lost_as_data`` gives them.
+        KeyError, TypeError, ValueError: the data do not match the output of ``lost_as_data``.
     """
     found = []
     for person in people:

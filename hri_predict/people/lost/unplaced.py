@@ -1,9 +1,10 @@
-"""People who are in scenes without being tracked: it is not known where they are, or were.
+"""People in scenes who are not tracked, so their positions are unknown.
 
-A person may show no joint, be one too many, share the id of another, or appear only in scenes that
-do not advance. While such a person is in scenes, the input has a fault. When the person is in them
-no more, and was never tracked, it is unknown where they went: a person may be anywhere in the room,
-until an acknowledgement. A phantom of a few captures, without any place, leaves nothing behind.
+A person may have no visible joint, exceed the maximum number, share the id of another, or appear
+only in scenes that do not advance. While such a person is in scenes, the input has a fault. If the
+person disappears without having been tracked, it is unknown where they went: a person may be
+anywhere in the room until an acknowledgement. A phantom of a few captures without a position has no
+lasting effect.
 """
 
 from collections.abc import Mapping
@@ -14,26 +15,27 @@ from hri_predict.people.track import Track
 from hri_predict.protocol.reasons import Reason
 
 MOST = 500
-"""Maximum number of ids at once; with more, they are not people, and a person may be anywhere."""
+"""Maximum number of ids at a time; more cannot be real people, and a person may then be
+anywhere."""
 
 
 @unique
 class Why(Enum):
-    """Why a person is not tracked, and the fault that this is.
+    """Reason why a person is not tracked, and the resulting fault.
 
     Attributes:
         reason: the fault.
-        ends_if_tracked: whether it ends when the id is tracked: then that is this person.
-        certain: whether one capture shows that a person is there.
+        ends_if_tracked: whether it ends when the id is tracked, because the track is this person.
+        certain: whether a single capture proves that a person is there.
     """
 
     NO_JOINT = (Reason.PERSON_NOT_LOCATED, True, False)
     ONE_TOO_MANY = (Reason.TOO_MANY_PEOPLE, True, True)
     SECOND_BODY = (Reason.INPUT_IMPOSSIBLE, False, True)
     REFUSED_SCENE = (Reason.INPUT_IMPOSSIBLE, True, False)
-    """In scenes that did not advance, and in no other."""
+    """The person appears only in scenes that did not advance."""
     REFUSED_ELSEWHERE = (Reason.INPUT_IMPOSSIBLE, False, False)
-    """The id is tracked, but such scenes show it far from there."""
+    """The id is tracked, but scenes that did not advance show it far away."""
 
     def __init__(self, reason: Reason, ends_if_tracked: bool, certain: bool) -> None:
         self.reason, self.ends_if_tracked, self.certain = reason, ends_if_tracked, certain
@@ -47,19 +49,19 @@ class _Presence:
 
 @dataclass(slots=True)
 class _Run:
-    """Successive captures with a person for one reason: ids may change meanwhile."""
+    """Successive captures with a person for one reason; the id may change in the meantime."""
 
     newest_ns: int
     captures: int = 1
 
 
 class Unplaced:
-    """People who are present without being tracked.
+    """People who are present but not tracked.
 
     Args:
-        gap_ns: absence for longer than this is an absence.
-        captures: number of captures that show a person's presence, where one does not.
-        keeps_ids: an id is the same person at any time.
+        gap_ns: shorter gaps in a person's presence are ignored.
+        captures: number of captures that prove a person's presence if a single one does not.
+        keeps_ids: whether an id always belongs to the same person.
     """
 
     def __init__(self, gap_ns: int, captures: int, keeps_ids: bool) -> None:
@@ -71,7 +73,7 @@ class Unplaced:
         self._gone: list[int] = []
 
     def note(self, why: Why, number: int, capture_ns: int) -> None:
-        """The id ``number`` is in a scene, and not tracked."""
+        """Record that the id ``number`` is in a scene and not tracked."""
         run = self._runs.get(why)
         if run is None or capture_ns - run.newest_ns > self._gap_ns:
             run = self._runs[why] = _Run(capture_ns)
@@ -92,10 +94,10 @@ class Unplaced:
     def update(self, tracks: Mapping[int, Track], capture_ns: int) -> list[int]:
         """End the presence of people who are tracked or absent now.
 
-        A track that is older than the presence is that of another person, whose id changed.
+        A track older than the presence belongs to another person with a changed id.
 
         Returns:
-            when each of those was last seen who was there, and now may be anywhere.
+            times at which people who were present, and now may be anywhere, were last seen.
         """
         for (why, number), presence in list(self._present.items()):
             over = self._is_over(presence, capture_ns)
@@ -108,11 +110,11 @@ class Unplaced:
 
     @property
     def reasons(self) -> set[Reason]:
-        """The faults of those who are present."""
+        """The faults of the people present."""
         return {why.reason for why, _ in self._present}
 
     def __bool__(self) -> bool:
-        """Whether there is any."""
+        """Whether any such person is present."""
         return bool(self._present)
 
     def _is_over(self, presence: _Presence, capture_ns: int) -> bool:

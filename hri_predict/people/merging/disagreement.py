@@ -1,10 +1,10 @@
-"""A sensor that was moved: over seconds, two sensors see the same people in different places.
+"""Detects a moved sensor: for seconds, two sensors see the same people in different places.
 
-While just one body of each of two sensors is within ``REACH_M`` of the other, they are taken for
-one person here, joined or not. The distance between the middles of their common joints is a few
-centimetres between sensors that are registered well: trackers place joints differently, and from
-two sides. A median over seconds that is larger does not come from noise: a sensor was moved or
-turned, its pose is wrong, or its latency is. Which of the two it is cannot be known.
+If exactly one body of each of two sensors is within ``REACH_M`` of the other, both are assumed here
+to be one person, whether merged or not. Between well-registered sensors, the centres of their
+common joints are a few centimetres apart, because trackers place joints differently from each side.
+A larger median over seconds is not noise: a sensor was moved or turned, or its pose or latency is
+wrong. It is not possible to determine which of the two sensors is at fault.
 """
 
 from collections import deque
@@ -17,15 +17,15 @@ from hri_predict.people.merging.likeness import Seen
 from hri_predict.people.track import Body
 
 REACH_M = 0.8
-"""Two bodies farther apart than this are not taken for one person."""
+"""Maximum distance between two bodies that are assumed to be one person."""
 WELL_JOINTS = 8
-"""Number of joints that both must see: their middle is then known to about a centimetre."""
+"""Minimum number of joints seen by both: their centre is then accurate to about a centimetre."""
 SAMPLE_NS = 100_000_000
 PER_S = 10
 
 
 class Disagreement:
-    """Distances between the bodies of each two sensors. One thread only.
+    """Distances between the bodies of each pair of sensors. One thread only.
 
     Args:
         moved_m, moved_s: see ``MergedSettings``.
@@ -38,7 +38,7 @@ class Disagreement:
         self._next_ns: int | None = None
 
     def note(self, time_ns: int, bodies: Mapping[Seen, Body]) -> None:
-        """Take in all bodies of one time; ten times a second count."""
+        """Add all bodies of one time; used at most ten times a second."""
         if self._next_ns is not None and time_ns < self._next_ns:
             return
         self._next_ns = time_ns + SAMPLE_NS
@@ -48,7 +48,7 @@ class Disagreement:
             samples.extend(_apart_m(whole, one, other))
 
     def apart_m(self) -> dict[tuple[int, int], float]:
-        """Pairs of sensors that disagree, and by how much, metres."""
+        """Pairs of sensors that disagree, with their distance in metres."""
         found = {}
         for pair, samples in self._apart.items():
             if len(samples) == self._count:
@@ -59,7 +59,7 @@ class Disagreement:
 
 
 def _apart_m(bodies: Mapping[Seen, Body], one: int, other: int) -> list[float]:
-    """Distances of the pairs of bodies that have no other body near them."""
+    """Return the distances of the pairs of bodies that have no other body near them."""
     ours = [body for seen, body in bodies.items() if seen.sensor == one]
     theirs = [body for seen, body in bodies.items() if seen.sensor == other]
     apart = np.full((len(ours), len(theirs)), np.inf)

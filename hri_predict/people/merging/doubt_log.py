@@ -1,7 +1,7 @@
-"""The log of a merged source's doubts: each when it begins, at most once a minute.
+"""Logs a merged source's doubts: each when it starts, at most once a minute.
 
-The node's log limits lines by their wording, which all doubts have in common: without a limit for
-each, two sensors that agree and disagree in turns would hide that a third one is silent.
+The node's log limits lines by their message template, which all doubts share: without a limit for
+each doubt, two sensors that alternately agree and disagree would hide that a third is silent.
 """
 
 import logging
@@ -12,7 +12,7 @@ from hri_predict.contracts.scene import Doubt
 log = logging.getLogger(__name__)
 
 EVERY_NS = 60_000_000_000
-"""A doubt that begins again sooner is counted."""
+"""Interval within which a doubt that starts again is only counted."""
 
 
 class DoubtLog:
@@ -24,7 +24,7 @@ class DoubtLog:
         self._said: dict[str, list[int]] = {}
 
     def note(self, doubts: Sequence[Doubt], time_ns: int) -> None:
-        """Log doubts that begin, counts whose minute is over, and that all doubts are over."""
+        """Log new doubts, counts at the end of their minute, and the end of all doubts."""
         # without the centimetres, which change
         now = {doubt.text.split(" are ")[0]: doubt.text for doubt in doubts}
         for key, (said_ns, again) in list(self._said.items()):

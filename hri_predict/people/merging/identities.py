@@ -1,17 +1,17 @@
-"""Which bodies of several sensors are one person, and that person's id.
+"""Assigns the bodies of several sensors to people, and gives each person an id.
 
-In doubt there are two people, never one too few:
+In doubt, two bodies are two people, so that no person is missed:
 
-- A body that appears becomes part of a person only if it lies within ``same_m`` of all bodies of
-  that person, and no other body that either sensor sees could be meant. So each body has one
-  candidate of each sensor at most, and no assignment of all to all is needed.
-- It stays part of that person within ``apart_m``. Beyond it is a person of its own in that very
-  capture, and so is one that another person's bodies fit clearly better.
-- Two people who turn out to be one are joined after ``JOIN_S`` in which nothing spoke against it;
-  the scene names the id that is gone (``Scene.joined``).
+- A body that appears becomes part of a person only if it is within ``same_m`` of all bodies of that
+  person, and no other body of either sensor is a candidate. So each body has at most one candidate
+  per sensor, and no global assignment is needed.
+- It stays part of that person within ``apart_m``. Beyond this distance it is a separate person in
+  that same capture, as is a body that fits another person clearly better.
+- Two people who prove to be one are joined after ``JOIN_S`` without contradiction; the scene names
+  the id that is gone (``Scene.joined``).
 
-An id of a sensor that comes back is the person that it was before, where that person is. Whether it
-still is the same person is for ``Roster`` to say, as with a single sensor.
+A sensor's id that reappears at its former person's place is assigned to that person. Whether it
+still is the same person is decided by ``Roster``, as with a single sensor.
 """
 
 from collections import Counter
@@ -27,22 +27,22 @@ from hri_predict.people.track import Body
 
 MAX_ID = 65535
 REMEMBERED = 4096
-"""Ids of sensors that are remembered; those that were not seen for longest are dropped first."""
+"""Maximum number of sensor ids kept; the least recently seen are dropped first."""
 JOIN_S, JOIN_TIMES = 0.5, 10
 NEARER_M = 0.05
-"""A body that fits another person better by this is not part of its own."""
+"""Difference by which a body must fit another person better to leave its own."""
 
 
 @dataclass(slots=True, eq=False)
 class OnePerson:
-    """One person, as several sensors see them.
+    """One person, as seen by several sensors.
 
     Attributes:
         id: the merged id.
-        seen: the bodies that are this person's now, by sensor.
-        began_ns: when the id was first given.
-        lead: the sensor whose joints count first; ``None``: not yet chosen.
-        place: (3,) middle of the joints that were last merged; ``None`` before.
+        seen: the current bodies of this person, by sensor.
+        began_ns: time at which the id was first assigned.
+        lead: the sensor with priority for joints; ``None``: not yet chosen.
+        place: (3,) centre of the joints last merged; ``None`` before the first merge.
     """
 
     id: int
@@ -59,7 +59,7 @@ class Identities:
         same_m, apart_m: see ``MergedSettings``.
 
     Attributes:
-        counters: number of bodies by what became of them.
+        counters: number of bodies by outcome.
     """
 
     def __init__(self, same_m: float, apart_m: float) -> None:
@@ -74,10 +74,10 @@ class Identities:
     def step(
         self, bodies: Mapping[Seen, Body], time_ns: int
     ) -> tuple[list[OnePerson], tuple[tuple[int, int], ...]]:
-        """Return the people of one time, and the pairs of ids (gone, kept) that are one person.
+        """Return the people at one time, and the pairs of ids (gone, kept) that are one person.
 
         Args:
-            bodies: of all sensors, at that time; the order decides which gets the lower id.
+            bodies: bodies of all sensors at that time; earlier bodies get lower ids.
             time_ns: rises from call to call.
         """
         likeness = Likeness(bodies, self._same_m, self._apart_m)
@@ -95,7 +95,7 @@ class Identities:
         return self._present, joined
 
     def _remembered(self, bodies: Mapping[Seen, Body]) -> tuple[dict[int, OnePerson], list[Seen]]:
-        """The people whose bodies are known by their sensor's ids, and the bodies that are not."""
+        """Return the people with bodies known by their sensor ids, and the unknown bodies."""
         for person in self._present:
             person.seen.clear()
         people: dict[int, OnePerson] = {}
@@ -113,7 +113,7 @@ class Identities:
     def _contradicting(
         self, person: OnePerson, people: Iterable[OnePerson], likeness: Likeness
     ) -> list[Seen]:
-        """Take from a person the bodies that do not fit, and return them."""
+        """Remove from a person the bodies that do not fit, and return them."""
         if len(person.seen) < 2:
             return []
         kept = min(person.seen.values(), key=lambda s: self._astray_m(person, likeness.bodies[s]))
@@ -135,7 +135,7 @@ class Identities:
         return gone
 
     def _astray_m(self, person: OnePerson, body: Body) -> tuple[bool, float]:
-        """Distance of a body from the person's last place; one without a joint comes last."""
+        """Return a sort key: distance from the person's last place; without joints, last."""
         if not body.observed.any():
             return True, 0.0
         if person.place is None:
@@ -145,7 +145,7 @@ class Identities:
     def _fitting(
         self, seen: Seen, people: Iterable[OnePerson], likeness: Likeness
     ) -> OnePerson | None:
-        """The person that a body can belong to; ``None``: in doubt it is another one."""
+        """Return the person that a body can belong to; ``None`` if in doubt: it is a new person."""
         fitting = [p for p in people if self._is_one(p, [seen], likeness)]
         return min(fitting, key=lambda p: _nearest_m(seen, p, likeness), default=None)
 
@@ -155,7 +155,7 @@ class Identities:
         more: Sequence[Seen],
         likeness: Likeness,
     ) -> bool:
-        """Whether bodies of other sensors are this person's, and no other body could be meant."""
+        """Return whether bodies of other sensors belong to this person, with no other candidate."""
         own = list(person.seen.values())
         for seen in more:
             if seen.sensor in person.seen:
@@ -175,7 +175,7 @@ class Identities:
     def _joined(
         self, people: dict[int, OnePerson], likeness: Likeness, time_ns: int
     ) -> tuple[tuple[int, int], ...]:
-        """Join people who have been one for long enough."""
+        """Join people who have fitted as one for long enough."""
         agreeing: dict[tuple[int, int], tuple[int, int]] = {}
         joined: list[tuple[int, int]] = []
         for one, other in combinations(sorted(people.values(), key=lambda p: p.began_ns), 2):
@@ -212,7 +212,7 @@ class Identities:
                 return self._last_id
 
     def _forget(self) -> None:
-        """Drop the oldest ids, and the people without any."""
+        """Drop the oldest ids, and people without ids."""
         while len(self._ids) > REMEMBERED:
             self._ids.pop(next(iter(self._ids)))
         if len(self._people) > REMEMBERED:

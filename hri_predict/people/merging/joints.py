@@ -1,4 +1,4 @@
-"""One body made of what several sensors see of one person."""
+"""Merges the bodies that several sensors see of one person."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,17 +10,17 @@ from hri_predict.base.geometry import norm
 from hri_predict.people.track import Body
 
 LEAD_MORE = 4
-"""Another sensor takes the lead if it sees this many joints more."""
+"""Number of additional joints that another sensor must see to become the leading sensor."""
 
 
 def leading(lead: int | None, seen: Mapping[int, Body]) -> int:
-    """Return the sensor whose joints count first: the one that sees most of them.
+    """Return the leading sensor, with priority for joints: the sensor that sees most of them.
 
-    The one that leads continues until another one sees ``LEAD_MORE`` more, so that a body does not
-    jump between two sensors that differ a little.
+    The leading sensor stays until another sees ``LEAD_MORE`` more joints, so that a body does not
+    jump between two sensors that differ slightly.
 
     Args:
-        lead: the sensor that leads; ``None``: none does.
+        lead: the current leading sensor; ``None``: none.
         seen: at least one body, by sensor.
     """
     counts = {sensor: int(np.count_nonzero(body.observed)) for sensor, body in seen.items()}
@@ -35,7 +35,7 @@ class Merged(NamedTuple):
 
     Attributes:
         positions: (J, 3) metres, 0 where not observed.
-        observed: (J,) which are.
+        observed: (J,) whether observed.
         disputed: number of joints left out.
         error_m: the largest error of the sensors that see the person.
     """
@@ -47,13 +47,13 @@ class Merged(NamedTuple):
 
 
 def merged(lead: int, seen: Mapping[int, Body], joint_apart_m: float) -> Merged:
-    """Merge bodies joint by joint: the leading sensor's where it sees it, else another's.
+    """Merge bodies joint by joint: from the leading sensor if it sees the joint, otherwise from
+    another.
 
-    A joint that two sensors see farther apart than ``joint_apart_m`` is not observed: it is not
-    known which of them is right, and the zone becomes as wide as for a joint that is hidden.
-    The error is the largest of all sensors that see a joint, not only of those that give one: two
-    bodies are taken for one person because they lie together, and by its error one of them may be
-    another person's who stands elsewhere.
+    A joint that two sensors see farther apart than ``joint_apart_m`` is not observed: it is unknown
+    which sensor is right, and the zone becomes as wide as for a hidden joint. The error is the
+    largest of all sensors that see a joint, including those not used: bodies are merged because
+    they are close together, but a body with a large error may belong to a person elsewhere.
     """
     order = sorted(seen, key=lambda s: (s != lead, -np.count_nonzero(seen[s].observed), s))
     first = seen[order[0]]

@@ -1,4 +1,4 @@
-"""Whether bodies that two sensors see may be one person's, by the joints that both see."""
+"""Checks whether bodies seen by two sensors may be one person, from their common joints."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -12,23 +12,23 @@ from hri_predict.people.merging.sensor import Key
 from hri_predict.people.track import Body
 
 LEAST_JOINTS = 5
-"""From fewer joints that both see, two bodies are not known to be one person's."""
+"""Minimum number of common joints from which two bodies are known to be one person."""
 _SIDES = [[JOINTS.index(f"{side}_{joint}") for side in "lr"] for joint in ("shoulder", "hip")]
 MAYBE_M = 0.5
-"""Two bodies without that many may be one person's if their middles are this near."""
+"""Maximum distance of the centres at which bodies with fewer common joints may be one person."""
 
 
 class Seen(NamedTuple):
-    """A body of one of several sensors: the sensor's number, and the body's key there."""
+    """A body of one of several sensors: the sensor's number, and the body's key in that sensor."""
 
     sensor: int
     key: Key
 
 
 class Likeness:
-    """Distances between the bodies of one time, all worked out at once.
+    """Distances between the bodies at one time, all computed together.
 
-    A source may show 64 people to each of four sensors, and the merge must not hold up the node.
+    There may be 64 people for each of four sensors, and the merge must not delay the node.
 
     Args:
         bodies: all of them, canonical joints at the same time.
@@ -49,25 +49,26 @@ class Likeness:
         self._may_be = self._all_that_may_be(positions, observed)
 
     def apart_m(self, one: Seen, other: Seen) -> float | None:
-        """Median distance of the joints that both see, metres; ``None``: too few joints."""
+        """Return the median distance of common joints, metres; ``None``: too few joints."""
         apart_m = float(self._apart[self._place[one], self._place[other]])
         return apart_m if apart_m < np.inf else None
 
     def is_same(self, one: Seen, other: Seen) -> bool:
-        """Whether they are near enough, with both sides, to be taken for one person."""
+        """Return whether two bodies are near enough, on both sides, to count as one person."""
         return bool(self._same[self._place[one], self._place[other]])
 
     def still_same(self, one: Seen, other: Seen) -> bool:
-        """Whether two that were one person still are; one without a joint contradicts nothing."""
+        """Return whether two bodies of one person still fit; a body without a joint always fits."""
         if not (self.bodies[one].observed.any() and self.bodies[other].observed.any()):
             return True
         apart_m = self.apart_m(one, other)
         return apart_m is not None and apart_m <= self._apart_m
 
     def that_may_be(self, seen: Seen) -> list[Seen]:
-        """The bodies of other sensors that could be this one: so near, or seen too little to say.
+        """Return the bodies of other sensors that could be this body: near, or with too few joints
+        to decide.
 
-        One without a joint is none of them.
+        A body without a joint is not included.
         """
         if seen not in self._that_may_be:
             others = (self._order[k] for k in np.flatnonzero(self._may_be[self._place[seen]]))
@@ -75,7 +76,7 @@ class Likeness:
         return self._that_may_be[seen]
 
     def _all_that_may_be(self, positions: Floats, observed: Bools) -> Bools:
-        """(N, N) whether two bodies could be one person's."""
+        """(N, N) whether two bodies could be one person."""
         counts = observed.sum(axis=1)
         middles = positions[..., :2].sum(axis=1) / np.maximum(counts, 1)[:, None]
         near: Bools = np.linalg.norm(middles[:, None] - middles, axis=2) <= MAYBE_M
@@ -85,7 +86,7 @@ class Likeness:
 
 
 def _medians_m(positions: Floats, observed: Bools) -> Floats:
-    """(N, N) median distance of the joints that two bodies have in common; inf: too few."""
+    """Return (N, N) median distance of the joints common to two bodies; inf: too few."""
     medians = np.full((len(positions), len(positions)), np.inf)
     for k in range(len(positions) - 1):
         both = observed[k] & observed[k + 1 :]
@@ -100,10 +101,11 @@ def _medians_m(positions: Floats, observed: Bools) -> Floats:
 
 
 def _sides_m(positions: Floats, observed: Bools) -> Floats:
-    """(N, N) mean distance of both shoulders, or of both hips, whichever is less; inf: neither.
+    """Return (N, N) mean distance of both shoulders, or of both hips if smaller; inf: neither is
+    seen.
 
-    Of two people who stand shoulder to shoulder and look opposite ways, the left sides are nearly
-    in one place; their right sides are a metre apart.
+    If two people stand shoulder to shoulder and face opposite ways, their left sides are nearly in
+    the same place, but their right sides are a metre apart.
     """
     nearest = np.full((len(positions), len(positions)), np.inf)
     for pair in _SIDES:

@@ -1,8 +1,8 @@
-"""One sensor of a merged source: its captures on the node's clock, and what is wrong with them.
+"""One sensor of a merged source: its captures on the node's clock, and their faults.
 
-Everything that ``People`` asks of a single source it can no longer see after the merge: whether
-scenes advance, whether a clock jumped, whether a body is frozen, is not one, or stands at the
-sensor's origin. So it is asked here, of each sensor, with the same parts.
+After the merge, ``People`` can no longer make the checks of a single source: whether scenes
+advance, whether a clock jumped, and whether a body is frozen, is not a real body, or is at the
+sensor's origin. So these checks are made here for each sensor, with the same code.
 """
 
 from collections import Counter, deque
@@ -25,29 +25,31 @@ from hri_predict.people.track import Body
 from hri_predict.protocol.reasons import Reason
 
 Key = tuple[int, int]
-"""A body of one sensor: its id there, and how often that id came before in the same scene."""
+"""Key of a body of one sensor: its id, and the number of earlier bodies with this id in the
+scene."""
 
 KEPT = 1024
-"""Captures kept: two seconds, the longest wait for another sensor, at 500 Hz."""
+"""Maximum number of captures kept: two seconds, the longest wait for another sensor, at 500 Hz."""
 REFUSED_NS = 1_000_000_000
-"""A body in a scene that does not advance is remembered for this long."""
+"""Time for which a body in a scene that does not advance is kept."""
 ELSEWHERE_M = 2.5
-"""In a scene that does not advance, a body farther than this from its id's newest is another."""
+"""In a scene that does not advance, a body farther than this from its id's newest body is
+another."""
 STEP_M_S = 4.0
-"""A body that moved faster between two captures may be another one with its id: ids swap. A runner
-is then shown where the later capture has him."""
+"""Maximum speed of a body between two captures: a faster one may be another body with the same id,
+as ids can swap. A faster runner is shown at the position of the later capture."""
 _NOWHERE = np.zeros(len(JOINTS), np.bool_)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Capture:
-    """All bodies of one capture of a sensor; one without a joint has none observed.
+    """All bodies of one capture of a sensor; a body without a joint has none observed.
 
     Attributes:
-        capture_ns: the node's clock.
+        capture_ns: capture time, node's clock.
         sees_room: see ``Scene``.
-        bodies: by key, canonical joints.
-        doubts: why it proves nothing.
+        bodies: bodies by key, canonical joints.
+        doubts: reasons why the capture proves nothing.
     """
 
     capture_ns: int
@@ -58,7 +60,7 @@ class Capture:
 
 @dataclass(slots=True)
 class View:
-    """A sensor's view of one time between its captures; see ``Sensor.at``."""
+    """A sensor's view at one time between its captures; see ``Sensor.at``."""
 
     sees_room: bool = True
     bodies: dict[Key, Body] = field(default_factory=dict)
@@ -69,14 +71,14 @@ class Sensor:
     """One sensor. One thread only.
 
     Args:
-        name: as configured.
-        source: its scenes.
-        settings: validated, of its kind.
+        name: configured name.
+        source: source of its scenes.
+        settings: validated settings of its kind.
 
     Attributes:
-        name, source: as given.
-        counters: scenes and bodies by what was wrong with them.
-        stale_ns: age of the newest capture from which on it is silent.
+        name, source: the arguments.
+        counters: number of scenes and bodies by fault.
+        stale_ns: age of the newest capture at which the sensor counts as silent.
     """
 
     def __init__(self, name: str, source: Source, settings: SourceSettings) -> None:
@@ -98,22 +100,22 @@ class Sensor:
         self.judge_by(PeopleSettings())
 
     def judge_by(self, people: PeopleSettings) -> None:
-        """Judge its bodies by these settings; before its first scene."""
+        """Set the settings for judging its bodies; call this before its first scene."""
         self._frozen_scenes = people.frozen_scenes
         self._made_up = MadeUpWatch(people, self._origin, self._period_ns)
         self._floor = FloorWatch(people)
 
     @property
     def newest_ns(self) -> int:
-        """The newest capture (node's clock); ``NEVER`` before the first."""
+        """Time of the newest capture (node's clock); ``NEVER`` before the first."""
         return self._gate.capture_ns
 
     def is_silent(self, now_ns: int) -> bool:
-        """Whether its newest capture is too old, or it has none."""
+        """Return whether its newest capture is too old, or it has none."""
         return now_ns - self.newest_ns > self.stale_ns
 
     def take(self, now_ns: int) -> None:
-        """Take in all scenes that have arrived by now."""
+        """Process all scenes that have arrived by now."""
         while (scene := self.source.poll(now_ns)) is not None:
             capture_ns = self._gate.admit(scene, now_ns)
             if capture_ns is not None:
@@ -122,19 +124,20 @@ class Sensor:
                 self._look_at_refused(scene, now_ns)
 
     def times_after(self, since_ns: int) -> Iterator[int]:
-        """Its captures after ``since_ns``, the oldest first."""
+        """Return its captures after ``since_ns``, oldest first."""
         return (c.capture_ns for c in self._captures if c.capture_ns > since_ns)
 
     def at(self, time_ns: int, since_ns: int) -> View:
-        """Its bodies at ``time_ns``: captured then, or between the captures before and after.
+        """Return its bodies at ``time_ns``: as captured, or interpolated between neighbouring
+        captures.
 
-        A joint lies on the straight line between two captures that both show it. What only other
-        captures since ``since_ns`` show is where the newest of them has it, so that nothing that
-        the sensor saw is left out: off by the distance moved in one period at most.
+        A joint seen in both neighbouring captures is interpolated linearly. Joints seen only in
+        other captures since ``since_ns`` keep their newest position, so that no observation is
+        lost: the error is at most the distance moved in one period.
 
         Args:
             time_ns: the node's clock.
-            since_ns: the time asked for before; what was captured until then was seen.
+            since_ns: time of the previous call; captures up to then have been used.
         """
         before = after = None
         new: list[Capture] = []
@@ -168,7 +171,7 @@ class Sensor:
         return view
 
     def forget_before(self, time_ns: int) -> None:
-        """Drop captures that no time from ``time_ns`` on can need."""
+        """Drop captures not needed for any time from ``time_ns`` on."""
         while len(self._captures) > 1 and self._captures[1].capture_ns <= time_ns:
             self._captures.popleft()
 
@@ -201,7 +204,7 @@ class Sensor:
         return Capture(capture_ns, scene.sees_room, bodies, (*doubts, *scene.doubts))
 
     def _body(self, person: Person, wrong: set[Reason]) -> Body:
-        """The canonical body; without any joint where none is usable."""
+        """Return the canonical body; without joints if none is usable."""
         mapped = canonical_body(person, self.source.joint_map, self._origin)
         self.counters.update(unusable_joints=mapped.unusable, unseen_joints=mapped.unseen)
         if mapped.trouble is not None:
@@ -221,7 +224,7 @@ class Sensor:
         wrong.add(reason)
 
     def _is_frozen(self, bodies: dict[Key, Body]) -> bool:
-        """Whether a body came again bit for bit, too often for a sensor that declares noise."""
+        """Return whether a body was repeated too often for a sensor that declares noise."""
         shown: dict[Key, tuple[int, int]] = {}
         for key, body in bodies.items():
             if body.observed.any():
@@ -234,9 +237,10 @@ class Sensor:
         return self.source.declares_noise and most >= self._frozen_scenes
 
     def _look_at_refused(self, scene: Scene, now_ns: int) -> None:
-        """A body of an unknown id in a scene that does not advance: perhaps of a second sender.
+        """Record a body with an unknown id in a scene that does not advance: perhaps of a second
+        sender.
 
-        So is one of a known id far from where the newest capture has it.
+        A body with a known id far from its position in the newest capture is treated likewise.
         """
         self.counters["refused_scenes"] += 1
         newest = self._captures[-1].bodies if self._captures else {}
@@ -254,9 +258,9 @@ class Sensor:
 
 
 def _between(before: Body, after: Body, part: float, most_m: float) -> Body | None:
-    """A body on the straight line between two captures, of the joints that both show.
+    """Return a body interpolated linearly between two captures, with the joints seen in both.
 
-    ``None``: its middle moved by more than ``most_m``, or no joint is in both.
+    ``None``: its centre moved by more than ``most_m``, or no joint is in both.
     """
     observed = before.observed & after.observed
     steps = (after.positions - before.positions)[observed]
@@ -268,7 +272,7 @@ def _between(before: Body, after: Body, part: float, most_m: float) -> Body | No
 
 
 def _filled(body: Body, other: Body) -> Body:
-    """A body with the joints of ``other`` that it lacks."""
+    """Return a body completed with joints of ``other`` that it lacks."""
     missing = other.observed & ~body.observed
     if not missing.any():
         return body

@@ -12,10 +12,10 @@ from hri_predict.contracts.source import SourceSettings
 
 MAX_SENSORS = 4
 OF_THE_ROOM = ("field_of_view", "keeps_ids", "sees_free_space", "shadows", "viewpoints")
-"""Keys that say nothing about a single sensor of a merged source."""
+"""Keys that do not apply to a single sensor of a merged source."""
 _REFUSED = {
-    "keeps_ids": "the merge gives its own ids, which a person does not keep",
-    "sees_free_space": "free space is not merged: lost people end by exits or by an Acknowledge",
+    "keeps_ids": "the merge assigns its own ids, which can change for a person",
+    "sees_free_space": "free space is not merged: an exit or an Acknowledge clears lost people",
     "declares_noise": "each sensor has its own; write it there",
     "min_latency_s": "each sensor has its own; write it there",
     "clock_wander_s": "each sensor has its own; write it there",
@@ -32,43 +32,47 @@ class MergedSettings(SourceSettings):
 
     kind: Literal["merged"]
     room_from_source: Pose = Field(
-        Pose(), description="always the room's own frame; each sensor has its pose"
+        Pose(), description="always the room's own frame; each sensor has its own pose"
     )
     sensors: dict[Name, dict[str, Any]] = Field(
         min_length=2,
         max_length=MAX_SENSORS,
-        description="the sensors by name, each a block as source: is; the first one that is heard "
+        description="sensors by name, each a block like source:; the first sensor that is heard "
         "sets the times of the merged scenes",
     )
     same_m: float = Field(
         0.15,
         ge=0.02,
         le=0.25,
-        description="two bodies of two sensors become one person if the median distance of the "
-        "joints that both see is at most this",
+        description="maximum median distance of common joints at which bodies of two sensors "
+        "become one person",
     )
     apart_m: float = Field(
         0.25,
         ge=0.05,
         le=0.4,
-        description="one person becomes two if that distance exceeds this; a sensor with another "
-        "body within this distance does not make two people one",
+        description="distance beyond which one person becomes two again; two people are not "
+        "merged while a sensor sees another body within this distance",
     )
     joint_apart_m: float = Field(
         0.25,
         ge=0.05,
         le=0.4,
-        description="a joint that two sensors see farther apart than this counts as not observed",
+        description="maximum distance between two sensors' positions of a joint; beyond it, the "
+        "joint counts as not observed",
     )
     moved_m: float = Field(
         0.12,
         ge=0.03,
         le=0.5,
-        description="steady distance between the bodies that two sensors see of one person, from "
-        "which on they disagree",
+        description="minimum steady distance between two sensors' bodies of one person that "
+        "counts as disagreement",
     )
     moved_s: float = Field(
-        10.0, ge=2, le=600, description="seconds of common sight from which that distance is known"
+        10.0,
+        ge=2,
+        le=600,
+        description="seconds of observation by both sensors before moved_m is applied",
     )
 
     safety: ClassVar[Safety] = harmless("sensors") | {
@@ -76,24 +80,24 @@ class MergedSettings(SourceSettings):
             above="two people {value:g} m apart, each hidden from one sensor, become one"
         ),
         "apart_m": LessSafe(
-            above="two people {value:g} m apart who were taken for one stay one",
-            below="another body {more:.2g} m nearer does not keep two bodies from becoming one",
+            above="two people {value:g} m apart who were merged into one stay one",
+            below="two bodies become one despite another body {more:.2g} m nearer",
         ),
         "joint_apart_m": LessSafe(
-            above="a joint counts as seen although two sensors put it {value:g} m apart"
+            above="a joint counts as seen although two sensors see it {value:g} m apart"
         ),
-        "moved_m": LessSafe(above="a sensor that was moved by {value:g} m is not noticed"),
-        "moved_s": LessSafe(above="a sensor that was moved is noticed {more:.2g} s later"),
+        "moved_m": LessSafe(above="a sensor that was moved by {value:g} m is not detected"),
+        "moved_s": LessSafe(above="a sensor that was moved is detected {more:.2g} s later"),
     }
 
     @property
     def stamps_are_ours(self) -> bool:
-        """Merged scenes are stamped with captures on the node's clock."""
+        """Merged scenes are stamped with capture times on the node's clock."""
         return True
 
     @property
     def judges_bodies(self) -> bool:
-        """Each sensor's own captures are judged: merged bodies lie on lines between captures."""
+        """Each sensor's own captures are judged, because merged bodies are interpolated."""
         return True
 
     @property
@@ -116,9 +120,9 @@ class MergedSettings(SourceSettings):
         return {name: _part(name, data) for name, data in self.sensors.items()}
 
     def default_stale_s(self, rate_hz: float) -> float:
-        """``stale_after_s`` unless it is set: the latest sensor's, and one period more.
+        """Default of ``stale_after_s``: the largest value of the sensors, plus one period.
 
-        The merge waits for a sensor until that sensor's own input is stale.
+        The merge waits for a sensor until the input of that sensor is stale.
         """
         waits = (
             part.stale_after_s(getattr(part, "rate_hz", None) or rate_hz)
@@ -131,14 +135,14 @@ class MergedSettings(SourceSettings):
     def _not_here(cls, data: Any) -> Any:
         for key, why in _REFUSED.items():
             if isinstance(data, dict) and key in data and _is_set(cls, key, data[key]):
-                raise ValueError(f"{key} has no effect at a merged source: {why}")
+                raise ValueError(f"{key} has no effect for a merged source: {why}")
         return data
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.room_from_source != Pose():
             raise ValueError(
-                "room_from_source has no effect at a merged source: each sensor has its own"
+                "room_from_source has no effect for a merged source: each sensor has its own"
             )
         if self.apart_m < self.same_m:
             raise ValueError(
@@ -158,7 +162,7 @@ class MergedSettings(SourceSettings):
 
 
 def _is_set(model: type[SourceSettings], key: str, value: Any) -> bool:
-    """Whether a key says more than its default does: a dumped block has all of them."""
+    """Return whether a key differs from its default: a dumped block contains all keys."""
     field = model.model_fields.get(key)
     return field is None or value != field.default
 

@@ -1,10 +1,11 @@
 """Several sensors of one room as one source (``kind: merged``).
 
-The first sensor that is heard sets the times of the merged scenes: its captures. A scene goes out
-as soon as every other sensor has a capture of that time or later, so that bodies are measured
-between two captures and never carried ahead; it is as old as the latest sensor makes it, and its
-stamp says so. A sensor whose newest capture is older than its ``stale_s`` is silent. The merge does
-not wait for it, the scene names it (``Scene.doubts``), and does not vouch for the room.
+The captures of the first sensor that is heard set the times of the merged scenes. A scene is sent
+as soon as every other sensor has a capture of that time or later, so that bodies are interpolated
+between two captures and never extrapolated. The slowest sensor thus determines the age of a scene,
+which its stamp shows. A sensor with a newest capture older than its ``stale_s`` is silent. The
+merge does not wait for a silent sensor; the scene names it (``Scene.doubts``) and does not claim to
+see the whole room.
 """
 
 import threading
@@ -40,8 +41,8 @@ class MergedSource:
     """See ``hri_predict.contracts.source.Source``. Its joints are the canonical ones.
 
     Attributes:
-        live: all live sensors together; ``None`` if none is live.
-        sensors: in the configured order.
+        live: all live sensors as one; ``None`` if none is live.
+        sensors: all sensors, in the configured order.
     """
 
     settings_model = MergedSettings
@@ -70,7 +71,7 @@ class MergedSource:
         self._log = DoubtLog()
 
     def judge_by(self, people: PeopleSettings) -> None:
-        """Judge the bodies of every sensor by these settings; before ``open``."""
+        """Set the settings for judging the bodies of every sensor; call this before ``open``."""
         for sensor in self.sensors:
             sensor.judge_by(people)
 
@@ -89,14 +90,14 @@ class MergedSource:
             raise
 
     def next_ns(self) -> int | None:
-        """When a sensor may have a scene, or one that is waited for becomes silent."""
+        """Return when a sensor may have a scene, or an awaited sensor becomes silent."""
         due = [sensor.source.next_ns() for sensor in self.sensors]
         ends = (s.newest_ns + s.stale_ns + 1 for s in self._awaited() if s.newest_ns != NEVER)
         found = [each for each in due if each is not None]
         return min([*found, *(each for each in ends if each > self._now_ns)], default=None)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """Return the oldest scene that every sensor has passed by now."""
+        """Return the oldest scene for which every sensor already has a later capture."""
         self._now_ns = now_ns
         for sensor in self.sensors:
             sensor.take(now_ns)
@@ -119,7 +120,7 @@ class MergedSource:
     # -- merging ----------------------------------------------------------------------------------
 
     def _awaited(self) -> list[Sensor]:
-        """Sensors for which a capture that is not out yet waits."""
+        """Sensors for which a capture that is not yet sent is waiting."""
         times = (next(s.times_after(self._time_ns), NEVER) for s in self.sensors)
         newest_ns = max(times)
         return [s for s in self.sensors if s.newest_ns < newest_ns]
@@ -187,7 +188,7 @@ class AllLive:
     """All live sensors of a merged source; see ``Live``.
 
     Args:
-        lives: by the sensors' names.
+        lives: live sources by the sensors' names.
 
     Attributes:
         arrived: set when any of them has a scene.
@@ -203,19 +204,19 @@ class AllLive:
         self._lives = lives
 
     def share(self) -> None:
-        """Let all of them set one event, and name their sensor in the log."""
+        """Let all sensors set one event, and log with their sensor's name."""
         for name, live in self._lives.items():
             live.arrived = self.arrived
             live.label = f"sensor {name}"
 
     @property
     def connected(self) -> bool:
-        """Whether all of them can hear."""
+        """Whether all sensors can receive."""
         return all(live.connected for live in self._lives.values())
 
     @property
     def counters(self) -> SourceCounters:
-        """The sums of all sensors' counts, and the newest trouble with its sensor's name."""
+        """Return the sums of all sensors' counts, and the newest trouble with its sensor's name."""
         total = SourceCounters()
         for name, live in self._lives.items():
             for each in fields(SourceCounters):

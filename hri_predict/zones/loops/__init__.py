@@ -1,1 +1,1 @@
-"""Loops that are too long to stand next to their array operations."""
+"""Compiled loops that are too long to share a file with their array versions."""

@@ -1,6 +1,6 @@
 """The learned scale as loops: the inputs of its network, and the network.
 
-``learned_scale`` says what each figure means, and has the same as array operations.
+``learned_scale`` explains each value and implements the same as array operations.
 """
 
 from math import exp, inf, isfinite, isnan, log, log1p, sqrt
@@ -14,7 +14,7 @@ from hri_predict.base.machine.compiled import part
 BACK = (1, 3, 10)
 """Numbers of steps over which speeds are measured."""
 BEFORE = 4
-"""The speed over the 3 steps before this gives the acceleration."""
+"""Offset in steps of the earlier speed, over 3 steps, from which the acceleration is computed."""
 LEAST_M, MOST_M = 0.01, 5.0
 """Bounds of the scale."""
 BEYOND = 4.0
@@ -27,7 +27,7 @@ _SHORT, _STEPS, _LONG = BACK
 
 
 class EvidenceArrays(NamedTuple):
-    """``learned_scale.Evidence`` as loops take it."""
+    """``learned_scale.Evidence`` in the form used by the loops."""
 
     history: Floats
     observed: Bools
@@ -37,18 +37,19 @@ class EvidenceArrays(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """The network, and what is known before a person is seen. K knots, N inputs.
+    """The network, and constants that do not depend on a person. K knots, N inputs.
 
     Attributes:
         rate_hz: steps per second.
         trunk: indices of the joints whose mean is the trunk's motion.
         knots: (K,) steps at which the network runs, from 1.
-        below, above, part: (H,) between which knots each step is, and how far on.
-        mean, deviation: (N,) of the inputs.
+        below, above, part: (H,) the knots before and after each step, and the fraction between
+            them.
+        mean, deviation: (N,) mean and standard deviation of the inputs.
         now, ahead: (., hidden) rows of the first layer.
-        first: (J, hidden) what each joint's kind adds to it, with the biases.
-        rest: the layers after it.
-        other: (J,) joints of no kind.
+        first: (J, hidden) contribution of each joint's kind to it, with the biases.
+        rest: the layers after the first.
+        other: (J,) joints without a kind.
     """
 
     rate_hz: float
@@ -67,7 +68,7 @@ class Tables(NamedTuple):
 
 
 def scale_by_loops(seen: EvidenceArrays, tables: Tables) -> Floats:
-    """(P, H, J) metres; see ``LearnedScale``."""
+    """Return (P, H, J) metres; see ``LearnedScale``."""
     people, joints = seen.observed.shape[0], seen.observed.shape[2]
     scale = np.empty((people, len(tables.below), joints))
     logs = np.empty((len(tables.knots), joints))
@@ -125,7 +126,7 @@ def _network(now: Floats, ahead: Floats, tables: Tables, logs: Floats) -> None:
 
 @part
 def _positive(row: Floats, width: int, used: Ints) -> int:
-    """Fill in which inputs are positive or NaN, and return how many are."""
+    """Fill in the indices of inputs that are positive or NaN, and return their number."""
     count = 0
     for k in range(width):  # without a branch, which no processor could foresee
         used[count] = k
@@ -147,7 +148,7 @@ def _sum(row: Floats, used: Ints, weights: Floats) -> float:
 
 @part
 def _layer(row: Floats, used: Ints, weights: Floats, into: Floats) -> None:
-    """Fill in what a layer makes of the inputs ``used``, without biases."""
+    """Fill in the output of a layer for the inputs ``used``, without biases."""
     count, width, i = len(used), weights.shape[1], 0
     for h in range(width):
         into[h] = 0.0
@@ -186,7 +187,7 @@ def _bounded(value: float, least: float, most: float) -> float:
 
 @part
 def _between_knots(logs: Floats, tables: Tables, scale: Floats) -> None:
-    """Fill (H, J): never less than before, linear in the logarithm between knots."""
+    """Fill (H, J): never decreasing, with a logarithm that is linear between knots."""
     knots, joints = logs.shape
     below, above, on, other = tables.below, tables.above, tables.part, tables.other
     for j in range(joints):
@@ -220,9 +221,9 @@ def _size(x: float, y: float, z: float) -> float:
 
 @part
 def _inputs_now(given: tuple[Floats, Bools], tables: Tables, now: Floats, velocity: Floats) -> None:
-    """Fill the first eleven columns of (J, ``NOW``) by (T, J, 3) places and what was observed.
+    """Fill the first eleven columns of (J, ``NOW``) from (T, J, 3) positions and observation flags.
 
-    ``velocity`` (4, J, 3) is room to work in: over each of ``BACK``, and before.
+    ``velocity`` (4, J, 3) is a work array: velocities over each of ``BACK``, and before.
     """
     history, observed = given
     length, joints = observed.shape
@@ -269,7 +270,7 @@ def _inputs_now(given: tuple[Floats, Bools], tables: Tables, now: Floats, veloci
 
 @part
 def _path(history: Floats, observed: Bools, j: int, rate_hz: float) -> tuple[float, float]:
-    """Return a joint's recent speed along its path, m/s, and the share that was seen."""
+    """Return a joint's recent speed along its path, m/s, and the share of seen steps."""
     length = len(observed)
     first = max(length - 1 - _LONG, 0)
     steps, seen, path = 0, 0, 0.0
@@ -286,7 +287,7 @@ def _path(history: Floats, observed: Bools, j: int, rate_hz: float) -> tuple[flo
 
 @part
 def _inputs_of_errors(error_m: Floats, residual_m: float, now: Floats) -> None:
-    """Fill the other columns, by (2, J) errors and the residual."""
+    """Fill the other columns from (2, J) errors and the residual."""
     joints = len(now)
     for i in range(2):
         known, total = 0, 0.0
@@ -311,7 +312,7 @@ def _inputs_of_errors(error_m: Floats, residual_m: float, now: Floats) -> None:
 def _inputs_ahead(
     given: tuple[Floats, Bools], forecast: Floats, tables: Tables, ahead: Floats
 ) -> None:
-    """Fill (K, J, ``AHEAD``), by the places (T, J, 3) before and (H, J, 3) after."""
+    """Fill (K, J, ``AHEAD``) from the past (T, J, 3) and future (H, J, 3) positions."""
     history, observed = given
     knots, rate_hz, now = tables.knots, tables.rate_hz, len(observed) - 1
     for k in range(len(knots)):

@@ -1,4 +1,4 @@
-"""Joint zones as loops. ``joint_zones`` says what they mean, and has the same as arrays."""
+"""Joint zones as loops. ``joint_zones`` explains the rules and has the same as array operations."""
 
 from math import ceil, inf, isfinite, sqrt
 from typing import NamedTuple
@@ -10,15 +10,15 @@ from hri_predict.base.machine.compiled import part
 from hri_predict.zones.reach import BONE_FACTOR, BONE_MARGIN_M, VELOCITY_STEPS, BodyReach
 
 NEVER_S = 1e3
-"""Age of a joint that was never seen: at any human speed it may be anywhere."""
+"""Age assumed for a joint that was never seen: at any human speed it may then be anywhere."""
 UNBOUNDED_M = 1e5
-"""Radius of a joint before the cut to what bodies can do."""
+"""Radius of a joint before the cut to physical limits."""
 FAR_M = 1e4
 """Maximum coordinate of a position in a room."""
 FRESH_S = 1e-6
 UNSEEN = 1.15
-"""The radius of an unseen joint is this times the root of the squares of the calibrated
-radius and of the radius of its inferred place (docs/measured/unseen-joints.md)."""
+"""Factor for the radius of an unseen joint, applied to the root of the sum of squares of the
+calibrated radius and the radius of its inferred position (docs/measured/unseen-joints.md)."""
 LIMB_M = 0.85
 """Maximum distance of a limb ahead of its body: an arm's reach by ISO 13855:2010."""
 
@@ -27,16 +27,16 @@ Spheres = tuple[Floats, Floats, Floats, Floats, Floats]
 
 
 class CapturedBodies(NamedTuple):
-    """N people at their captures, P of them here and then the lost ones. J joints.
+    """N people at their captures: P people in view, then lost people. J joints.
 
     Attributes:
-        last, joint_age: (N, J, 3) and (N, J) where and when last seen, as in the snapshot.
-        growth: (N, J) m/s of a joint that is not forecast.
-        limbs: (N, J) how much faster than its body a lost person's joint was.
-        inferred: (N, J) metres: maximum distance of the joint from its assumed place.
+        last, joint_age: (N, J, 3) and (N, J) last seen positions and ages, as in the snapshot.
+        growth: (N, J) growth speed of a joint without a forecast, m/s.
+        limbs: (N, J) speed of a lost person's joint in excess of its body's, m/s.
+        inferred: (N, J) maximum distance of the joint from its inferred position, metres.
         age: (N,) seconds from capture to now.
         waited: (N,) seconds from capture to the time of entry 0.
-        unknown: (P,) whose speed is unknown.
+        unknown: (P,) whether a person's speed is unknown.
         history, measured: (P, T, J, 3) and (P, T, J).
     """
 
@@ -53,15 +53,15 @@ class CapturedBodies(NamedTuple):
 
 
 class Ahead(NamedTuple):
-    """Knowledge of the future of the P people who are here; empty arrays: nothing.
+    """Forecast data for the P people in view; empty arrays: no data.
 
     Attributes:
         given: whether there is a forecast.
-        judged: whether it has calibrated radii, and ``claimed``, ``widen`` and ``outside`` say how
-            far they hold.
-        positions, std: of the forecast.
+        judged: whether the forecast has calibrated radii; ``claimed``, ``widen`` and ``outside``
+            are then valid.
+        positions, std: positions and standard deviations of the forecast.
         claimed: (P, H, J) radii before widening.
-        widen, outside: (P, H) and (P,), see ``Trust``.
+        widen, outside: (P, H) ``widen`` and (P,) ``out_of_distribution`` of ``Trust``.
     """
 
     given: bool
@@ -74,9 +74,10 @@ class Ahead(NamedTuple):
 
 
 class Rule(NamedTuple):
-    """Constants. ``speed`` and ``acceleration`` (J,) are those of the standard.
+    """Constants. ``speed`` and ``acceleration`` (J,) are limits of the uncalibrated rule.
 
-    ``calibrated``: whether the predictor is, so that physical limits bound what has no radius.
+    ``calibrated``: whether the predictor is calibrated; physical limits then bound joints without a
+    radius.
     """
 
     times_s: Floats
@@ -156,7 +157,7 @@ def spheres_by_loops(bodies: CapturedBodies, ahead: Ahead, rule: Rule) -> Sphere
 
 @part
 def _clean(bodies: CapturedBodies, last: Floats, joint_age: Floats) -> None:
-    """Fill in where and when joints were seen: those in no room never were."""
+    """Fill in positions and ages of joints; a joint outside any room counts as never seen."""
     for n in range(len(last)):
         for j in range(last.shape[1]):
             seen = bodies.joint_age[n, j] >= 0
@@ -169,7 +170,7 @@ def _clean(bodies: CapturedBodies, last: Floats, joint_age: Floats) -> None:
 
 @part
 def _follow(ahead: Ahead, unknown: Bools, steps: int, into: tuple[Floats, Bools]) -> None:
-    """Fill in which fresh joints follow the forecast."""
+    """Fill in which joints of the newest capture follow the forecast."""
     joint_age, follows = into
     for n in range(len(unknown)):
         for j in range(follows.shape[1]):
@@ -185,7 +186,8 @@ def _follow(ahead: Ahead, unknown: Bools, steps: int, into: tuple[Floats, Bools]
 
 @part
 def _enclose(knots: Floats, until: Floats, rate_hz: float, into: tuple[Floats, Floats]) -> None:
-    """``spheres.enclosed`` of one joint by its knots (H+1, 3): fill (K+1, 3) and (K+1,)."""
+    """Apply ``sphere_geometry.enclosed`` to one joint with knots (H+1, 3): fill (K+1, 3) and
+    (K+1,)."""
     path, radius = into
     final = len(knots) - 1
     before, from_x, from_y, from_z = 0, 0.0, 0.0, 0.0
@@ -265,7 +267,7 @@ def _along(d: float, radius: float, other: float) -> tuple[float, float]:
 
 @part
 def _cut(mid: _Xyz, radius: float, centre: _Xyz, bound: float) -> tuple[_Xyz, float]:
-    """Cut a sphere to another one, unless it lies within."""
+    """Cut a sphere to another one, unless it is already inside."""
     x, y, z = centre[0] - mid[0], centre[1] - mid[1], centre[2] - mid[2]
     square, room = x * x + y * y + z * z, bound - radius
     if room >= 0 and square <= room * room:
@@ -281,7 +283,7 @@ def _cut_by_motion(
     until: Floats,
     spheres: tuple[Floats, Floats],
 ) -> None:
-    """Cut a person's spheres, except for entry 0, to what speed and acceleration allow."""
+    """Cut a person's spheres, except for entry 0, to the limits of speed and acceleration."""
     bodies, rule, n = person
     last, joint_age, follows = seen
     mid, radius = spheres
@@ -322,7 +324,7 @@ def _cut_by_motion(
 
 @part
 def _bones(seen: tuple[Floats, Floats], inferred: Floats, rule: Rule, bone: Floats) -> None:
-    """Fill (J,) how far each joint is from its parent at most."""
+    """Fill (J,) with the maximum distance of each joint from its parent."""
     last, joint_age = seen
     order, parents, longest = rule.reach.order, rule.reach.parents, rule.reach.bone
     for j in order:

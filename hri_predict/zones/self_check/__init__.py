@@ -1,1 +1,1 @@
-"""The live self-check: past forecasts against what people did."""
+"""Live self-check: comparison of past forecasts with the actual motion."""

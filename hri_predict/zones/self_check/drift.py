@@ -1,32 +1,34 @@
-"""Drift: whether forecasts still hold as often as their calibration states, over minutes.
+"""Drift: check, over minutes, that forecasts hold as often as their calibration states.
 
-The self-check widens the zones of one person within a second, and forgets. Drift is about all
-people and longer times: another tracker, other people, other work, a calibration of something else.
-It changes no zone; it says that a calibration of this site is due.
+The self-check widens the zones of one person within a second, and narrows them again. Drift
+concerns all people and longer times: another tracker, other people, other work, or an unsuitable
+calibration. It does not change zones; it reports that this site needs a new calibration.
 
-**Blocks.** Forecasts overlap: 30 of one person are judged by one capture, and errors last. So no
-judgement counts by itself. A *block* is ``BLOCK_S`` of captures with a person judged, and gives one
-number y from 0 to 1: the share of its judgements, over all people and all horizons, in which the
-radii *as calibrated* were missed. Blocks are ten times as long as a forecast.
+**Blocks.** Forecasts overlap: one capture judges 30 forecasts of a person, and errors persist, so
+judgements are not independent. A *block* is ``BLOCK_S`` of captures with a judged person. It gives
+one number y from 0 to 1: the share of its judgements, over all people and horizons, that missed the
+radii *as calibrated*. Blocks are ten times as long as a forecast.
 
-**Test.** With a stated level l the share of misses is bearable up to m0 = min(2 (1 - l),
-(1 - l) + 0.03). With lambda = min(4, 1 / (5 m0)) each block multiplies the evidence by
+**Test.** At a stated level l, the acceptable share of misses is up to m0 = min(2 (1 - l), (1 - l) +
+0.03). With lambda = min(4, 1 / (5 m0)), each block multiplies the evidence by
 
     1 + lambda (y - m0)
 
-whose mean is at most 1 while the expected y, given anything before, is at most m0: an e-process (I.
-Waudby-Smith, A. Ramdas, "Estimating means of bounded random variables by betting", JRSS B 86 (2024)
-1). How y is spread does not matter. The evidence never falls below 1, so that a good week does not
-hide a bad day (CUSUM of e-values; J. Shin, A. Ramdas, A. Rinaldo, "E-detectors", NEJSDS 2023): at
-the bearable share a false alarm comes after ``EVIDENCE`` blocks (280 h of people) or more in
-the mean, and at the stated one much later.
+The mean of this factor is at most 1 while the expected y, given all earlier blocks, is at most m0:
+an e-process (I. Waudby-Smith, A. Ramdas, "Estimating means of bounded random variables by betting",
+JRSS B 86 (2024) 1). The distribution of y does not matter. The evidence never falls below 1, so
+that a good week does not hide a bad day (CUSUM of e-values; J. Shin, A. Ramdas, A. Rinaldo,
+"E-detectors", NEJSDS 2023): at the acceptable share, the mean time to a false alarm is at least
+``EVIDENCE`` blocks (280 h of people), and at the stated share it is much longer.
 
-- *Raised* when the evidence reaches ``EVIDENCE``. Of a stated 99 %, with half of the forecasts
-  missing it takes 2 minutes of people, with a tenth 7, with a twentieth 17.
-- *Cleared* when it is back at 1: after at least 23 minutes of people in which nothing is missed,
-  47 in which 99 % hold. Nothing flaps, because each way is the whole way.
+- *Raised* when the evidence reaches ``EVIDENCE``. At a stated 99 %, this takes 2 minutes of people
+  if half of the forecasts miss, 7 minutes if a tenth do, and 17 minutes if a twentieth do.
+- *Cleared* when the evidence has returned to 1: after at least 23 minutes of people without a miss,
+  or 47 minutes in which 99 % hold. The state does not flap, because each change requires the full
+  range of evidence.
 
-A person who errs more than others for long is not a false alarm: what is stated does not hold here.
+An alarm caused by one person who is hard to predict for a long time is not a false alarm: the
+stated level does not hold here.
 """
 
 import logging
@@ -38,7 +40,7 @@ log = logging.getLogger(__name__)
 BLOCK_S = 10.0
 EVIDENCE = 1e5
 SAID_EVERY_S = 3600.0
-"""Interval at which the log repeats it while it lasts."""
+"""Interval at which the log repeats the warning while drift lasts."""
 _MAX_DT_S = 0.1
 _MARGIN = 0.03
 _MOST_LAMBDA = 4.0
@@ -48,7 +50,7 @@ class Drift:
     """The evidence against a calibration; one per run, deterministic.
 
     Args:
-        level: of the calibrated radii, 0 < level < 1.
+        level: level of the calibrated radii, 0 < level < 1.
     """
 
     def __init__(self, level: float) -> None:
@@ -65,13 +67,12 @@ class Drift:
         self.drifting = False
 
     def add(self, now_ns: int, missed: float, judged: float) -> None:
-        """Count the judgements of one tick.
+        """Add the judgements of one tick.
 
         Args:
-            now_ns: of the tick.
-            missed: number of misses of the calibrated radii; a part of a body counts as a
-                fraction.
-            judged: their number.
+            now_ns: time of the tick.
+            missed: number of misses of the calibrated radii; part of a body counts as a fraction.
+            judged: number of judgements.
         """
         if judged <= 0:
             return
@@ -86,10 +87,10 @@ class Drift:
             self._say(now_ns)
 
     def report(self) -> dict[str, Any]:
-        """For the run's summary.
+        """Return data for the run's summary.
 
-        ``missed`` is the share of misses since the evidence began to grow; ``None`` if there is
-        none.
+        ``missed`` is the share of misses since the evidence began to grow; ``None`` if there is no
+        evidence.
         """
         return {"drifting": self.drifting, "raised": self._raised, "missed": self._share}
 
@@ -117,8 +118,8 @@ class Drift:
             return
         self._said_ns = now_ns
         log.warning(
-            "the calibration does not fit any more: %.1f %% of the forecasts missed, %.3g %% were "
-            "stated; look for a moved sensor or another tracker, or calibrate on this site: "
+            "the calibration no longer fits: %.1f %% of the forecasts missed, %.3g %% were stated; "
+            "check for a moved sensor or another tracker, or calibrate on this site: "
             "hri-predict calibrate --onto",
             100 * (self._share or 0.0),
             100 * (1.0 - self._level),

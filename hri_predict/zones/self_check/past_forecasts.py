@@ -1,9 +1,9 @@
-"""Past forecasts, kept until the truth is known, and how wrong each of them was.
+"""Past forecasts, kept until the actual motion is known, and their errors.
 
-Each newer capture of the same person, up to the horizon, judges a forecast. The forecast is
-interpolated linearly between its steps; the body at its own capture is step 0. The radius to hold
-is that of the step that ends the interval, as in the zones: entry k holds the body from step k-1 to
-step k. Only joints that were observed at both captures count.
+A forecast is compared with each newer capture of the same person, up to the horizon. The forecast
+is interpolated linearly between its steps; the body at its own capture is step 0. The radius to
+check is that of the step at the end of the interval, as in the zones: entry k holds the body from
+step k-1 to step k. Only joints that were observed at both captures are used.
 """
 
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ from hri_predict.base.arrays import Bools, Floats, Ints, Stamps
 from hri_predict.people.ring_buffer import NEVER
 
 SPACING_STEPS = 0.6
-"""Minimum number of steps between two forecasts that are kept. At 100 Hz every third capture
-is enough; if captures come only a little faster than steps, none is lost."""
+"""Minimum number of steps between two kept forecasts. At 100 Hz every third capture is enough; if
+captures arrive only slightly faster than steps, all are kept."""
 
 
 def forecast_errors(last: Floats, forecast: Floats, steps: Floats, truth: Floats) -> Floats:
     """Return the error of each of N forecasts.
 
     Args:
-        last: (N, J, 3) metres, the body at the forecast's capture.
+        last: (N, J, 3) metres, positions at the forecast's capture.
         forecast: (N, H, J, 3) metres; step k (from 0) is k + 1 steps after that capture.
         steps: (N,) the time of ``truth`` in steps after that capture, at most H.
         truth: (N, J, 3) metres.
@@ -38,14 +38,14 @@ def forecast_errors(last: Floats, forecast: Floats, steps: Floats, truth: Floats
 
 
 def mean_error(errors: Floats, judged: Bools) -> Floats:
-    """(N,) the residual: mean of (N, J) errors over the judged joints, NaN without any."""
+    """Return (N,) the residual: mean of (N, J) errors over the judged joints, NaN without any."""
     count = judged.sum(-1)
     total = np.where(judged, errors, 0.0).sum(-1)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _lower_step(steps: Floats, horizon_steps: int) -> tuple[Ints, Floats]:
-    """The knot before each time, and the share of the way from it to the next."""
+    """Return the knot before each time, and the fraction of the interval to the next knot."""
     lower = np.minimum(np.maximum(steps.astype(np.intp), 0), horizon_steps - 1)
     return lower, np.minimum(np.maximum(steps - lower, 0.0), 1.0)
 
@@ -58,7 +58,7 @@ def _distance(below: Floats, above: Floats, part: Floats, truth: Floats) -> Floa
 
 
 def _ratio(errors: Floats, radius: Floats, sound: Bools) -> Floats:
-    """Error over radius, infinite where the radius is not a positive number."""
+    """Return error over radius, infinite where the radius is not a positive number."""
     return np.where(sound, errors, np.inf) / np.where(sound, radius, 1.0)
 
 
@@ -67,14 +67,14 @@ class Judged:
     """N comparisons of a past forecast with the newest capture of the same person.
 
     Attributes:
-        person: (N,) index into those asked about.
+        person: (N,) index of the person among those passed to ``judge``.
         lead_s: (N,) age of the forecast.
         step: (N,) step (from 0) whose radius had to hold.
         errors: (N, J) metres, infinite where a number was not finite.
-        seen: (N, J) observed at both captures.
-        claimed: (N, J) seen, and the radius was finite.
-        ratio: (N, J) error over calibrated radius, infinite where that was not a positive number;
-            -infinity where not claimed.
+        seen: (N, J) whether the joint was observed at both captures.
+        claimed: (N, J) whether the joint was seen and had a finite radius.
+        ratio: (N, J) error over calibrated radius, infinite where the radius was not a positive
+            number; -infinity where not claimed.
         widened: (N,) the factor in force when the forecast was made; NaN: the radii were not in
             use.
     """
@@ -94,11 +94,11 @@ class Ring(NamedTuple):
 
     Attributes:
         stamps: (S, R) captures; ``NEVER``: the row is free.
-        knots: (S, R, H+1, J, 3) metres, from the capture on.
-        seen: (S, R, J) at the capture.
-        radius: (S, R, H, J) calibrated, metres.
+        knots: (S, R, H+1, J, 3) metres, positions from the capture on.
+        seen: (S, R, J) whether the joint was observed at the capture.
+        radius: (S, R, H, J) calibrated radii, metres.
         widened: (S, R, H) factors; NaN: the radii were not in use.
-        rate_hz, horizon_steps: of the forecasts.
+        rate_hz, horizon_steps: steps per second of the forecasts, and their number.
     """
 
     stamps: Stamps
@@ -111,7 +111,8 @@ class Ring(NamedTuple):
 
 
 class PastForecasts:
-    """The forecasts of the last horizon, in a ring for each of a fixed number of people.
+    """Forecasts made within the last horizon, in one ring buffer for each of a fixed number of
+    people.
 
     Args:
         people: S, slots for people; this bounds the memory.
@@ -120,7 +121,7 @@ class PastForecasts:
         horizon_steps: H of the forecasts.
 
     Attributes:
-        ring: what is kept.
+        ring: the kept forecasts.
     """
 
     def __init__(self, people: int, joints: int, rate_hz: float, horizon_steps: int) -> None:
@@ -156,12 +157,12 @@ class PastForecasts:
         radius: Floats,
         widened: Floats,
     ) -> None:
-        """Keep one person's forecast, unless there is one of (nearly) the same capture.
+        """Keep one person's forecast, unless one from (nearly) the same capture is already kept.
 
         Args:
-            slot: of the person.
-            capture_ns: that the forecast starts from.
-            last: (J, 3) metres at that capture.
+            slot: the person's slot.
+            capture_ns: capture from which the forecast starts.
+            last: (J, 3) positions at that capture, metres.
             seen: (J,) observed at that capture.
             forecast: (H, J, 3) metres.
             radius: (H, J) calibrated radii, metres; infinite: nothing is claimed.
@@ -183,16 +184,16 @@ class PastForecasts:
         """Compare all kept forecasts of Q people with their newest captures.
 
         Args:
-            slots: (Q,) of these people.
+            slots: (Q,) slots of these people.
             capture_ns: (Q,).
             truth: (Q, J, 3) metres.
-            observed: (Q, J) at that very capture.
+            observed: (Q, J) whether observed at exactly that capture.
         """
         return judge_all(self.ring, NewestCaptures(slots, capture_ns, truth, observed))
 
 
 class NewestCaptures(NamedTuple):
-    """The newest captures of Q people, see ``PastForecasts.judge``."""
+    """The newest captures of Q people; see ``PastForecasts.judge``."""
 
     slots: Ints
     capture_ns: Stamps

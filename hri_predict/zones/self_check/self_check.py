@@ -1,20 +1,21 @@
-"""Live self-check: past forecasts against what people did; zones that were too small get wider.
+"""Live self-check: compares past forecasts with the actual motion, and widens zones if needed.
 
-**Residual**: the mean error of the forecast made ``RESIDUAL_S`` ago; the largest of the last
-``RESIDUAL_S`` counts. See ``motion_class``.
+**Residual**: the mean error of the forecast made ``RESIDUAL_S`` ago; the largest value of the last
+``RESIDUAL_S`` is used. See ``motion_class``.
 
 **Widening**: factors >= 1 on the calibrated radii, by person and band of horizons (``BANDS_S``),
-that grow while radii hold less often than their level; see ``adaptive_widening`` for the update,
-its reaction time and its return.
+that grow while radii hold less often than their level. See ``widening`` for the update, the
+reaction time and the return to 1.
 
-**Out of distribution**: a person's motion lies outside the calibration, so physical limits apply,
+**Out of distribution**: a person's motion is outside the calibration, so physical limits apply,
 when
 
-- most joints at once leave a radius of the first ``SHORT_S``, by more than ``short_margin`` times
-  the worst case of the calibration (a camera was moved, or an id changed bodies);
+- most joints leave a radius of the first ``SHORT_S`` at the same time, by more than
+  ``short_margin`` times the worst case of the calibration (a camera was moved, or an id moved to
+  another body);
 - a joint is faster than in the calibration (``MotionRanges``);
 - a factor is at its bound and forecasts still miss; or
-- there is no room left to remember this person.
+- no slot is free for this person.
 
 This state ends after ``hold_s`` of captures without such a sign.
 
@@ -47,9 +48,10 @@ from hri_predict.zones.trust import Trust
 # -- the self-check's counts: how often past forecasts held, for the run's summary -----------------
 
 _SUMS = 5
-"""Judged, judged with radii in use, missed as calibrated, missed as used, mean errors."""
+"""Sums over judgements: all, with radii in use, missed as calibrated, missed as used, mean
+errors."""
 _MAX_IDS = 64
-"""Ids kept in the report: flickering ids must not fill the memory."""
+"""Maximum number of ids in the report, so that flickering ids do not fill the memory."""
 
 
 class Tally:
@@ -57,7 +59,7 @@ class Tally:
 
     Args:
         people: slots for people.
-        bands_s: (B,) where each band ends, seconds ahead.
+        bands_s: (B,) upper end of each band, seconds ahead.
     """
 
     def __init__(self, people: int, bands_s: Sequence[float]) -> None:
@@ -76,11 +78,11 @@ class Tally:
         self._largest = max(self._largest, float(trust.widen.max(initial=1.0)))
 
     def add(self, slots: NDArray[np.intp], sums: Floats) -> None:
-        """Add (Q, ``_SUMS``, B) to those of Q people."""
+        """Add (Q, ``_SUMS``, B) to the sums of Q people."""
         self._sums[slots] += sums
 
     def close(self, slot: int, number: int) -> None:
-        """The person with this id has left the slot."""
+        """Record that the person with this id has left the slot."""
         sums = self._sums[slot].copy()
         self._sums[slot] = 0.0
         self._past += sums
@@ -89,13 +91,13 @@ class Tally:
             del self._left[next(iter(self._left))]
 
     def report(self, ids: Sequence[int | None]) -> dict[str, Any]:
-        """Everything since the start; ``ids`` are those in the slots now.
+        """Return all sums since the start; ``ids`` are the ids now in the slots.
 
-        ``covered`` is the share of the ``judged_in_use`` (or of their joints) that held with the
-        widening in force when they were made. Forecasts of people who were out of distribution at
-        that time are not among them. ``covered_as_calibrated`` is the share of all ``judged``
-        without widening.
-        Shares are ``None`` if nothing was judged. The newest ids have their own entries.
+        ``covered`` is the share of the ``judged_in_use`` forecasts (or of their joints) that held
+        with the widening in force when they were made. Forecasts made for people out of
+        distribution are excluded. ``covered_as_calibrated`` is the share of all ``judged`` that
+        held without widening. Shares are ``None`` if nothing was judged. The newest ids have their
+        own entries.
         """
         people = dict(self._left)
         for slot, number in enumerate(ids):
@@ -137,27 +139,29 @@ def _shares(sums: Floats) -> dict[str, Any]:
 __all__ = ["MotionRanges", "SelfCheck", "SelfCheckConstants", "Trust"]
 
 BANDS_S = (0.12, 0.24, 0.4, 0.6, 0.8)
-"""Horizons up to each of these share a factor, and so do those beyond the last. If captures arrive
-slower than 8 a second, none falls into the first band, which is then never widened."""
+"""Upper ends of the bands of horizons that share a factor; the last band includes all longer
+horizons. If captures arrive at less than 8 a second, none falls into the first band, which is then
+never widened."""
 MAX_DT_S = 0.1
-"""A longer gap between captures counts as this: it is still one judgement."""
+"""Maximum time that one gap between captures contributes: it is still one judgement."""
 _RESIDUALS = 64
-"""Residuals remembered of each person: over 0.4 s, of captures at up to 160 Hz."""
+"""Number of residuals kept for each person: 0.4 s of captures at up to 160 Hz."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelfCheckConstants:
-    """Constants for judging past forecasts. The module's docstring says how the figures are used.
+    """Constants for judging past forecasts. See the module's docstring for their use.
 
     Attributes:
-        growth_per_s: a factor that always misses grows by e^this in a second.
-        recover_s: after this time of good coverage radii are not widened.
-        max_factor: widening ends here; beyond it physical limits apply.
-        short_margin: first steps that are wrong by more than this times the worst calibrated ones
-            are a sign of motion out of distribution.
-        speed_margin: so are joints faster than this times the fastest calibrated ones.
-        hold_s: physical limits stay for this time after the last sign.
-        max_people: people whose forecasts are remembered; more are out of distribution.
+        growth_per_s: a factor whose radii always miss grows by e^growth_per_s in a second.
+        recover_s: time of good coverage after which radii are no longer widened.
+        max_factor: maximum factor; beyond it, physical limits apply.
+        short_margin: errors of the first steps beyond this times the worst calibrated errors are a
+            sign of motion out of distribution.
+        speed_margin: joint speeds beyond this times the highest calibrated speeds are also a sign.
+        hold_s: time for which physical limits apply after the last sign.
+        max_people: maximum number of people whose forecasts are kept; others count as out of
+            distribution.
     """
 
     growth_per_s: float = 4.0
@@ -170,15 +174,15 @@ class SelfCheckConstants:
 
 
 class SelfCheck:
-    """Remembers forecasts and judges them; one per run, deterministic.
+    """Keeps forecasts and judges them; one per run, deterministic.
 
     Args:
         constants: see ``SelfCheckConstants``.
-        level: of the calibrated radii, 0 < level < 1.
-        of: unit that they hold at that level, the whole ``body`` at once or each ``joint``.
+        level: level of the calibrated radii, 0 < level < 1.
+        of: unit to which the level applies, the whole ``body`` at once or each ``joint``.
         rate_hz: steps per second of the forecasts and of the snapshots' history.
         horizon_steps: H of the forecasts.
-        ranges: of the calibration; ``None``: unknown, so no motion is out of range.
+        ranges: motion ranges of the calibration; ``None``: unknown, so no motion is out of range.
     """
 
     def __init__(
@@ -224,11 +228,11 @@ class SelfCheck:
     # -- each tick --------------------------------------------------------------------------------
 
     def check(self, snapshot: PeopleSnapshot, velocities: Velocities | None = None) -> Trust:
-        """Judge remembered forecasts by the newest captures. Call it before building zones.
+        """Judge kept forecasts against the newest captures. Call it before building zones.
 
         Args:
             snapshot: people at this tick.
-            velocities: of their joints; ``None``: they are measured here.
+            velocities: velocities of their joints; ``None``: they are measured here.
         """
         slots = self._slots(snapshot)
         known = np.flatnonzero(slots >= 0)
@@ -242,14 +246,14 @@ class SelfCheck:
         return trust
 
     def note(self, snapshot: PeopleSnapshot, forecast: Forecast, radius: Floats) -> None:
-        """Remember this tick's forecasts.
+        """Keep this tick's forecasts.
 
         Args:
-            snapshot: people at this tick; ``check`` has seen it.
-            forecast: of these people.
-            radius: (P, H, J) metres, calibrated, *before* widening. An infinite radius claims
-                nothing and is not judged. People who are out of distribution need finite ones as
-                well: only who is judged can come back.
+            snapshot: people at this tick, already passed to ``check``.
+            forecast: forecast for these people.
+            radius: (P, H, J) metres, calibrated, *before* widening. An infinite radius is not
+                judged. People out of distribution need finite radii as well: only people who are
+                judged can leave this state.
         """
         slot_of = {number: slot for slot, number in enumerate(self._ids) if number is not None}
         slots = np.array([slot_of.get(number, -1) for number in snapshot.ids], np.intp)
@@ -270,13 +274,13 @@ class SelfCheck:
                 )
 
     def report(self) -> dict[str, Any]:
-        """For the run's summary: how often past forecasts held, and what was done about it."""
+        """Return for the run's summary how often past forecasts held, and the widening applied."""
         return {**self._tally.report(self._ids), "drift": self.drift.report()}
 
     # -- people come and go -----------------------------------------------------------------------
 
     def _slots(self, snapshot: PeopleSnapshot) -> Ints:
-        """(P,) the slot of each person, -1 where none is free."""
+        """Return (P,) the slot of each person, -1 where none is free."""
         here = set(snapshot.ids)
         for slot, number in enumerate(self._ids):
             if number is None or number in here:
@@ -320,7 +324,7 @@ class SelfCheck:
     def _judge(
         self, snapshot: PeopleSnapshot, new: Ints, slots: Ints, velocities: Velocities
     ) -> None:
-        """Judge people ``new`` of the snapshot, who have a new capture."""
+        """Judge the people ``new`` of the snapshot, who have a new capture."""
         capture = snapshot.capture_ns[new]
         before = self._capture_ns[slots]
         elapsed = np.where(before == NEVER, 0, capture - np.maximum(before, 0)) * 1e-9
@@ -355,7 +359,7 @@ class SelfCheck:
         self._residuals[slot] = (at + 1) % _RESIDUALS
 
     def _adapt(self, sums: Floats, slots: Ints, dt: Floats, now_ns: int) -> Bools:
-        """Move the factors. Return (Q,) whether one is at its bound and forecasts still miss."""
+        """Update the factors. Return (Q,) whether one is at its bound and forecasts still miss."""
         count, in_use, bare, now, then, error = sums
         self._tally.add(slots, np.stack([count, in_use, bare, then, error], axis=1))
         self.drift.add(now_ns, float(bare.sum()), float(count.sum()))
@@ -381,6 +385,6 @@ class SelfCheck:
         )
 
     def _is_out_of_distribution(self, slots: Ints, capture: Stamps) -> Bools:
-        """(Q,) whether a person showed a sign within the hold time before ``capture`` (Q,)."""
+        """Return (Q,) whether a sign occurred within the hold time before ``capture`` (Q,)."""
         sign = self._sign_ns[slots]
         return (sign != NEVER) & (capture - np.maximum(sign, 0) <= self._hold_ns)

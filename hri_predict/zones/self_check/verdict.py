@@ -1,7 +1,7 @@
-"""Verdict of past forecasts on people with a new capture, in one call over all of them.
+"""Verdict on past forecasts of all people with a new capture, in one call.
 
-``PastForecasts.judge`` compares each kept forecast with the capture; a verdict is what the
-self-check needs of that: sums by band of horizons, and the errors that the learned scale reads.
+``PastForecasts.judge`` compares each kept forecast with the capture; a verdict holds the results
+for the self-check: sums by band of horizons, and the errors for the learned scale.
 """
 
 from math import ceil, inf, isnan, nan, sqrt
@@ -24,13 +24,13 @@ from hri_predict.zones.self_check.past_forecasts import (
 )
 
 MOST_ERROR_M = 1e6
-"""An error that is not finite counts as this, so that the sums stay finite."""
+"""Replacement for an error that is not finite, so that the sums stay finite."""
 _NEVER = int(NEVER)
 
 
 class Terms(NamedTuple):
-    """Terms for judging forecasts: (H,) the band of each step, the number of bands, and whether all
-    joints of a body are judged at once."""
+    """Parameters for judging forecasts: (H,) the band of each step, the number of bands, and
+    whether all joints of a body are judged together."""
 
     band: Ints
     bands: int
@@ -38,7 +38,7 @@ class Terms(NamedTuple):
 
 
 Verdict = tuple[Floats, Floats, Floats, Floats]
-"""For Q people and B bands: (6, Q, B) sums over judgements (how many; how many with radii in use;
+"""For Q people and B bands: (6, Q, B) sums over judgements (their number; number with radii in use;
 misses of the calibrated radii, of the bands' own factors, and of the factors in force when made;
 mean errors); (Q,) residuals, NaN if unknown; (Q, 2, J) errors of the forecasts made ``LEADS_S``
 ago, NaN if unknown; (Q,) the largest ``short_ratio``, minus infinity without any."""
@@ -82,7 +82,7 @@ def _sums(judged: Judged, terms: Terms, factor: Floats) -> Floats:
 
 
 def _residuals(judged: Judged, people: int, rate_hz: float) -> Floats:
-    """(Q,) error of the forecast made about ``RESIDUAL_S`` ago."""
+    """Return (Q,) error of the forecast made about ``RESIDUAL_S`` ago."""
     off = np.abs(judged.lead_s - RESIDUAL_S)
     # a forecast of a hardly seen person tells nothing about the forecasts to come
     used = judged.claimed.any(1)
@@ -98,7 +98,7 @@ def _residuals(judged: Judged, people: int, rate_hz: float) -> Floats:
 
 
 def _errors(judged: Judged, people: int) -> Floats:
-    """(Q, 2, J) each joint's error by the forecasts whose ages are nearest to ``LEADS_S``."""
+    """Return (Q, 2, J) each joint's error in the forecasts with ages nearest to ``LEADS_S``."""
     found = np.full((people, len(LEADS_S), judged.errors.shape[1]), np.nan)
     for i, (lead_s, within_s) in enumerate(zip(LEADS_S, LEAD_TOLERANCE_S, strict=True)):
         off = np.abs(judged.lead_s - lead_s)
@@ -161,7 +161,7 @@ def _compare(
     which: tuple[int, int, int],
     into: tuple[Floats, Floats, Bools, Bools],
 ) -> int:
-    """As a row of ``Judged``: fill (J,) errors, ratios, seen and claimed; return the step."""
+    """Fill (J,) errors, ratios, seen and claimed for one row of ``Judged``; return the step."""
     p, slot, at = which
     error, ratio, seen, claimed = into
     knots, radii, truth = ring.knots, ring.radius, asked.truth
@@ -189,7 +189,7 @@ def _compare(
 def _count(
     row: tuple[Floats, Floats, Bools, Bools], factors: Floats, whole_body: bool, sums: Floats
 ) -> int:
-    """Add one judgement to (6,) sums; return how many joints were claimed."""
+    """Add one judgement to (6,) sums; return the number of claimed joints."""
     error, ratio, _, claimed = row
     count = 0
     bare = own = then = 0

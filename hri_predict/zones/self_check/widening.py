@@ -1,12 +1,12 @@
-"""Adaptive widening: factors on calibrated radii that follow how often these failed lately.
+"""Adaptive widening: factors on calibrated radii that follow the recent rate of misses.
 
 This is adaptive conformal inference (I. Gibbs, E. Candès, "Adaptive Conformal Inference Under
 Distribution Shift", NeurIPS 2021, arXiv:2106.00263, eq. 2: alpha' = alpha + gamma (alpha - err)),
-applied to the logarithm w of a factor on the calibrated radii, not to alpha. So it can go beyond
-the largest error of the calibration. It is held at w >= 0: it only widens.
+applied to the logarithm w of a factor on the calibrated radii, not to alpha. Radii can thus exceed
+the largest error of the calibration. With w >= 0, radii are only widened.
 
 Each person has a state for each band of horizons. Each new capture, ``dt`` seconds after the last,
-judges all kept forecasts whose age lies in the band. With alpha = 1 - level and
+judges all kept forecasts with an age in the band. With alpha = 1 - level and
 
     err_f   mean over those forecasts of: some joint is farther off than f times its calibrated
             radius (``of="joint"``: the share of joints that are),
@@ -19,23 +19,24 @@ judges all kept forecasts whose age lies in the band. With alpha = 1 - level and
     factor  = exp(max(w, lent))
 
 ``m`` is the running miss rate of the radii as calibrated. Judgements of neighbouring captures
-overlap, so steps go by time and not by count: it matters how long forecasts have been wrong. The
-factor in force *now* decides which misses move w, not the factor when the forecast was made: the
-truth about a forecast of 1 s comes 1 s late, and a second of misses that are already corrected
-would drive the factor to its bound. During that second the short horizons *lend* the long ones what
-they have learned; after it the long horizons know their own truth.
+overlap, so steps are proportional to time, not to the number of captures: the duration of misses
+matters. The factor in force *now* decides which misses move w, not the factor when the forecast was
+made: a forecast of 1 s can be judged only 1 s later, and a second of misses that are already
+corrected would drive the factor to its bound. During that second the short horizons *lend* their
+widening to the long horizons; after it the long horizons have their own judgements.
 
-- Reaction: with every forecast of a band missing by a factor F, m passes alpha after
-  tau ln(1 / level) and w passes ln F within ln(F) / (growth_per_s level) after that. At level 0.99
-  with the defaults that is 0.01 s and, for F = 2, 0.18 s; at 0.9 it is 0.23 s and 0.19 s. The clock
-  starts when the first truth arrives: one capture after a change for the shortest band, whose
-  factor longer ones are lent; for what goes wrong at a long horizon alone, after that horizon.
+- Reaction: with every forecast of a band missing by a factor F, m passes alpha after tau ln(1 /
+  level) and w passes ln F within ln(F) / (growth_per_s level) after that. At level 0.99 with the
+  defaults that is 0.01 s and, for F = 2, 0.18 s; at 0.9 it is 0.23 s and 0.19 s. The time starts
+  with the first judgement: one capture after a change for the shortest band, whose factor is lent
+  to longer bands; for errors only at a long horizon, after that horizon.
 - While m > alpha and below the bound, w grows by at least the sum of its steps, so over T seconds
   the share of misses is at most alpha + ln(max_factor) / (growth_per_s T), no matter what people do
-  (Gibbs and Candès, prop. 4.1, in this form). That is of the factor in force when judged; of the
-  one when the forecast was made, nothing is guaranteed, and ``self_check``'s report counts it.
-- Return: from the worst state (m = 1) after recover_s in which the *calibrated* radii would have
-  held (err_1 = 0): m falls to alpha just then. While they would not have held, nothing returns.
+  (Gibbs and Candès, prop. 4.1, in this form). This holds for the factor in force at the judgement;
+  for the factor when the forecast was made, nothing is guaranteed, and the report of ``self_check``
+  counts its misses.
+- Return: the worst state (m = 1) ends after recover_s in which the *calibrated* radii would have
+  held (err_1 = 0): m then falls to alpha. While they would not have held, widening remains.
 """
 
 import math
@@ -50,11 +51,11 @@ class AdaptiveWidening:
 
     Args:
         people: S, slots for people.
-        ends_s: (B,) where each band of horizons ends, seconds ahead, ascending.
-        level: of the calibrated radii, 0 < level < 1.
-        growth_per_s: growth of w in a second of nothing but misses.
-        recover_s: of good coverage, after which nothing is widened.
-        max_factor: widening ends here.
+        ends_s: (B,) upper end of each band of horizons, seconds ahead, ascending.
+        level: level of the calibrated radii, 0 < level < 1.
+        growth_per_s: growth of w in a second in which every forecast misses.
+        recover_s: time of good coverage after which radii are no longer widened.
+        max_factor: maximum factor.
 
     Raises:
         ValueError: the level is out of range.
@@ -86,22 +87,23 @@ class AdaptiveWidening:
         self._log[slot] = self._missed[slot] = self._lent[slot] = 0.0
 
     def own(self, slots: Ints) -> Floats:
-        """(Q, B) each band's own factor e^w; ``update`` takes the misses of radii that have it."""
+        """Return (Q, B) each band's own factor e^w; ``update`` needs the misses with this
+        factor."""
         factor: Floats = np.exp(self._log[slots])
         return factor
 
     def factor(self, slots: Ints) -> Floats:
-        """(Q, B) factors on the radii, from 1 to ``max_factor``."""
+        """Return (Q, B) factors on the radii, from 1 to ``max_factor``."""
         factor: Floats = np.exp(np.maximum(self._log[slots], self._lent[slots]))
         return factor
 
     def update(self, slots: Ints, dt: Floats, *, judged: Bools, bare: Floats, now: Floats) -> Bools:
-        """Take in one capture of Q people.
+        """Update the factors with one capture of Q people.
 
         Args:
-            slots: (Q,) theirs.
+            slots: (Q,) slots of these people.
             dt: (Q,) seconds since their last capture.
-            judged: (Q, B) whether any forecast was; else the band stays as it is.
+            judged: (Q, B) whether any forecast was judged; otherwise the band does not change.
             bare: (Q, B) err_1, misses of the calibrated radii.
             now: (Q, B) err_e^w, misses of the bands' own factors.
 
@@ -120,7 +122,7 @@ class AdaptiveWidening:
         return np.asarray(stuck.any(1))
 
     def _lend(self, slots: Ints, step: Floats, rise: Floats, log: Floats) -> None:
-        """Return the widening learned by shorter bands, until a band's own truth is there."""
+        """Return the widening learned by shorter bands, until a band has its own judgements."""
         rise = np.maximum.accumulate(np.maximum(rise, 0.0), axis=1)
         widest = np.maximum.accumulate(log, axis=1)
         lent = self._lent[slots] * np.exp(-step / self._ends_s)

@@ -60,7 +60,7 @@ def test_the_same_is_the_same():
         (rows(predicted_m=None), "no person is predicted where one was in 5 of 5"),
         (rows(["slow"] * 5), "no stop any more; the first was at 0.08 s"),
         (rows(["clear", "slow", "slow", "stop", "stop"]), "first stop 0.08 s -> 0.12 s"),
-        ([], "robot arm: no advice for it any more"),
+        ([], "robot arm: it no longer gets advice"),
     ],
 )
 def test_what_permits_more_is_less_safe(new, line):
@@ -73,9 +73,9 @@ def test_what_permits_more_is_less_safe(new, line):
         (rows(["slow", "slow", "stop", "stop", "slow"]), "a stricter level in 1 of 5"),
         (rows(["clear", "slow", "unknown", "stop", "slow"]), "a stricter level in 1 of 5"),
         (rows(limit_m_s=0.3), "a lower speed limit in 5 of 5"),
-        (rows(separation_m=0.7), "another separation in 5 of 5 advices, by up to 0.300 m"),
-        (rows(predicted_m=0.9), "another predicted separation in 5 of 5 advices, by up to 0.100"),
-        (rows(reason="person_lost"), "another reason in 5 advices"),
+        (rows(separation_m=0.7), "a different separation in 5 of 5 advices, by up to 0.300 m"),
+        (rows(predicted_m=0.9), "a different predicted separation in 5 of 5 advices, by up to 0.1"),
+        (rows(reason="person_lost"), "a different reason in 5 advices"),
         ([*rows(), *rows([], robot="b"), replace(ROW, robot="b")], "robot b: is new"),
     ],
 )
@@ -98,16 +98,16 @@ def test_floor_that_is_not_seen_any_more_is_less_safe_wherever_the_grid_begins()
         }
     )  # fmt: skip
     found = compared(grid=moved)
-    assert found.worse == ["people are not seen any more in 1 cells of the floor"]
+    assert found.worse == ["people are no longer seen in 1 cells of the floor"]
     more = GRID.model_copy(update={"seen": {0: 1, 1: 1, 2: 1}})
     assert compared(grid=more).worse == []
     larger = GRID.model_copy(update={"area": [0, 1, 2, 5, 6, 7, 9, 10]})
     found = compared(grid=larger)
     assert found.worse == []
     assert found.unwalked == [
-        "the floor that counts has 4 -> 8 cells; people were seen in 2 (50.0 %) -> 2 (25.0 %) of "
-        "them; the walk asks for 40 %: walk again with this configuration, over all of the floor "
-        "that counts now"
+        "floor around the robots: 4 -> 8 cells; people were seen in 2 (50.0 %) -> 2 (25.0 %) of "
+        "them; the walk asks for 40 %: walk again with this configuration, over all of this "
+        "floor"
     ]
 
 

@@ -63,7 +63,7 @@ def test_a_controller_that_measures_nothing_or_says_nothing_leaves_it_open(demo)
     failed, missing = judge_echo(found.model_copy(update={"links": [mute, silent, deaf]}))
     assert failed == []
     assert "echo.measured.drive" in missing[0]
-    assert "no RobotState came" in missing[1]
+    assert "no RobotState arrived" in missing[1]
     assert "no advice repeated a RobotState" in missing[2]
     assert judge_echo(found.model_copy(update={"links": []}))[1] == ["the cell has no link"]
 

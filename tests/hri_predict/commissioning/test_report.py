@@ -130,7 +130,7 @@ def test_the_newest_of_a_folder_is_found(tmp_path):
         (step("skipped", note="rain"), "open", "walk: skipped: rain"),
         (step("open", why=["x"]), "open", "walk: open: x"),
         (step("failed", why=["7 %"]), "failed", "walk: failed: 7 %"),
-        (step(identity="other"), "open", "walk: done before the cell was changed; do it again"),
+        (step(identity="other"), "open", "walk: done before the cell was changed; repeat it"),
         (step("failed", identity="other"), "failed", "walk: done before the cell was changed"),
     ],
 )

@@ -146,7 +146,7 @@ def test_a_robot_that_never_stands_fails(tmp_path):
     assert not stop.stood
     assert not stop.passed
     found = stopping.Stopping(stops=[stop], curves=[])
-    assert "did not stand after 2 s" in judge_stops(found)[0]
+    assert "did not come to a standstill within 2 s" in judge_stops(found)[0]
 
 
 def test_what_the_integrator_measured_is_compared_with_the_table(tmp_path):

@@ -127,7 +127,7 @@ def test_the_status_is_of_the_named_step_or_of_all(folder, cli):
     words += ["--answers", folder / "answers.yaml"]
     status, out, _ = cli(*words, "--step", "walk")  # of the other three, none is of this cell
     assert status == 0
-    assert "not passed: registration: done before the cell was changed; do it again" in out
+    assert "not passed: registration: done before the cell was changed; repeat it" in out
     change(folder, "room_from_source", {"xyz": [0, 0, 1]}, section="source")
     words = [*words, "--skip", "registration=later"]
     assert cli(*words)[0] == 0
@@ -148,7 +148,7 @@ def test_what_was_done_before_the_cell_changed_is_open(folder, cli):
     _, out, _ = cli(*words, "--skip", "echo=later", "--json")
     found = json.loads(out)
     assert found["outcome"] == "open"
-    assert "walk: done before the cell was changed; do it again" in found["open"]
+    assert "walk: done before the cell was changed; repeat it" in found["open"]
 
 
 def test_the_same_cell_gives_the_same_advice(folder, cli):
