@@ -210,7 +210,7 @@ def _print(summary: dict[str, Any]) -> None:
         f"pictures: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
         f"{summary['skipped']} skipped for --max-fps, {summary['interruptions']} interruptions"
     )
-    print(f"people: {summary['ids']} ids, {summary['most_people']} at once at most")
+    print(f"people: {summary['ids']} ids, at most {summary['most_people']} at a time")
     if summary["processor_ms"] is not None:
         print(f"processor time per picture: {summary['processor_ms']:.0f} ms")
     print_scenes(summary, summary["stamps"])

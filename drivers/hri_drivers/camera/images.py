@@ -53,8 +53,9 @@ def check_input(text: str, *, loop: bool, latency_s: float | None) -> None:
     """Refuse an input that cannot be opened, without opening it.
 
     Args:
-        text: a camera's number or device, a video, a picture, or a folder of pictures. loop: begin
-            again at the end. latency_s: from exposure to arrival; None: not given.
+        text: a camera's number or device, a video, a picture, or a folder of pictures.
+        loop: begin again at the end.
+        latency_s: from exposure to arrival; None: not given.
 
     Raises:
         ConfigError: the input does not exist, or an option has no effect on it.

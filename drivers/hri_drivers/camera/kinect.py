@@ -27,8 +27,7 @@ MAX_DRIFT = 200e-6
 
 
 class Kinect(DepthCamera):
-    """See ``DepthCamera``. Of the device's picture sizes, the smallest that is at least ``size`` is
-    used."""
+    """See ``DepthCamera``. It uses the device's smallest picture size of at least ``size``."""
 
     name, module = "Kinect", "pyk4a"
     stamps = f"the device's clock, as the fastest pictures show it less {LATENCY_S:g} s"
@@ -75,7 +74,7 @@ class Kinect(DepthCamera):
         exposed_ns = self._exposed(capture)
         pixels, raw = capture.color, capture.transformed_depth
         if pixels is None or raw is None:
-            raise SourceError("Kinect: a picture came without its depth")
+            raise SourceError("Kinect: a picture arrived without its depth")
         return pixels[:, :, :3], raw, self._recent(exposed_ns)
 
     def _exposed(self, capture: Any) -> int:

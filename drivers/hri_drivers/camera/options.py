@@ -82,7 +82,7 @@ def within(flag: str, value: float | None, most: float) -> None:
     """Refuse NaN, a number that is not above 0, and a number above ``most``.
 
     Raises:
-        ConfigError: names the flag.
+        ConfigError: the message names the flag.
     """
     if value is not None and not (0 < value <= most and math.isfinite(value)):
         raise ConfigError(f"{flag} {value:g}: give a number above 0, at most {most:g}")

@@ -27,9 +27,10 @@ class Counts:
     """Events since the start.
 
     Attributes:
-        pictures: number of pictures taken from the input. skipped: number of those dropped to keep
-            the maximum rate. blind: number of scenes without a view of the room, by reason.
-            most_people: maximum number of people in one picture.
+        pictures: number of pictures taken from the input.
+        skipped: number of those dropped to keep the maximum rate.
+        blind: number of scenes without a view of the room, by reason.
+        most_people: maximum number of people in one picture.
         processor_s: processor time of the whole process while it ran.
     """
 
@@ -98,7 +99,7 @@ class Pipeline:
             elif self._newest.ended:
                 return
             elif now - heard > silent_s or self._newest.trouble is not None:
-                self._blind(self._newest.trouble or "no picture comes")
+                self._blind(self._newest.trouble or "no picture arrives")
 
     def close(self) -> None:
         """Close the input."""

@@ -48,7 +48,7 @@ class RealSense(DepthCamera):
         frames = self._align.process(self._pipeline.wait_for_frames(TIMEOUT_MS))
         colour, depth = frames.get_color_frame(), frames.get_depth_frame()
         if not colour or not depth:
-            raise SourceError("RealSense: a picture came without its depth")
+            raise SourceError("RealSense: a picture arrived without its depth")
         pixels, raw = np.asanyarray(colour.get_data()), np.asanyarray(depth.get_data())
         return pixels, raw, self._exposed(colour, depth)
 

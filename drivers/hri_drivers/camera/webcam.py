@@ -50,7 +50,8 @@ class Webcam:
         name: its number, or the path of its device.
         rate_hz: pictures per second to request; None: the camera's choice.
         latency_s: see ``open_input``.
-        size: width and height to request. capture: opens a device, like ``cv2.VideoCapture``.
+        size: width and height to request.
+        capture: opens a device, like ``cv2.VideoCapture``.
 
     Raises:
         ConfigError: the camera cannot be opened.

@@ -137,8 +137,7 @@ def find(gray: UInt8, board: Board) -> Floats | None:
 
 
 def _refined(gray: UInt8, grid: Float32) -> Floats:
-    """Return corners (rows, columns, 2) refined to a hundredth of a pixel, using the edges around
-    each."""
+    """Return corners (rows, columns, 2) refined to a hundredth of a pixel, using edges."""
     across, down = np.diff(grid, axis=1), np.diff(grid, axis=0)
     nearest = min(float(np.linalg.norm(d, axis=-1).min()) for d in (across, down))
     half = int(np.clip(nearest / 3, 1, 5))

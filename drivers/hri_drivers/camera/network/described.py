@@ -83,8 +83,7 @@ class DescribedNetwork:
         return Finding(tuple(people[: self._people]), is_whole)
 
     def _outputs(self, crop: UInt8) -> tuple[Floats, Floats, Floats, Floats | None]:
-        """Return the network's output for a square picture: places, joint scores, person scores,
-        metres."""
+        """Return the output for a square picture: places, joint scores, person scores, metres."""
         outputs = self._net.run(self._tensor(crop))
         try:
             if self._about.joints.heatmaps:
@@ -127,8 +126,8 @@ class DescribedNetwork:
         fixed = {each for each in sides if each != -1}
         if len(fixed) > 1 or (side is not None and fixed - {side}):
             raise ConfigError(
-                f"{self._where}: the network takes {net.shape}; a square is needed, and "
-                f"input.side must agree with it"
+                f"{self._where}: the network takes {net.shape}; its input must be square and match "
+                f"input.side"
             )
         if not fixed and side is None:
             raise ConfigError(f"{self._where}: give input.side; the network does not define it")

@@ -66,8 +66,8 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     check_height(height_m)
     if seen.world is None:
         raise ConfigError(
-            "this network finds joints in the picture only, which does not say how far away a "
-            "person is: use one with landmarks in metres, a depth camera, or two cameras"
+            "this network finds joints in the picture only, which does not give the distance to a "
+            "person: use one with landmarks in metres, a depth camera, or two cameras"
         )
     used = (
         (seen.visibility >= MIN_VISIBILITY)

@@ -80,8 +80,7 @@ class Camera:
         return np.where((wrong < _UNDISTORTED_WITHIN)[..., None], ideal, np.nan)
 
     def project(self, points: Floats) -> Floats:
-        """Return the pixels (..., 2) of ``points`` (..., 3), camera axes; NaN for points that are
-        not in front of the camera."""
+        """Return the pixels (..., 2) of ``points`` (..., 3), camera axes; NaN if not in front."""
         depth = np.where(points[..., 2:] > 1e-6, points[..., 2:], np.nan)
         flat = _distort(points[..., :2] / depth, self.distortion)
         pixels: Floats = flat * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]

@@ -111,7 +111,7 @@ _Pair = tuple[tuple[int, int], tuple[int, int]]
 
 
 def place_together(views: Sequence[View]) -> tuple[Together, ...]:
-    """Place all people of pictures that were taken at one moment; each appears exactly once.
+    """Place all people of simultaneous pictures; each appears exactly once.
 
     Raises:
         ConfigError: fewer than two cameras, one without a pose, or networks with different layouts.
@@ -190,8 +190,7 @@ def _groups(
 
 
 def _rival(pair: _Pair, accepted: _Pair) -> bool:
-    """Whether a pair shares one end with the accepted pair, and has its other end in the same
-    view."""
+    """Whether a pair shares a person with the accepted pair and connects the same views."""
     (a, b), (c, d) = pair, accepted
     return (a == c and b[0] == d[0]) or (b == d and a[0] == c[0])
 
