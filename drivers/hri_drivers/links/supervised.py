@@ -52,8 +52,7 @@ class SupervisedLink(Generic[U]):
     Attributes:
         name, counters, connected, foreign_ns: see the contract.
         last_error: one line about the newest error; ``None`` if there was none.
-        on_sent: called with (link name, unit as bytes, time) after each unit written, for the
-            recorder.
+        on_sent: called for the recorder with (link name, unit as bytes, time) after each write.
     """
 
     def __init__(
