@@ -1,1 +1,1 @@
-"""Links to robot controllers: serial and CAN."""
+"""Links to robot controllers, and sources of people."""

@@ -5,12 +5,12 @@
         positions = ...                     # your tracker: metres, one [x, y, z] per joint
         sender.send([(1, positions)])       # the sensor sees person 1
         # sender.send([(1, positions, 0.4)])  # the whole body may be 0.4 m off
-        # sender.send([])                   # the sensor sees the whole room, and nobody is in it
-        # sender.send([], sees_room=False)  # the sensor cannot tell who is there
+        # sender.send([])                   # the sensor sees the whole room, which is empty
+        # sender.send([], sees_room=False)  # the sensor does not know who is there
 
 Joint names, order, units and axes are those of the node's ``source.joint_map``. A joint that the
-sensor does not see is ``None`` or NaN. Send every capture, at a steady rate, even if nobody is
-there: after a few missing periods the state is *unknown* to the node, and the robot stops. The node
+sensor does not see is ``None`` or NaN. Send every capture, at a steady rate, even if no one is in
+view: after a few missing periods the node's state is *unknown*, and the robot stops. The node
 believes an empty scene: if a body may be hidden, send ``sees_room=False``.
 
 Run this file as a program to send a swaying person, for a first test: ``python hri_sender.py
@@ -48,11 +48,11 @@ class SceneSender:
     be set (NTP).
 
     Args:
-        host: where the node listens: its ``source.host``, or its ``multicast_group``.
+        host: address on which the node listens: its ``source.host`` or ``multicast_group``.
         port: its ``source.port``.
         joints: names and order of the node's joint map.
-        key_file: a copy of the node's ``source.key_file``; without a key, the stream is protected
-            only from damage.
+        key_file: a copy of the node's ``source.key_file``; without a key, only damage to the stream
+            is detected.
         interface: for multicast: address of the network interface to send on.
     """
 
@@ -89,13 +89,12 @@ class SceneSender:
 
         Args:
             people: for each an id (0 to 65535, the same for the same body from scene to scene) and
-                its joints: for each name [x, y, z], or ``None`` or NaN if not seen. Arrays work.
-                A third number is the error of the place: the radius in metres of a ball that holds,
-                99 times in 100, by how much all joints are off together. Older nodes refuse scenes
-                with an error above 0.
+                its joints: for each name [x, y, z], or ``None`` or NaN if not seen. Arrays work. A
+                third number is the error of the position: a 99 % bound in metres of the common
+                offset of all joints. Older nodes refuse scenes with an error above 0.
             sees_room: whether the sensor saw the whole room that it watches.
-            stamp_ns: time of the capture, nanoseconds of UTC since 1970; default now. The camera's
-                own time is better, if it is UTC: the node then knows the age.
+            stamp_ns: time of the capture, nanoseconds of UTC since 1970; default now. Prefer the
+                camera's own time if it is UTC, so that the node can determine the age.
 
         Raises:
             ValueError: too many people, a person without a position for each joint, or an error
@@ -155,7 +154,7 @@ class SceneSender:
 
 
 def _error_m(number: int, error_m: float = 0.0) -> float:
-    """The error of a person's place, if it can be one."""
+    """The error of a person's position, if it is valid."""
     try:
         stated = float(error_m)
     except (TypeError, ValueError):

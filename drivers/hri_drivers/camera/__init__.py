@@ -1,1 +1,1 @@
-"""A camera of your own: from pictures to scenes for a node."""
+"""Turn the pictures of a user's camera into scenes for a node."""

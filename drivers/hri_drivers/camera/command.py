@@ -47,7 +47,7 @@ def camera(
         ),
     ] = None,
     fetch_model: Annotated[
-        bool, typer.Option("--fetch-model", help="Fetch the network by npm, once, and stop.")
+        bool, typer.Option("--fetch-model", help="Fetch the network with npm, once, and exit.")
     ] = False,
     model: ModelOption = None,
     variant: VariantOption = None,
@@ -56,7 +56,7 @@ def camera(
     port: PortOption = PORT,
     key_file: KeyFileOption = None,
     calibration: Annotated[
-        Path | None, typer.Option(help="The camera's file, of 'camera-calibration'.")
+        Path | None, typer.Option(help="Camera file written by 'camera-calibration'.")
     ] = None,
     field_of_view: Annotated[
         float | None,
@@ -71,9 +71,11 @@ def camera(
     ] = None,
     latency: Annotated[
         float | None,
-        typer.Option(help="Seconds from exposure to arrival, if the camera stamps no time."),
+        typer.Option(help="Seconds from exposure to arrival, if the camera sends no time stamps."),
     ] = None,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin a video or folder again.")] = False,
+    loop: Annotated[
+        bool, typer.Option("--loop", help="Restart a video or folder at its end.")
+    ] = False,
     max_fps: Annotated[
         float | None, typer.Option(help="Send at most this many scenes per second.")
     ] = None,
@@ -81,14 +83,15 @@ def camera(
     once: Annotated[bool, typer.Option("--once", help="Stop after one picture.")] = False,
     seconds: SecondsOption = None,
     preview: Annotated[
-        Path | None, typer.Option(help="At the end, draw the people into the last picture.")
+        Path | None,
+        typer.Option(help="At the end, save the last picture with the people drawn in."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find people with a camera, a video or pictures, and send them to a node.
 
-    One camera sees no free space: without a person in the picture, the node
-    is sent that the room is not seen.
+    One camera cannot show that space is free: without a person in the picture, its scenes report
+    that the room is not seen.
 
     Example: hri-predict camera 0 --preview me.png
     """
@@ -147,7 +150,7 @@ def camera(
     print(json.dumps(summary)) if as_json else _print(summary)
     if not summary["pictures"]:
         why = pipeline.trouble or "check the input"
-        raise SourceError(f"input {source}: no picture came; {why}")
+        raise SourceError(f"input {source}: no picture arrived; {why}")
 
 
 def finder_of(
@@ -156,10 +159,10 @@ def finder_of(
     """Return the network of ``--model``.
 
     Args:
-        flat: whether one that finds joints in the picture only is enough.
+        flat: whether a network that finds joints in the picture only is sufficient.
 
     Raises:
-        ConfigError: it is missing or wrong, or is not enough.
+        ConfigError: it is missing, wrong or not sufficient.
     """
     from hri_drivers.camera.network import package
     from hri_drivers.camera.network.blazepose import BlazePose
@@ -172,26 +175,26 @@ def finder_of(
         described = DescribedNetwork(path, people, threads)
         if not (described.has_world or flat):
             raise ConfigError(
-                f"model {path}: it finds joints in the picture only, and one camera then cannot "
-                f"say how far away a person is; name an output with metres as people.world"
+                f"model {path}: it finds joints in the picture only, so one camera cannot "
+                f"measure the distance to a person; name an output with metres as people.world"
             )
         if described.room_for == 1:
             warn(
-                f"model {path}: it looks for one person, so a second one is not noticed: scenes "
-                f"never say that the room is seen, and the advice stays unknown"
+                f"model {path}: it finds one person only and would miss a second one: scenes "
+                f"never report the room as seen, and the advice stays unknown"
             )
         return described
     if path.suffix.lower() in (".onnx", ".tflite"):
         raise ConfigError(
             f"--model {path}: describe the network in a .yaml file, and give that file; "
-            f"docs/guides/camera.md says how"
+            f"docs/guides/camera.md explains how"
         )
     chosen = one_of("--variant", variant or "full", VARIANTS)
     detector, landmarks, digest = package.read(path, chosen)
     print(f"model: {path}, {chosen}, SHA-256 {digest}", file=sys.stderr)
     if digest != package.SHA256 and model is None:
         raise ConfigError(
-            f"model {path}: damaged, or exchanged since it was fetched; run '{package.COMMAND}'"
+            f"model {path}: damaged, or replaced since it was fetched; run '{package.COMMAND}'"
         )
     if digest != package.SHA256:
         warn(f"model {path}: not the package that was tested ({package.NAME})")
@@ -207,7 +210,7 @@ def _print(summary: dict[str, Any]) -> None:
         f"pictures: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
         f"{summary['skipped']} skipped for --max-fps, {summary['interruptions']} interruptions"
     )
-    print(f"people: {summary['ids']} ids, {summary['most_people']} at once at most")
+    print(f"people: {summary['ids']} ids, at most {summary['most_people']} at a time")
     if summary["processor_ms"] is not None:
-        print(f"processor time for a picture: {summary['processor_ms']:.0f} ms")
+        print(f"processor time per picture: {summary['processor_ms']:.0f} ms")
     print_scenes(summary, summary["stamps"])

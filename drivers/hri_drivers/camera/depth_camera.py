@@ -1,4 +1,4 @@
-"""Depth cameras by the packages of their makers: the parts that all of them share."""
+"""Common parts of depth cameras, which are read through their makers' packages."""
 
 import contextlib
 import importlib
@@ -21,9 +21,8 @@ FACTORY_FOCAL_ERROR = 0.01
 
 class DepthCamera(ABC):
     """An ``Input`` whose pictures have depth, aligned with the colours. A lost device is reopened.
-
-    A subclass brings ``_open``, ``_take`` and ``_stop``; an error of the maker's package in them is
-    an interruption.
+    A subclass provides ``_open``, ``_take`` and ``_stop``; an error that the maker's package raises
+    in them is an interruption.
 
     Args:
         rate_hz: pictures per second; None: 30.
@@ -31,7 +30,7 @@ class DepthCamera(ABC):
         package: the maker's; None: imported.
 
     Attributes:
-        camera: the intrinsics of the colour picture, by the factory.
+        camera: the factory's intrinsics of the colour picture.
 
     Raises:
         ConfigError: the package is missing, or no device delivers such pictures.
@@ -55,7 +54,9 @@ class DepthCamera(ABC):
         try:
             self.camera = self._start()
         except SourceError as error:
-            raise ConfigError(f"{error}; is it plugged into USB 3, and used by no other?") from None
+            raise ConfigError(
+                f"{error}; is it plugged into USB 3, and not in use by another program?"
+            ) from None
 
     def read(self) -> Image | None:
         """See ``Input``."""
@@ -109,10 +110,10 @@ class DepthCamera(ABC):
 
     @abstractmethod
     def _stop(self) -> None:
-        """Close the device, or what was opened of it."""
+        """Close the device, even if it was only partly opened."""
 
     def _recent(self, exposed_ns: int) -> int:
-        """Return a time of an exposure, by ``time.monotonic_ns``, that can be true.
+        """Return the time of an exposure, by ``time.monotonic_ns``, if it is plausible.
 
         Raises:
             SourceError: a clock is wrong, or the picture is too old; the device is opened again.
@@ -120,7 +121,7 @@ class DepthCamera(ABC):
         age_s = (time.monotonic_ns() - exposed_ns) / 1e9
         if not 0 <= age_s <= MAX_AGE_S:
             self.close()
-            raise SourceError(f"{self.name}: a picture that is {age_s:.1f} s old is left out")
+            raise SourceError(f"{self.name}: dropped a picture that is {age_s:.1f} s old")
         return exposed_ns
 
     def _imported(self) -> Any:
@@ -134,7 +135,7 @@ class DepthCamera(ABC):
 
 
 def factory_camera(matrix: Any, size: tuple[int, int], distortion: Any) -> Camera:
-    """Return the camera of intrinsics that were found in the factory."""
+    """Return the camera with the intrinsics that the factory measured."""
     return Camera(
         matrix=np.array(matrix, np.float64),
         size=size,

@@ -1,6 +1,6 @@
 """Pictures from a webcam, a video file or image files, each with its time of exposure.
 
-No input opens a connection: addresses are refused, and FFmpeg may read files only.
+No input opens a network connection: addresses are refused, and FFmpeg may read files only.
 """
 
 import math
@@ -24,25 +24,25 @@ DEPTH = ".depth.png"
 """NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
 MAX_STEP_S = 10.0
-"""From one picture of a video to the next; a larger step is an error in its times."""
+"""Maximum time between two pictures of a video; a larger step is an error in its times."""
 
 
 class Input(Protocol):
-    """Delivers pictures, for one thread.
+    """Delivers pictures to one thread.
 
     Attributes:
         waits: whether it keeps a picture until it is read; a camera does not.
-        stamps: how the time of the exposure is known, for a person.
+        stamps: how the time of the exposure is known, as readable text.
     """
 
     waits: bool
     stamps: str
 
     def read(self) -> Image | None:
-        """Return the next picture as soon as it is there; None at the end.
+        """Return the next picture as soon as it is available; None at the end.
 
         Raises:
-            SourceError: no picture comes now; the next call tries again.
+            SourceError: no picture is available now; the next call tries again.
         """
 
     def close(self) -> None:
@@ -53,7 +53,7 @@ def check_input(text: str, *, loop: bool, latency_s: float | None) -> None:
     """Refuse an input that cannot be opened, without opening it.
 
     Args:
-        text: a camera by its number or device, a video, a picture, or a folder of pictures.
+        text: a camera's number or device, a video, a picture, or a folder of pictures.
         loop: begin again at the end.
         latency_s: from exposure to arrival; None: not given.
 
@@ -68,7 +68,9 @@ def check_input(text: str, *, loop: bool, latency_s: float | None) -> None:
     if latency_s is not None and is_depth_camera(text):
         raise ConfigError("--latency: has no effect on a depth camera; leave it out")
     if latency_s is not None and not is_camera:
-        raise ConfigError(f"--latency: has no effect on {text}: only on a camera; leave it out")
+        raise ConfigError(
+            f"--latency: has no effect on {text}: it is for cameras only; leave it out"
+        )
     if is_camera:
         return
     if "://" in text:
@@ -89,10 +91,11 @@ def open_input(
     """Open a camera by its number or device, a video, a picture, or a folder of pictures.
 
     Args:
-        text: which.
+        text: the input, in one of these forms.
         rate_hz: pictures per second; None: a video's own, and ``DEFAULT_HZ``.
         loop: begin again at the end of a video or folder.
-        latency_s: from exposure to arrival, where a camera does not say; None: ``LATENCY_S``.
+        latency_s: from exposure to arrival, for a camera that does not report it; None:
+            ``LATENCY_S``.
         size: width and height to ask a camera for, pixels.
 
     Raises:
@@ -122,7 +125,7 @@ def is_depth_camera(text: str) -> bool:
 
 
 class Video:
-    """A video file, played at its own rate: a picture that is not read in time is gone.
+    """A video file, played at its own rate: a picture that is not read in time is skipped.
 
     Args:
         path: of the file.
@@ -152,7 +155,7 @@ class Video:
             raise ConfigError(f"input {path}: not a video that can be read; give another file")
 
     def begin(self, at_s: float) -> None:
-        """Let the first picture be of this time, so that several videos begin together.
+        """Set the time of the first picture, so that several videos start together.
 
         Args:
             at_s: by ``time.monotonic``.
@@ -199,7 +202,7 @@ class Video:
 
 
 class Pictures:
-    """Pictures in files, in the order of their names: each is read.
+    """Image files in the order of their names; none is skipped.
 
     Args:
         path: a picture, or a folder with pictures.

@@ -1,7 +1,7 @@
-"""An Azure Kinect, or an Orbbec Femto Bolt or Mega by Orbbec's libk4a, by ``pyk4a``.
+"""An Azure Kinect, or an Orbbec Femto Bolt or Mega with Orbbec's libk4a, through ``pyk4a``.
 
-Tested with a stand-in for ``pyk4a`` 1.5, and its calibration against the SDK's; not yet with a
-device.
+Tested with a stand-in for ``pyk4a`` 1.5, not yet with a device; the calibration was tested against
+the SDK's.
 """
 
 import contextlib
@@ -21,13 +21,13 @@ LATENCY_S = 0.1
 """Time from the middle of the exposure to the arrival of the fastest pictures. Microsoft measured
 68 ms at 1280 x 720, "rough numbers" (Azure-Kinect-Sensor-SDK, issues 816 and 1446)."""
 LEARNING = 15
-"""Pictures that only show how fast pictures arrive."""
+"""Number of first pictures used only to measure how fast pictures arrive."""
 MAX_DRIFT = 200e-6
 """Maximum drift of the device's clock against this machine's; see ``offset_line``."""
 
 
 class Kinect(DepthCamera):
-    """See ``DepthCamera``. The picture is the smallest of its own that is as large as ``size``."""
+    """See ``DepthCamera``. It uses the device's smallest picture size of at least ``size``."""
 
     name, module = "Kinect", "pyk4a"
     stamps = f"the device's clock, as the fastest pictures show it less {LATENCY_S:g} s"
@@ -74,14 +74,14 @@ class Kinect(DepthCamera):
         exposed_ns = self._exposed(capture)
         pixels, raw = capture.color, capture.transformed_depth
         if pixels is None or raw is None:
-            raise SourceError("Kinect: a picture came without its depth")
+            raise SourceError("Kinect: a picture arrived without its depth")
         return pixels[:, :, :3], raw, self._recent(exposed_ns)
 
     def _exposed(self, capture: Any) -> int:
         """Return the time of the middle of the exposure, by ``time.monotonic_ns``.
 
-        The device's clock has its own epoch, which the pictures that arrive fastest show, and it
-        drifts slowly. The meaning of the SDK's system time depends on the vendor.
+        The device's clock drifts slowly, and has its own epoch, which is estimated from the
+        pictures that arrive fastest. The meaning of the SDK's system time depends on the vendor.
         """
         now_ns, stamp_ns = time.monotonic_ns(), 1000 * capture.color_timestamp_usec
         offset_ns = now_ns - stamp_ns

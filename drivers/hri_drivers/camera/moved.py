@@ -1,9 +1,9 @@
-"""Watches by the background whether a camera was moved since the start.
+"""Detects from the background whether a camera was moved since the start.
 
 Points of the background are found in the first picture and again now (ORB: E. Rublee et al., "ORB:
 an efficient alternative to SIFT or SURF", ICCV 2011), and a shift, turn and scale that most of them
-agree on is fitted (RANSAC). Points on people do not count. If both pictures have many points that
-do not agree, the camera looks elsewhere, or something large hides the background. If there are few
+agree on is fitted (RANSAC). Points on people are ignored. If both pictures have many points that do
+not agree, the camera looks elsewhere, or something large hides the background. If there are few
 points, the background has no texture and nothing can be decided.
 """
 
@@ -16,22 +16,23 @@ from hri_drivers.camera.seen import Image, UInt8
 from hri_predict.base.arrays import Floats
 
 MOVED = 0.015
-"""Mean displacement of the picture's corners, as a share of its width: 1 degree of 64."""
+"""Maximum mean displacement of the picture's corners, as a fraction of its width: 1 degree of
+64."""
 CHECK_NS = 500_000_000
 IN_A_ROW = 3
 """Checks that must agree before the verdict changes."""
 MIN_POINTS, MIN_SHARE = 15, 0.3
-"""Points that must agree, and their share of those that were found again."""
+"""Minimum number of points that must agree, and minimum fraction of the points found again."""
 MANY_POINTS = 100
-"""With this many points in both pictures, some agree if the background is the same."""
+"""With this many points in both pictures, some must agree if the background is the same."""
 _WIDTH, _POINTS, _MISFIT = 480, 600, 3.0
 _AROUND = 0.25  # of a person's size: hair, clothes and shadows beyond the joints
 _Points = tuple[Floats, UInt8]
 """(N, 2) positions in picture widths, and (N, 32) descriptors of what is around them."""
 WHY = (
-    "the picture's background is not where it was at the start: the camera was moved, and people "
-    "are not where they seem, or something large stands before it; put it back, or find the "
-    "camera's place again and start again"
+    "the background has changed since the start: the camera was moved, and people's positions "
+    "are wrong, or something large blocks the view; restore the camera or the view, or calibrate "
+    "the camera's pose again and restart"
 )
 
 
@@ -40,7 +41,7 @@ class MovedWatch:
 
     Attributes:
         checks: number of comparisons.
-        undecided: those that had too little to compare: then a move is not noticed.
+        undecided: number of comparisons with too few points, in which a move goes undetected.
     """
 
     def __init__(self) -> None:
@@ -52,7 +53,7 @@ class MovedWatch:
         self.checks = self.undecided = 0
 
     def judge(self, image: Image, people: Sequence[Floats]) -> str | None:
-        """Return what is wrong, for a person; None: nothing, or nothing is known.
+        """Return the fault as readable text; None: no fault, or undecided.
 
         Args:
             image: the picture.
@@ -75,7 +76,7 @@ class MovedWatch:
         return {"checks": self.checks, "undecided": self.undecided}
 
     def _looks_moved(self, pixels: UInt8, people: Sequence[Floats]) -> bool | None:
-        """Whether the background is elsewhere than at first; None if that cannot be decided."""
+        """Whether the background has moved since the first picture; None if undecided."""
         now = self._background(pixels, people)
         if len(now[0]) < MIN_POINTS:
             return None

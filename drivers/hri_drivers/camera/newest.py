@@ -1,4 +1,4 @@
-"""The newest picture of an input; older ones that were not taken are counted."""
+"""The newest picture of an input; older ones that were never used are counted."""
 
 import threading
 import time
@@ -11,16 +11,16 @@ from hri_predict.base.errors import HriPredictError
 
 
 class Newest:
-    """Reads an input in a thread of its own.
+    """Reads an input in a separate thread.
 
     Args:
         pictures: the input; the thread closes it.
 
     Attributes:
-        dropped: number of pictures that a newer one replaced before they were taken.
+        dropped: number of pictures that a newer one replaced before they were used.
         interruptions: number of times that the input had no picture.
-        trouble: the reason that no picture comes now; None: one came, or none yet.
-        ended: whether no more pictures come.
+        trouble: why no picture arrives now; None: one arrived, or the first is still awaited.
+        ended: whether the input has ended.
     """
 
     def __init__(self, pictures: Input) -> None:
@@ -41,12 +41,12 @@ class Newest:
         return self._input.stamps
 
     def take(self, timeout_s: float) -> Image | None:
-        """Return the newest picture once, waiting for one; None if none comes in time.
+        """Wait for the newest picture and return it once; None if no picture arrives in time.
 
-        A picture of an input that waits counts as exposed now.
+        If the input's ``waits`` is true, the exposure time is set to now.
 
         Raises:
-            Exception: the input failed in a way that is not one of its own errors.
+            Exception: the input failed with an error other than its own.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._image is not None or self.ended, timeout_s)
@@ -59,7 +59,7 @@ class Newest:
             return image
 
     def close(self, timeout_s: float = 1.0) -> None:
-        """Stop the thread; it is left behind if its device does not return in time."""
+        """Stop the thread; it is abandoned if its device does not return in time."""
         with self._changed:
             self._stopping = True
             self._changed.notify_all()

@@ -1,7 +1,7 @@
-"""A Luxonis OAK camera with stereo depth, by Luxonis' package ``depthai``.
+"""A Luxonis OAK camera with stereo depth, through Luxonis' package ``depthai``.
 
-By the names of depthai 3 (``RGBD``, ``RGBDData``, ``ImgTransformation``); tested with the package's
-own pictures and clock, and a stand-in for the device: not yet with one.
+Uses the API of depthai 3 (``RGBD``, ``RGBDData``, ``ImgTransformation``). Tested with the package's
+own pictures and clock and a stand-in for the device, not yet with a device.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Options of the commands ``camera`` and ``cameras``, their checks, and how both end."""
+"""Options of the commands ``camera`` and ``cameras``, their checks, and their common ending."""
 
 import contextlib
 import importlib
@@ -33,7 +33,7 @@ VariantOption = Annotated[
     typer.Option("--variant", help="lite, full or heavy network.", show_default="full"),
 ]
 PeopleOption = Annotated[
-    int, typer.Option("--people", min=1, max=4, help="Follow this many people.")
+    int, typer.Option("--people", min=1, max=4, help="Maximum number of people to follow.")
 ]
 HostOption = Annotated[str, typer.Option("--host", help="IP address of the node.")]
 PortOption = Annotated[
@@ -46,12 +46,15 @@ SizeOption = Annotated[
     str | None,
     typer.Option(
         "--size",
-        help="Picture size to ask a camera for.",
+        help="Picture size to request from a camera.",
         show_default="that of its file, or 640x480",
     ),
 ]
 ThreadsOption = Annotated[
-    int, typer.Option("--threads", min=1, max=MAX_THREADS, help="Threads that compute the network.")
+    int,
+    typer.Option(
+        "--threads", min=1, max=MAX_THREADS, help="Number of threads that run the network."
+    ),
 ]
 SecondsOption = Annotated[
     float | None, typer.Option("--seconds", help="Stop after this many seconds.")
@@ -76,10 +79,10 @@ def need_cv2() -> None:
 
 
 def within(flag: str, value: float | None, most: float) -> None:
-    """Refuse a number that is not above 0, or above ``most``; NaN, too.
+    """Refuse NaN, a number that is not above 0, and a number above ``most``.
 
     Raises:
-        ConfigError: names the flag.
+        ConfigError: the message names the flag.
     """
     if value is not None and not (0 < value <= most and math.isfinite(value)):
         raise ConfigError(f"{flag} {value:g}: give a number above 0, at most {most:g}")
@@ -116,7 +119,7 @@ def size_of(size: str | None, source: str, known: "Camera | None") -> tuple[int,
 
 
 def until_signal(run: Callable[[], Any], close: Callable[[], Any]) -> None:
-    """Run until it is over or SIGINT or SIGTERM comes, then close."""
+    """Run to the end or until SIGINT or SIGTERM arrives, then close."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with contextlib.suppress(KeyboardInterrupt):
@@ -127,7 +130,7 @@ def until_signal(run: Callable[[], Any], close: Callable[[], Any]) -> None:
 
 
 def print_scenes(summary: dict[str, Any], stamps: str) -> None:
-    """Print the part of a summary that both commands have.
+    """Print the part of the summary that both commands share.
 
     Args:
         summary: of ``Pipeline`` or ``Rig``.
@@ -145,14 +148,14 @@ def print_scenes(summary: dict[str, Any], stamps: str) -> None:
         if counts["undecided"]:
             print(
                 f"  {name}: in {counts['undecided']} of {counts['checks']} checks the background "
-                f"had too little to compare: a camera that was moved then went unnoticed"
+                f"had too few points: a camera moved at that time was not detected"
             )
     latency = summary["latency_ms"]
     if latency["least"] is None:
         return
     print(
-        f"latency from exposure to scene: {latency['least']:.0f} ms at least, "
-        f"{latency['p50']:.0f} ms in the middle (p50), {latency['p99']:.0f} ms (p99), by {stamps}"
+        f"latency from exposure to scene: {latency['least']:.0f} ms minimum, "
+        f"{latency['p50']:.0f} ms median (p50), {latency['p99']:.0f} ms (p99), by {stamps}"
     )
     print(
         f"the node needs source.min_latency_s: {latency['least'] / 1e3:.3f}; with less, every age "

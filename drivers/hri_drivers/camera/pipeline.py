@@ -1,4 +1,4 @@
-"""From pictures to scenes: one picture after the other, always the newest."""
+"""Turns pictures into scenes, one at a time, always the newest."""
 
 import sys
 import time
@@ -18,8 +18,8 @@ from hri_drivers.camera.tracking import Tracker
 from hri_drivers.sources.sent import SentPerson
 
 SILENT_S, MAX_SILENT_S, INTERVALS = 0.2, 2.0, 2.5
-"""Without a picture for this long the node is sent scenes that say so; for longer, up to the
-maximum, if pictures come so seldom: after this many of their intervals."""
+"""Time without a picture after which scenes report that the room is not seen. If pictures arrive
+seldom, it is this many of their intervals, up to the maximum."""
 
 
 @dataclass(slots=True)
@@ -27,10 +27,10 @@ class Counts:
     """Events since the start.
 
     Attributes:
-        pictures: taken from the input.
-        skipped: taken, and left out for the maximum rate.
-        blind: scenes without a view of the room, by the reason.
-        most_people: in one picture.
+        pictures: number of pictures taken from the input.
+        skipped: number of those dropped to keep the maximum rate.
+        blind: number of scenes without a view of the room, by reason.
+        most_people: maximum number of people in one picture.
         processor_s: processor time of the whole process while it ran.
     """
 
@@ -45,20 +45,20 @@ class Pipeline:
     """Finds, places and sends the people of each picture.
 
     A scene *sees the room* only if the picture shows something, at least one person is in it, and
-    all who were found are in the scene. A picture without a person is not an empty room: one camera
-    does not see behind things, and the network may miss a person.
+    all who were found are in the scene. A picture without people does not prove an empty room: one
+    camera cannot see behind objects, and the network may miss a person.
 
     Args:
         newest: the input.
         finder: the network.
         placer: places them.
         sender: to the node; None: nothing is sent.
-        max_hz: maximum rate of scenes; None: as fast as the network is.
+        max_hz: maximum rate of scenes; None: as fast as the network runs.
         stands: the camera's place in the room is relied on, so it must not be moved.
 
     Attributes:
         counts: see ``Counts``.
-        last: the last picture that was looked at, and the people in it.
+        last: the last picture that was processed, and the people in it.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Pipeline:
         self.last: tuple[Image, list[Seen]] | None = None
 
     def run(self, seconds: float | None = None, once: bool = False) -> None:
-        """Go on until the input ends, for some seconds, or for one picture."""
+        """Run until the input ends, for some seconds, or for one picture."""
         began_s = time.process_time()
         try:
             self._run(None if seconds is None else time.monotonic() + seconds, once)
@@ -99,7 +99,7 @@ class Pipeline:
             elif self._newest.ended:
                 return
             elif now - heard > silent_s or self._newest.trouble is not None:
-                self._blind(self._newest.trouble or "no picture comes")
+                self._blind(self._newest.trouble or "no picture arrives")
 
     def close(self) -> None:
         """Close the input."""
@@ -107,7 +107,7 @@ class Pipeline:
 
     @property
     def trouble(self) -> str | None:
-        """The reason that no picture comes now."""
+        """The reason why no picture arrives now."""
         return self._newest.trouble
 
     def take(self, image: Image) -> None:
@@ -186,7 +186,7 @@ class Pipeline:
             self._sender.send(people, sees_room=sees_room, stamp_ns=stamp_ns, missed=missed)
 
     def _say(self, why: str | None) -> None:
-        """Print the trouble when it changes."""
+        """Print the reason for a blind view when it changes."""
         if why == self._said:
             return
         self._said = why

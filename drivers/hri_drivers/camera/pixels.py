@@ -1,4 +1,4 @@
-"""Pixels of a file or of a ``cv2.VideoCapture``; files of any other kind are survived."""
+"""Reads pixels from a file or a ``cv2.VideoCapture``, and refuses all other content."""
 
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ MIN_SIDE, MAX_SIDE = 64, 8192
 
 
 def read_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """Return a picture as ``cv2.imdecode`` gives it by ``flags``; None if the file is not one.
+    """Return a picture decoded by ``cv2.imdecode`` with ``flags``; None if the file is not one.
 
     Raises:
         ConfigError: the file does not exist.
@@ -45,7 +45,7 @@ def next_of(device: Any) -> Any:
 
 
 def checked(pixels: Any, where: str) -> UInt8:
-    """Return pixels as (H, W, 3) of bytes.
+    """Return pixels as bytes (H, W, 3).
 
     Raises:
         SourceError: they are of another kind, or too small or large.

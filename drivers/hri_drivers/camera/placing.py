@@ -1,6 +1,6 @@
-"""People of a picture as the node's scene stream has them: in metres, in the camera's axes.
+"""Places the people of a picture for the node's scene stream: in metres, in the camera's axes.
 
-By the depth of a picture that has it, otherwise by the network's landmarks in metres.
+It uses the picture's depth if available, otherwise the network's landmarks in metres.
 """
 
 from collections import Counter
@@ -20,11 +20,12 @@ class Placer:
 
     Args:
         camera: calibrated; None: guessed from the field of view.
-        field_of_view_deg: horizontal, of a camera that is not calibrated; None: of most webcams.
+        field_of_view_deg: horizontal, for a camera that is not calibrated; None: that of most
+            webcams.
         height_m: stature of everyone who is seen; None: of adults.
 
     Attributes:
-        unplaced: people in scenes whose place was not known, by the reason.
+        unplaced: number of people in scenes whose position was not known, by reason.
 
     Raises:
         ConfigError: a field of view or a height is out of range.
@@ -43,11 +44,11 @@ class Placer:
         self.unplaced: Counter[str] = Counter()
 
     def calibrate(self, camera: Camera) -> None:
-        """Use the intrinsics that a device states of itself."""
+        """Use the intrinsics that a device reports."""
         self._given, self._camera = camera, None
 
     def place(self, seen: Seen, image: Image) -> SentPerson:
-        """Return a person in metres; one whose place is not known has no observed joint.
+        """Return a person in metres, without observed joints if the position is not known.
 
         Raises:
             ConfigError: the camera was calibrated with pictures of another shape, the depth has

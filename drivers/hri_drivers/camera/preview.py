@@ -1,4 +1,4 @@
-"""A picture with the people that were found in it, to look at."""
+"""Draws the people that were found into a picture."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -29,15 +29,15 @@ _COLOURS = ((0, 200, 255), (255, 160, 0), (80, 220, 80), (220, 100, 255))
 
 
 def check(path: Path) -> None:
-    """Refuse a file that cannot become a picture, before there is one.
+    """Refuse, before the start, a file name to which no picture can be written.
 
     Raises:
-        ConfigError: of another ending, or in a folder that does not exist.
+        ConfigError: the ending is wrong, or the folder does not exist.
     """
     if path.suffix.lower() not in ENDINGS:
         raise ConfigError(f"--preview {path}: name a file that ends with {' or '.join(ENDINGS)}")
     if not path.absolute().parent.is_dir():
-        raise ConfigError(f"--preview {path}: the folder does not exist; make it first")
+        raise ConfigError(f"--preview {path}: the folder does not exist; create it first")
 
 
 def write(path: Path, image: Image, people: list[Seen]) -> None:

@@ -1,6 +1,6 @@
-"""An Intel RealSense camera with depth, by Intel's package ``pyrealsense2``.
+"""An Intel RealSense camera with depth, through Intel's package ``pyrealsense2``.
 
-By the names of librealsense 2.5x (``pipeline``, ``align``, ``get_intrinsics``); tested with a
+Uses the API of librealsense 2.5x (``pipeline``, ``align``, ``get_intrinsics``); tested with a
 stand-in for the package, not yet with a device.
 """
 
@@ -14,10 +14,10 @@ from hri_drivers.camera.place.camera import Camera
 from hri_predict.base.errors import SourceError
 
 LATENCY_S = 0.06
-"""Time from the exposure to the arrival of aligned pictures, for a device without a time on this
-machine's clock, or only the time of arrival (``system_time``)."""
+"""Time from the exposure to the arrival of aligned pictures, for a device that reports no time on
+this machine's clock, or only the arrival time (``system_time``)."""
 MAX_APART_S = 0.05
-"""Maximum time between the exposures of colour picture and depth: a person walks 8 cm."""
+"""Maximum time between the exposures of colour picture and depth; a person walks 8 cm in it."""
 
 
 class RealSense(DepthCamera):
@@ -48,7 +48,7 @@ class RealSense(DepthCamera):
         frames = self._align.process(self._pipeline.wait_for_frames(TIMEOUT_MS))
         colour, depth = frames.get_color_frame(), frames.get_depth_frame()
         if not colour or not depth:
-            raise SourceError("RealSense: a picture came without its depth")
+            raise SourceError("RealSense: a picture arrived without its depth")
         pixels, raw = np.asanyarray(colour.get_data()), np.asanyarray(depth.get_data())
         return pixels, raw, self._exposed(colour, depth)
 
@@ -91,7 +91,7 @@ class RealSense(DepthCamera):
         """Return the time from the middle of a picture's exposure to its stamp.
 
         A device stamps the start of the transmission (librealsense, issue 2188). If it does not
-        say when the exposure was, a whole period before is assumed.
+        report the exposure time, a whole period before the stamp is assumed.
         """
         known = self._package.frame_metadata_value
         both = known.frame_timestamp, known.sensor_timestamp

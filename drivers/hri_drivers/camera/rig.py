@@ -1,4 +1,4 @@
-"""Several calibrated cameras of one room: from pictures of one moment to one scene."""
+"""Combines simultaneous pictures of several calibrated cameras in one room into a scene."""
 
 import sys
 import time
@@ -23,10 +23,10 @@ from hri_drivers.camera.tracking import MAX_ID, Tracker
 from hri_drivers.sources.sent import SentPerson
 
 SILENT_S = 0.2
-"""Without pictures of one moment for this long the node is sent scenes that say so."""
+"""Time without simultaneous pictures after which scenes report that the room is not seen."""
 REMEMBERED = 1000
-"""Ids of all cameras' trackers that are kept, the newest ones: of 4 cameras that each follow 4
-people, those of some seconds even if every picture brings new ids."""
+"""Number of newest tracker ids kept, over all cameras. For 4 cameras that follow 4 people each,
+this covers some seconds even if every picture brings new ids."""
 _WAIT_S = 0.005
 
 
@@ -89,18 +89,18 @@ class Rig:
     """Finds, places and sends the people that several cameras see at one moment.
 
     A scene *sees the room* only if all pictures show something, at least one person is in them, and
-    all who were found could be placed. Pictures whose times are known in different ways are not of
-    one moment, whatever their times say.
+    all who were found could be placed. Pictures whose times come from different kinds of stamps
+    never count as simultaneous.
 
     Args:
         eyes: two or more cameras; people are sent in the axes of the first one.
         sender: to the node; None: nothing is sent.
 
     Attributes:
-        scenes: number of sets of pictures that were looked at.
-        unpaired: number of pictures without one of the same moment from each other camera.
-        blind: scenes without a view of the room, by the reason.
-        unplaced: people whose place was not known, by the reason.
+        scenes: number of sets of pictures that were processed.
+        unpaired: number of pictures without a simultaneous picture from each other camera.
+        blind: number of scenes without a view of the room, by reason.
+        unplaced: number of people whose position was not known, by reason.
     """
 
     def __init__(self, eyes: Sequence[Eye], *, sender: Sender | None) -> None:
@@ -135,12 +135,12 @@ class Rig:
 
     @property
     def trouble(self) -> str:
-        """The reason that no pictures taken at the same time arrive now."""
+        """The reason why no simultaneous pictures arrive now."""
         wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
         return "; ".join(wrong) or "no pictures taken at the same time arrive"
 
     def together(self) -> list[Image] | None:
-        """Return the newest pictures of one moment, one of each camera; None if there are none."""
+        """Return the newest simultaneous pictures, one from each camera; None if there are none."""
         for eye in self._eyes:
             if eye.image is None:
                 eye.image = eye.newest.take(_WAIT_S)
@@ -155,7 +155,7 @@ class Rig:
         return None if late else images
 
     def take(self, images: Sequence[Image]) -> None:
-        """Process pictures of one moment."""
+        """Process simultaneous pictures."""
         self.scenes += 1
         if len({image.stamped for image in images}) > 1:
             kinds = (f"{e.name} {i.stamped}" for e, i in zip(self._eyes, images, strict=True))
@@ -218,7 +218,7 @@ class Rig:
         }
 
     def _sent(self, number: int, person: Together) -> SentPerson:
-        """Return a person for the node; one whose place is not known has no observed joint."""
+        """Return a person for the node, without observed joints if the position is not known."""
         placed = person.placed
         if isinstance(placed, Unplaced):
             self.unplaced[placed.why] += 1
@@ -236,7 +236,7 @@ class Rig:
             self._sender.send(people, sees_room=sees_room, stamp_ns=stamp_ns)
 
     def _say(self, why: str | None) -> None:
-        """Print the trouble when it changes."""
+        """Print the reason for a blind view when it changes."""
         if why != self._said:
             line = "pictures are good again" if why is None else f"{why}: the room is not seen"
             print(f"cameras: {line}", file=sys.stderr, flush=True)

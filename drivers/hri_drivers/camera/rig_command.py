@@ -49,15 +49,14 @@ def cameras(
     port: PortOption = PORT,
     key_file: KeyFileOption = None,
     size: SizeOption = None,
-    fps: Annotated[float | None, typer.Option(help="Pictures per second to ask for.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Pictures per second to request.")] = None,
     threads: ThreadsOption = 1,
     seconds: SecondsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find people with two to four calibrated cameras of one room, and send them to a node.
 
-    People are in the axes of the first camera: room_from_source of the node is its
-    pose.
+    People are in the axes of the first camera: set the node's room_from_source to its pose.
 
     Example: hri-predict cameras 0 2 --calibration left.yaml --calibration right.yaml
     """
@@ -119,6 +118,6 @@ def cameras(
 
 def _print(summary: dict[str, Any]) -> None:
     dropped = ", ".join(f"{count} of {name}" for name, count in summary["dropped"].items())
-    print(f"pictures without their pair: {summary['unpaired']}; dropped for newer ones: {dropped}")
+    print(f"pictures without a match: {summary['unpaired']}; dropped for newer ones: {dropped}")
     stamps = "; ".join(f"{how} ({name})" for name, how in summary["stamps"].items())
     print_scenes(summary, stamps)

@@ -21,8 +21,8 @@ class Image:
         number: counts up by one for each picture that the device delivered.
         depth: (H, W) metres of an RGB-D camera, or None.
         stamped: how the time of the exposure is known: by the device, by the file, or on arrival
-            less the latency that is assumed. Times of different kinds differ by what no one knows:
-            the latency of the camera that does not stamp.
+            less the latency that is assumed. Times of different kinds differ by an unknown amount:
+            the latency of the camera without stamps.
     """
 
     pixels: UInt8
@@ -41,8 +41,8 @@ class Seen:
         layout: name of the joint map that names the joints: ``mediapipe33`` or ``coco17``.
         pixels: (J, 2) x to the right, y down, in pixels of the full picture; NaN where not found.
         visibility: (J,) probability that the joint is visible, 0..1.
-        world: (J, 3) metres around the middle of the hips, in the camera's axes (x right, y down,
-            z away from it); None of a network that finds pixels only.
+        world: (J, 3) metres around the middle of the hips, in the camera's axes (x right, y down, z
+            away from it); None for a network that finds pixels only.
     """
 
     id: int

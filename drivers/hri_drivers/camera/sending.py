@@ -1,4 +1,4 @@
-"""Scenes to a node, by its scene stream over UDP. It sends, and never receives."""
+"""Sends scenes to a node over its UDP scene stream, and never receives."""
 
 import ipaddress
 import socket
@@ -50,13 +50,13 @@ class Sender:
     def send(
         self, people: tuple[SentPerson, ...], *, sees_room: bool, stamp_ns: int, missed: int = 0
     ) -> None:
-        """Send one scene; what the system refuses is counted.
+        """Send one scene; datagrams that the system refuses are counted.
 
         Args:
             people: in the units and axes of the joint map.
             sees_room: see ``hri_predict.contracts.scene.Scene``.
             stamp_ns: time of the exposure by ``time.monotonic_ns``; UTC is sent.
-            missed: captures since the scene before for which no scene was sent.
+            missed: number of captures since the previous scene for which no scene was sent.
         """
         self._sequence += missed
         scene = SentScene(
@@ -79,7 +79,7 @@ class Sender:
         self._socket.close()
 
     def _utc(self, monotonic_ns: int) -> int:
-        """Return a time of the monotonic clock as nanoseconds of UTC; say if UTC was set."""
+        """Return a time of the monotonic clock as nanoseconds of UTC; report if UTC was set."""
         ahead_ns = _utc_ahead_ns()
         step_ns = ahead_ns - self._ahead_ns
         if abs(step_ns) > STEP_NS:
@@ -113,7 +113,7 @@ def address_of(host: str, key: Key | None) -> ipaddress.IPv4Address | ipaddress.
 
 
 def _utc_ahead_ns() -> int:
-    """Return UTC minus the monotonic clock, by the quickest of a few pairs of readings."""
+    """Return UTC minus the monotonic clock, from the quickest of a few pairs of readings."""
     readings = []
     for _ in range(3):
         before_ns, utc_ns, after_ns = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()

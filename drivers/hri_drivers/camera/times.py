@@ -1,4 +1,4 @@
-"""Times of the scenes that one program sends: in order, and none of the future."""
+"""Times of the scenes that one program sends: in order, and never in the future."""
 
 import time
 from collections import deque
@@ -6,18 +6,18 @@ from collections import deque
 import numpy as np
 
 BLIND_PERIOD_S = 0.05
-"""Between two scenes that only say that the room is not seen."""
+"""Interval between scenes that only report that the room is not seen."""
 UNKNOWN_LATENCY_NS = 100_000_000
-"""Assumed before the first picture was looked at."""
+"""Latency assumed until the first picture has been processed."""
 _KEPT = 100_000  # latencies; an hour at 30 Hz
 
 
 class SceneTimes:
     """Decides which pictures are in time, and the time of a scene without a picture.
 
-    A scene without a picture is as old as one with a picture would be. If it were new, the node
-    would take it for the fastest scene, and all pictures after it for late: the node estimates a
-    sender's clock by the scene that came through fastest.
+    A scene without a picture is as old as one with a picture would be. The node estimates a
+    sender's clock from the scene with the shortest delay. A scene stamped with the current time
+    would be that scene, and all later pictures would seem late.
 
     Attributes:
         late: number of pictures that were refused because a newer scene had been sent.
@@ -29,7 +29,7 @@ class SceneTimes:
         self._latencies_ns: deque[int] = deque(maxlen=_KEPT)
 
     def admit(self, exposed_ns: int) -> bool:
-        """Return whether a picture is newer than all scenes; if so, a scene of it is sent next.
+        """Return whether a picture is newer than all scenes; if so, its scene is sent next.
 
         Args:
             exposed_ns: by ``time.monotonic_ns``.

@@ -1,9 +1,9 @@
 """Ids for the people of one camera.
 
-Own matching, since trackers of the package index do not fit: norfair 2.3 wants numpy below 2, and
-trackers 2.6 brings SciPy and the OpenCV build with windows, which overwrites the one without.
-A body is where its motion led; nothing else is compared. An id that could belong to two people
-belongs to the nearer one, and the node watches for ids that go over from one body to another.
+It has its own matching because no tracker on the package index fits: norfair 2.3 needs numpy below
+2, and trackers 2.6 installs SciPy and the OpenCV build with windows, which overwrites the headless
+build. Bodies are matched by their predicted positions only. An id that could belong to two people
+goes to the nearer one, and the node detects ids that move from one body to another.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from hri_predict.base.arrays import Floats
 KEPT_S = 0.5
 """A person who was not found for longer has left; the next body there gets a new id."""
 GATE = 0.3
-"""Largest distance between a body and where its motion led, in extents of the body."""
+"""Maximum distance between a body and its predicted position, in extents of the body."""
 BLEND_S = 0.1
 """Time constant of a body's velocity."""
 MAX_ID = 65_535

@@ -11,8 +11,8 @@ from hri_predict.base.errors import ConfigError, SourceError
 
 LATENCY_S = 0.05
 """Time from the middle of the exposure to the picture's arrival, for a webcam at 30 Hz: half its
-exposure (up to 33 ms), read-out and transfer. A picture that is older than believed is the
-dangerous error, so this is on the large side."""
+exposure (up to 33 ms), read-out and transfer. Underestimating a picture's age is the dangerous
+error, so this value is rather large."""
 HALF_EXPOSURE_S = 0.017
 """Time from the middle of the exposure to a device's time stamp: a Linux driver stamps a
 picture when its first bytes arrive (uvcvideo, without ``hwtimestamps``), after the exposure."""
@@ -25,16 +25,16 @@ def is_device(text: str) -> bool:
 
 
 def stamp_of(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
-    """Return the device's time stamp in nanoseconds; None if it is not one of our clock.
+    """Return the device's time stamp in nanoseconds; None if it is not from this machine's clock.
 
-    The driver of a Linux webcam (V4L2) stamps a picture by the monotonic clock, in milliseconds
-    (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems give something else, or 0.
+    The driver of a Linux webcam (V4L2) stamps a picture with the monotonic clock, in milliseconds
+    (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems report another value or 0.
 
     Args:
         now_ns: time of the arrival, nanoseconds of the monotonic clock.
         device_ms: the device's time stamp.
-        is_believed: whether the stamp before was a time of this clock. A picture may then be of
-            any age: one that a driver kept while it stalled must not pass for a new one.
+        is_believed: whether the previous stamp was from this clock. If so, any age is accepted: a
+            picture that a stalled driver kept must not pass as new.
     """
     if not 0 < device_ms <= now_ns / 1e6:  # NaN, too
         return None
@@ -44,17 +44,17 @@ def stamp_of(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int
 
 
 class Webcam:
-    """A camera of this machine. One that is lost is opened again.
+    """A camera of this machine. A lost camera is opened again.
 
     Args:
         name: its number, or the path of its device.
-        rate_hz: pictures per second to ask for; None: as it likes.
+        rate_hz: pictures per second to request; None: the camera's choice.
         latency_s: see ``open_input``.
-        size: width and height to ask for.
-        capture: opens a device, as ``cv2.VideoCapture``.
+        size: width and height to request.
+        capture: opens a device, like ``cv2.VideoCapture``.
 
     Raises:
-        ConfigError: it does not open.
+        ConfigError: the camera cannot be opened.
     """
 
     waits = False
@@ -81,7 +81,8 @@ class Webcam:
             self._device: Any = self._open()
         except SourceError as error:
             raise ConfigError(
-                f"{error}; is it plugged in, and used by no other program? Give another number, "
+                f"{error}; is it plugged in, and not in use by another program? Give another "
+                f"number, "
                 f"or a video file"
             ) from None
 

@@ -1,4 +1,4 @@
-"""Zone and Pose in transit: they use the spare load, one frame after the other."""
+"""Transfers of Zone and Pose, which use the spare load, one frame after another."""
 
 from collections import deque
 from typing import Generic, TypeVar
@@ -14,7 +14,7 @@ STALE_NS = 500_000_000  # a zone from an older capture is useless
 
 
 class Bulk(Generic[U]):
-    """Takes Zone and Pose out of their slots, within a budget, and returns their units.
+    """Takes Zone and Pose out of their slots within a budget, and returns their units.
 
     Only the link's writing thread calls it.
     """
@@ -34,7 +34,7 @@ class Bulk(Generic[U]):
         return bool(self._under_way) or self._slots.has_bulk()
 
     def patience_s(self) -> float | None:
-        """Return the maximum sleep of the link while a message is under way; ``None``: no limit."""
+        """Return the link's maximum sleep while a message is in transit; ``None``: no limit."""
         return None
 
     def next(self, now_ns: int) -> U | None:
@@ -56,12 +56,12 @@ class Bulk(Generic[U]):
         return not self._under_way
 
     def give_up(self) -> None:
-        """Drop the message under way: the wire failed, and a newer message will follow."""
+        """Drop the message in transit: the wire failed, and a newer message will follow."""
         self._counters.decimated += bool(self._under_way)
         self._under_way.clear()
 
     def _take(self, now_ns: int) -> Message | None:
-        """The longest-waiting message, if there is wire time for it."""
+        """The message that has waited longest, if there is wire time for it."""
         while (message := self._slots.pop_bulk()) is not None:
             capture_ns = getattr(message, "capture_ns", None)
             worst_s = self._codec.worst_s(message)

@@ -1,4 +1,4 @@
-"""Interface between a link and its wire: how messages become units, and how long they take."""
+"""Interface between a link and its wire: units of messages, and their time on the wire."""
 
 from typing import Generic, Protocol, TypeVar
 
@@ -13,15 +13,14 @@ F = TypeVar("F", contravariant=True)
 
 
 class Codec(Protocol[U]):
-    """Turns messages into units of one kind of wire and back."""
+    """Converts messages to units of one kind of wire and back."""
 
     def carries(self, message: Message) -> bool:
         """Whether this kind of link carries the message."""
 
     def watch(self, own: OwnFrames) -> None:
-        """Be a node's end from now on: report every sent frame to ``own``.
-
-        ``own`` also hears the frames with the ids of what only a node sends; they are not decoded.
+        """Act as the node's end from now on, and report every sent frame to ``own``. ``own`` also
+        gets received frames with ids that only a node sends; they are not decoded.
         """
 
     def encode(self, message: Message) -> list[U]:
@@ -31,7 +30,7 @@ class Codec(Protocol[U]):
         """Messages completed by ``unit``; never raises."""
 
     def reset(self) -> None:
-        """Forget incomplete messages: the connection was lost."""
+        """Discard incomplete messages: the connection was lost."""
 
     def count(self, counters: LinkCounters) -> None:
         """Copy the receiver's error counts into ``counters``."""
@@ -50,7 +49,7 @@ class Codec(Protocol[U]):
 
 
 class _Frames(Protocol[F]):
-    """A receiver of protected frames, as ``hri_predict.protocol`` has for each kind of wire."""
+    """A receiver of protected frames; ``hri_predict.protocol`` has one for each kind of wire."""
 
     @property
     def counters(self) -> ReceiveCounters: ...
@@ -77,7 +76,7 @@ class FrameCodec(Generic[U]):
         return self._receiver.feed(unit)
 
     def reset(self) -> None:
-        """Forget what was under way."""
+        """Discard incomplete messages."""
         self._receiver.reset()
 
     def count(self, counters: LinkCounters) -> None:
@@ -86,7 +85,7 @@ class FrameCodec(Generic[U]):
 
     @property
     def refused(self) -> str:
-        """Why whole messages were refused last, if the receiver says it."""
+        """The last reason for refusing a whole message, if the receiver reports it."""
         return str(getattr(self._receiver, "refused", ""))
 
 
@@ -103,14 +102,14 @@ def copy_counts(receiver: ReceiveCounters, counters: LinkCounters, no_frames: in
 
 
 def item_count(message: Message) -> int | None:
-    """Capsules of a Zone, joints of a Pose, else ``None``."""
+    """Number of capsules of a Zone or joints of a Pose; ``None`` for other messages."""
     if isinstance(message, Zone):
         return len(message.capsules)
     return len(message.joints) if isinstance(message, Pose) else None
 
 
 def shape_of(message: Message) -> StateShape:
-    """Return the properties that decide the length of this message, if it is a RobotState."""
+    """Return the properties that determine the length of this message, if it is a RobotState."""
     if isinstance(message, RobotState):
         return StateShape(len(message.positions), message.base is not None)
     return SIX_JOINTS

@@ -1,4 +1,4 @@
-"""A link built from its entry in the configuration: what serial, CAN and zenoh links share."""
+"""Links built from their entries in the configuration: common part of serial, CAN and zenoh."""
 
 import logging
 from abc import ABC, abstractmethod
@@ -42,7 +42,7 @@ S = TypeVar("S", bound=ConfiguredLinkSettings)
 
 
 class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
-    """``contracts.link.Link`` from its settings; a kind of link brings wire, codec and load.
+    """``contracts.link.Link`` from its settings; each kind of link provides wire, codec and load.
 
     Args:
         settings: the link's.
@@ -83,19 +83,19 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
         """Refuse settings that cannot work here.
 
         Raises:
-            LinkError: says why, and the remedy.
+            LinkError: the message gives the reason and the remedy.
         """
 
     def _prepare(self, settings: S, robots: Sequence[int]) -> None:
-        """Complete a link that was just made, for the robots that it advises."""
+        """Complete a newly created link for the robots that it advises."""
 
     bitrates: ClassVar[tuple[int, ...]] = ()
-    """Usual bit rates of such a wire, for a remedy."""
+    """Usual bit rates of this kind of wire, for error messages."""
     _refused_said_ns: int | None = None
     _refused_before = 0
 
     def _receive(self, units: list[U], now_ns: int) -> None:
-        """See ``SupervisedLink``; say, once in a while, why whole messages are refused."""
+        """See ``SupervisedLink``; log now and then why whole messages are refused."""
         super()._receive(units, now_ns)
         count, why = self.counters.malformed, getattr(self._codec, "refused", "")
         said_ns = self._refused_said_ns
@@ -118,7 +118,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
     @staticmethod
     @abstractmethod
     def _make_codec(settings: S, wire: Transport[U]) -> Codec[U]:
-        """Return what turns messages into units of ``wire`` and back."""
+        """Return the codec between messages and units of ``wire``."""
 
     @classmethod
     def load(
@@ -144,7 +144,7 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
     @staticmethod
     @abstractmethod
     def _shares(settings: S, traffic: Traffic) -> dict[str, float]:
-        """Return message -> share of the time in which it occupies the wire.
+        """Return message -> fraction of the time for which it occupies the wire.
 
         Raises:
             LinkError: this kind of wire cannot carry the RobotState of one of the robots.
@@ -153,4 +153,4 @@ class ConfiguredLink(SupervisedLink[U], ABC, Generic[S, U]):
     @staticmethod
     @abstractmethod
     def _bitrate(settings: S) -> int:
-        """Return the bit rate as it is configured, bit/s."""
+        """Return the configured bit rate, bit/s."""

@@ -1,7 +1,7 @@
 """A link over any wire of bytes: the node's own protected frames, as on a serial line.
 
-A kind of link that derives from ``FramedLink`` brings settings and a transport, and that is all.
-What reads the serial line (``drivers/c``, ``drivers/plc``) reads it, too.
+A kind of link that derives from ``FramedLink`` provides only settings and a transport. Code that
+reads the serial line (``drivers/c``, ``drivers/plc``) also reads this link.
 """
 
 import logging
@@ -23,7 +23,8 @@ log = logging.getLogger(__name__)
 
 BITS_PER_BYTE = 10  # start bit, eight data bits, stop bit: what ``wire_bits`` counts
 NOISE_BYTES = 1000
-"""Number of bytes that hold a frame, if the other end sends any: the longest has 255."""
+"""Number of bytes that contain at least one frame if the other end sends frames; the longest has
+255."""
 NETWORK_BITRATE = 10_000_000.0
 
 
@@ -32,15 +33,15 @@ class FramedLinkSettings(ConfiguredLinkSettings):
 
     @property
     def bitrate_8n1(self) -> float:
-        """Bit rate of a line without parity and with one stop bit that carries as much, bit/s.
+        """Bit rate, in bit/s, of an equally fast line without parity and with one stop bit.
 
-        Of a network 10 Mbit/s, unless a derived class knows better.
+        For a network 10 Mbit/s, unless a derived class overrides it.
         """
         return NETWORK_BITRATE
 
     @property
     def blocking_s(self) -> float:
-        """Time of the bytes ahead of the wire, and of the longest frame of a Zone or Pose."""
+        """Time of the bytes written ahead, plus that of the longest frame of a Zone or Pose."""
         if not self.zones:
             return 0.0
         frames = (wire_bits(message, "serial").seconds(self.bitrate_8n1) for message in BULK)
@@ -53,7 +54,7 @@ S = TypeVar("S", bound=FramedLinkSettings)
 class SerialCodec(FrameCodec[bytes]):
     """Messages as protected packets on a serial line; ``bitrate_8n1`` as in its settings.
 
-    ``with_items``: whether what is received of a Zone or Pose is unpacked whole.
+    ``with_items``: whether received Zones and Poses are unpacked completely.
     """
 
     def __init__(self, bitrate_8n1: float, *, with_items: bool = True) -> None:
@@ -71,14 +72,14 @@ class SerialCodec(FrameCodec[bytes]):
         return [packet + b"\0" for packet in self._sender.encode(message).split(b"\0")[:-1]]
 
     def worst_s(self, message: Message) -> float:
-        """Seconds of wire of such a message."""
+        """Worst-case seconds on the wire of the message."""
         bits = wire_bits(
             type(message), "serial", items=item_count(message), shape=shape_of(message)
         )
         return bits.seconds(self._bitrate_8n1)
 
     def unit_s(self, unit: bytes) -> float:
-        """Seconds of wire of these bytes."""
+        """Seconds on the wire of these bytes."""
         return BITS_PER_BYTE * len(unit) / self._bitrate_8n1
 
     def raw(self, unit: bytes) -> bytes:
@@ -86,14 +87,14 @@ class SerialCodec(FrameCodec[bytes]):
         return unit
 
     def size(self, unit: bytes) -> int:
-        """Return their number."""
+        """Return the number of bytes."""
         return len(unit)
 
 
 class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
     """``contracts.link.Link`` over a wire of bytes; arguments as for ``ConfiguredLink``.
 
-    A derived class sets ``settings_model`` and has ``make_transport``.
+    A derived class sets ``settings_model`` and defines ``make_transport``.
     """
 
     settings_model: ClassVar[type[FramedLinkSettings]] = FramedLinkSettings
@@ -101,7 +102,7 @@ class FramedLink(ConfiguredLink[S, bytes], Generic[S]):
     _noise_said = False
 
     def _receive(self, units: list[bytes], now_ns: int) -> None:
-        """See ``SupervisedLink``; log once if the bytes that arrive hold no frames."""
+        """See ``SupervisedLink``; log once if the received bytes contain no frames."""
         super()._receive(units, now_ns)
         counts = self.counters
         heard = counts.messages_received + counts.unexpected + counts.foreign

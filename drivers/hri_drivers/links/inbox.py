@@ -13,8 +13,8 @@ class Inbox:
     """A bounded queue between the reading thread and the node's loop.
 
     Attributes:
-        overrun: messages dropped because the node did not take them in time: the oldest RobotState
-            first, an Acknowledge only if there is nothing else.
+        overrun: number of messages dropped because the node did not take them in time: the oldest
+            RobotState first, an Acknowledge only if there are no RobotStates.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:

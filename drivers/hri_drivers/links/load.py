@@ -19,13 +19,13 @@ class Traffic:
     """Messages that a link must always fit.
 
     These are Status and one Advice per robot in each cycle, Schema once a second, and each
-    controller's RobotState. Both directions count together, on serial too: half-duplex lines
-    (RS-485) carry both, and a full-duplex line just has more room.
+    controller's RobotState. Both directions count together, also on serial: half-duplex lines
+    (RS-485) carry both, and a full-duplex line only has more room.
 
     Attributes:
         rate_hz: the node's cycle rate.
         robots: indices of the advised robots.
-        shapes: shape of each: those given, then six joints on a base that stands.
+        shapes: shape of each robot; robots without a given shape get six joints on a fixed base.
     """
 
     rate_hz: float
@@ -39,7 +39,7 @@ class Traffic:
     def shares(
         self, seconds: Callable[[type[Message], StateShape], float], states_hz: float
     ) -> dict[str, float]:
-        """Return the share of the time in which each message occupies the wire.
+        """Return the fraction of the time for which each message occupies the wire.
 
         Args:
             seconds: worst-case seconds on the wire of one message; a RobotState has a shape.

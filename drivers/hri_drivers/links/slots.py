@@ -1,4 +1,4 @@
-"""Messages waiting to be sent: one slot per subject, newest wins; and the budget for bulk."""
+"""Messages waiting to be sent: one slot per subject, newest wins; and the bulk budget."""
 
 import threading
 from dataclasses import dataclass
@@ -34,8 +34,8 @@ def slot_key(message: Message) -> Key:
 class Slots:
     """Newest-wins slots, thread-safe for several posting threads and one draining thread.
 
-    Within one priority the longest-waiting subject goes first, so every person and horizon step
-    gets its turn even if few fit. The number of subjects limits the number of slots.
+    Within one priority the subject that has waited longest goes first, so that every person and
+    horizon step gets its turn even if few fit. The number of subjects limits the number of slots.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class Slots:
             return None
 
     def pop_bulk(self) -> Message | None:
-        """Take the longest-waiting Zone or Pose."""
+        """Take the Zone or Pose that has waited longest."""
         with self._lock:
             slots = self._classes[_BULK_CLASS]
             return slots.pop(next(iter(slots))) if slots else None

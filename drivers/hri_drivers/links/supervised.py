@@ -3,8 +3,8 @@
 In real time a link has two threads. The writer sleeps until a message is posted, writes it, and
 supervises: it opens, closes and reopens the device; an endless opening holds up nothing else. The
 reader waits in the device's ``read``. Neither polls, so a posted message leaves within a fraction
-of a millisecond. Neither can die unnoticed: every error is counted, kept as ``last_error``, and the
-device is reopened. On the virtual clock ``service`` does the same in the caller's thread.
+of a millisecond. Neither can fail unnoticed: every error is counted, kept as ``last_error``, and
+the device is reopened. On the virtual clock ``service`` does the same in the caller's thread.
 """
 
 import logging
@@ -41,8 +41,8 @@ STOP_S = 5.0  # how long a stop waits for the writer
 OPENING_STOP_S = 0.5  # the same if the device is not open: there is nothing to write
 READS_PER_SERVICE = 1024
 SECOND_SENDER = (
-    "another sender uses this node's ids; switch it off, or give one of the two other ids "
-    "(base_id, or site and cell) or a line of its own"
+    "another sender uses this node's ids; switch it off, or give one of the two different ids "
+    "(base_id, or site and cell) or a separate line"
 )
 
 
@@ -52,7 +52,7 @@ class SupervisedLink(Generic[U]):
     Attributes:
         name, counters, connected, foreign_ns: see the contract.
         last_error: one line about the newest error; ``None`` if there was none.
-        on_sent: called with (link name, unit as bytes, time) after each unit written; the recorder.
+        on_sent: called for the recorder with (link name, unit as bytes, time) after each write.
     """
 
     def __init__(
@@ -136,11 +136,11 @@ class SupervisedLink(Generic[U]):
         self._wake.set()
 
     def take(self) -> list[Received]:
-        """Return what was received since the last call, oldest first."""
+        """Return the messages received since the last call, oldest first."""
         return self._inbox.take()
 
     def service(self, now_ns: int) -> None:
-        """Read what has arrived, write what is posted, reopen when due; in this thread."""
+        """Read received units, write posted messages, and reopen if due, in this thread."""
         if self._writer is not None:
             raise RuntimeError("service is for links whose thread was not started")
         try:
@@ -158,14 +158,14 @@ class SupervisedLink(Generic[U]):
             self._lost(error, now_ns)
 
     def stop(self) -> None:
-        """Write what is posted (for at most 200 ms), then close. Safe to call twice."""
+        """Write posted messages (for at most 200 ms), then close. Safe to call twice."""
         writer, self._writer = self._writer, None
         if writer is not None:
             self._stopping.set()
             self._wake.set()
             writer.join(timeout=STOP_S if self.connected else OPENING_STOP_S)
             if writer.is_alive():
-                self._note(LinkError(f"link '{self.name}': its device does not close"))
+                self._note(LinkError(f"link '{self.name}': its device failed to close"))
             return
         if self.connected:
             now_ns = self._clock.now_ns()
@@ -176,7 +176,7 @@ class SupervisedLink(Generic[U]):
         self._end()
 
     def _open_first(self, tried: "Future[None]") -> None:
-        """Open the device for the first time, and say how that went."""
+        """Open the device for the first time, and report the result."""
         try:
             self._open(self._clock.now_ns())
             self._start_reader()
@@ -214,7 +214,7 @@ class SupervisedLink(Generic[U]):
             self._drain(self._clock.now_ns, paced=True)
 
     def _patience_s(self) -> float | None:
-        """Longest sleep if nothing is posted."""
+        """Maximum sleep if nothing is posted."""
         if self._busy_since_ns is not None:
             return BUSY_RETRY_S
         if self._bulk_waits:
@@ -249,7 +249,7 @@ class SupervisedLink(Generic[U]):
             reader.join(timeout=1.0)
 
     def _flush(self) -> None:
-        """Write what is posted, so that the last messages leave the node."""
+        """Write posted messages, so that the last ones leave the node."""
         deadline_ns = self._clock.now_ns() + FLUSH_NS
         try:
             while self.connected and self._clock.now_ns() < deadline_ns:
@@ -285,7 +285,7 @@ class SupervisedLink(Generic[U]):
         self._opened_before = True
 
     def _lost(self, error: Exception, now_ns: int) -> None:
-        """Close, keep the cause, and set the time of the next try."""
+        """Close, record the cause, and set the time of the next attempt."""
         if self.connected:
             log.warning("link '%s': %s; trying again", self.name, error)
             self.counters.disconnects += 1
@@ -302,7 +302,7 @@ class SupervisedLink(Generic[U]):
         self.last_error = text[0] if text else type(error).__name__
 
     def _drain(self, now: Callable[[], int], with_bulk: bool = True, paced: bool = False) -> None:
-        """Write what is posted, most urgent first; bulk only within its budget.
+        """Write posted messages, most urgent first; bulk only within its budget.
 
         If ``paced``, bulk goes frame by frame as the wire becomes free. An urgent message then
         waits at most two milliseconds and one frame, not for a whole Zone.

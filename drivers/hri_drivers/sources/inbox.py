@@ -7,10 +7,10 @@ from hri_drivers.sources.sent import SentScene
 from hri_predict.contracts.source import NOT_KNOWN_NS
 
 CAPACITY = 16
-"""Scenes that the queue holds, and that the node may take at once after a pause."""
+"""Capacity of the queue; also the maximum number of scenes taken in one burst after a pause."""
 RATE_FACTOR = 2.0
-"""More scenes per second than this multiple of the nominal rate are a flood. The histories of
-people are sized for the nominal rate: a flood would push out the past that predictions need."""
+"""A rate above this multiple of the nominal rate is a flood. The histories of people are sized for
+the nominal rate, so a flood would displace the past that predictions need."""
 
 
 class SceneInbox:
@@ -42,7 +42,7 @@ class SceneInbox:
                 self.overrun += 1
 
     def take(self, now_ns: int) -> SentScene | None:
-        """The oldest scene, or the newest in a flood; ``None`` if none waits or may be taken.
+        """The oldest scene, or the newest in a flood; ``None`` if no scene waits or may be taken.
 
         ``now_ns`` is the time on the node's clock.
         """
@@ -57,7 +57,7 @@ class SceneInbox:
             return self._queue.popleft()
 
     def next_ns(self) -> int:
-        """When the next scene may be taken (in the past: now); ``NOT_KNOWN_NS`` if none waits."""
+        """Time when the next scene may be taken (now if past); ``NOT_KNOWN_NS`` if none waits."""
         with self._lock:
             if not self._queue:
                 return NOT_KNOWN_NS

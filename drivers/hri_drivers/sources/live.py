@@ -1,10 +1,10 @@
-"""Common part of all live sources: a supervised thread, reconnecting, counters, the room's frame.
+"""Common part of all live sources: a supervised thread, reconnecting, counters, the room frame.
 
 Each kind of source adds a *receiver*, which owns the device and returns bytes, and a *decoder*,
 which turns bytes into scenes. The thread waits in the receiver's ``read``, decodes, and wakes the
 node (``arrived``): nothing polls. Every error is counted, kept as ``last_error``, and the device is
-reopened. ``hri_predict.people.people`` decides when the input is *stale*. The thread opens the
-device as well: one that never opens holds up neither the start nor a signal.
+reopened. ``hri_predict.people.people`` decides when the input is *stale*. The thread also opens the
+device, so that a device that never opens blocks neither the start nor a signal.
 """
 
 import logging
@@ -35,9 +35,9 @@ from hri_predict.contracts.source import SourceCounters, SourceSettings
 log = logging.getLogger(__name__)
 
 OPEN_S = 10.0
-"""Maximum time that a start waits for a device; receivers give up sooner, with the reason."""
+"""Maximum time that a start waits for a device; receivers report a reason earlier."""
 WAIT_FOR_S = 3.0
-"""The same for a device that may be absent (``wait_for_device``)."""
+"""The same maximum for a device that may be absent (``wait_for_device``)."""
 CLOSE_S = 1.0
 LOG_PERIOD_NS = 10_000_000_000
 TROUBLE = (
@@ -65,10 +65,11 @@ class LiveSettings(SourceSettings):
 
     safety: ClassVar[Safety] = harmless("wait_for_device") | {
         "declares_noise": LessSafe(
-            other="a frozen source is not noticed by its joints: people walk on unseen"
+            other="a frozen source is not detected by its joints, while people keep moving unseen"
         ),
         "allow_unauthenticated": LessSafe(
-            other="any program that reaches the source is believed, wherever it says people are"
+            other="any program that reaches the source is believed, regardless of the positions "
+            "that it reports"
         ),
     }
 
@@ -78,7 +79,9 @@ class LiveSettings(SourceSettings):
         open_to_all = getattr(self, "allow_unauthenticated", False)
         if not open_to_all or getattr(self, "key_file", None) is not None:
             return []
-        return ["allow_unauthenticated, no key: any program that reaches the source is believed"]
+        return [
+            "allow_unauthenticated without a key: any program that reaches the source is believed"
+        ]
 
 
 class Receiver(Protocol):
@@ -88,7 +91,7 @@ class Receiver(Protocol):
         """Open the device.
 
         Raises:
-            HriPredictError: one line that names it and the remedy.
+            HriPredictError: one line that names the device and the remedy.
         """
 
     def read(self, timeout_s: float) -> list[bytes]:
@@ -103,7 +106,7 @@ class Receiver(Protocol):
 
 
 class Decoder(Protocol):
-    """Turns bytes into scenes; counts packets and what it refuses."""
+    """Turns bytes into scenes; counts packets and refusals."""
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
         """Scenes that ``data`` (one element of ``Receiver.read``) completes; never raises.
@@ -112,7 +115,7 @@ class Decoder(Protocol):
         """
 
     def reset(self) -> None:
-        """Forget incomplete data: the connection is new."""
+        """Discard incomplete data: the connection is new."""
 
 
 class LiveSource:
@@ -121,7 +124,7 @@ class LiveSource:
     Args:
         settings: the source's.
         receiver: returns bytes.
-        decoder: turns them into scenes; counts them and what it refuses in ``counters``.
+        decoder: turns them into scenes; counts packets and refusals in ``counters``.
         counters: shared with the decoder.
         joint_map: the sender's joints; see ``sender_joints``.
         clock: the node's.
@@ -197,7 +200,7 @@ class LiveSource:
             raise
 
     def next_ns(self) -> int:
-        """When ``poll`` may have a scene; ``NOT_KNOWN_NS`` until one arrives."""
+        """Time at which ``poll`` may return a scene; ``NOT_KNOWN_NS`` until one arrives."""
         return self._inbox.next_ns()
 
     def poll(self, now_ns: int) -> Scene | None:
@@ -213,7 +216,7 @@ class LiveSource:
         if thread is not None:
             thread.join(CLOSE_S)
             if thread.is_alive():
-                log.warning("%s: its device does not close", self.label)
+                log.warning("%s: its device failed to close", self.label)
 
     # -- the thread -------------------------------------------------------------------------------
 
@@ -233,7 +236,7 @@ class LiveSource:
         self._receiver.close()
 
     def _connect_first(self, tried: "Future[None]") -> None:
-        """Open the device for the first time, and report how that went."""
+        """Open the device for the first time, and report the result."""
         try:
             self._connect()
         except Exception as error:  # the thread must survive any fault of its device
@@ -254,7 +257,7 @@ class LiveSource:
         self._opened_before = True
 
     def _lost(self, error: Exception) -> None:
-        """Close, and keep the cause."""
+        """Close, and record the cause."""
         if self.connected:
             log.warning("%s: %s; trying again", self.label, error)
             self.counters.disconnects += 1
@@ -278,7 +281,7 @@ class LiveSource:
             self.arrived.set()
 
     def _log_trouble(self) -> None:
-        """Log the errors since the last line: the first at once, then at most every ten seconds."""
+        """Log the errors since the last line: the first immediately, then at most every 10 s."""
         now_ns = self._clock.now_ns()
         if slow := self._pace.note(self.counters.scenes, self.connected, now_ns):
             log.warning("%s: %s", self.label, slow)

@@ -1,17 +1,18 @@
-"""Whether a sender is slower than its source's ``rate_hz``, said in one note with the remedy."""
+"""Detects a sender slower than its source's ``rate_hz``; one note gives the remedy."""
 
 WINDOW_NS = 5_000_000_000
 """Time over which the rate is measured,"""
 PAUSE_NS = 3_000_000_000
-"""a gap that is not part of it: the sender was not started yet, or was stopped,"""
+"""minimum gap that is excluded: the sender was not started yet, or was stopped,"""
 AGAIN_NS = 600_000_000_000
 """and minimum time between two notes."""
 SLOW = 0.7
-"""Share of ``rate_hz`` below which a sender is slow: less is lost or jitters now and then."""
+"""Fraction of ``rate_hz`` below which a sender is slow; occasional loss and jitter stay above
+it."""
 
 
 class SenderPace:
-    """Measures how many scenes a second arrive.
+    """Measures the number of scenes that arrive per second.
 
     Args:
         rate_hz: the configured rate.
@@ -24,7 +25,7 @@ class SenderPace:
         self._said_ns: int | None = None
 
     def note(self, scenes: int, connected: bool, now_ns: int) -> str | None:
-        """Return a message, if there is one now.
+        """Return a message, if due.
 
         Args:
             scenes: scenes since the start.
@@ -49,7 +50,7 @@ class SenderPace:
             return None
         self._said_ns = now_ns
         return (
-            f"{rate_hz:.1f} scenes a second arrive, and source.rate_hz is {self._rate_hz:g}: each "
-            f"gap can make the advice unknown; set source.rate_hz to {rate_hz:.3g}, or let the "
-            f"sender send faster"
+            f"{rate_hz:.1f} scenes per second arrive, and source.rate_hz is {self._rate_hz:g}: "
+            f"each gap can make the advice unknown; set source.rate_hz to {rate_hz:.3g}, or let "
+            f"the sender send faster"
         )

@@ -1,4 +1,4 @@
-"""A scene as its sender sent it, not yet in metres in the room."""
+"""A scene in its sender's units, axes and frame, before conversion to metres in the room."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from hri_predict.contracts.scene import Person, Scene
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SentPerson:
-    """One person as the sender saw them.
+    """One person as reported by the sender.
 
     Attributes:
         id: the sender's number for this body, 0..65535.
@@ -33,7 +33,7 @@ class SentScene:
         sequence: the sender's counter.
         sees_room: whether the sender saw the room; see ``hri_predict.contracts.scene.Scene``.
         people: every person seen.
-        session: changes when the sender restarts and its counter with it.
+        session: changes when the sender and its counter restart.
     """
 
     stamp_ns: int

@@ -10,14 +10,14 @@ TCP_SOURCE = SOURCES[0]
 
 
 class ServiceClient(StreamClient):
-    """``StreamClient`` that looks for its sender at each opening."""
+    """``StreamClient`` that searches for its sender at each opening."""
 
     def __init__(self, service: ServiceSettings, splitter: Callable[[], Splitter]) -> None:
         super().__init__("", 0, splitter)
         self._service = service
 
     def open(self) -> None:
-        """Look for the sender, then connect.
+        """Search for the sender, then connect.
 
         Raises:
             DiscoveryError: no sender with that name answers.

@@ -21,8 +21,8 @@ from hri_predict.contracts.source import SourceCounters
 CHUNK = 65_536
 CONNECT_TIMEOUT_S = 2.0
 SILENT_S = 2.0
-"""A connection without a complete unit for this long loses its place to a new one. Single bytes or
-pings do not keep the place."""
+"""A connection without a complete unit for this long can be replaced by a new one. Single bytes or
+pings do not prevent that."""
 
 
 class Splitter(Protocol):
@@ -35,7 +35,7 @@ class Splitter(Protocol):
 class StreamServer:
     """Waits for senders at a port; see ``hri_drivers.sources.live.Receiver``.
 
-    It accepts at most ``places`` senders. No new sender takes the place of one that still sends.
+    It accepts at most ``places`` senders. A new sender never replaces one that still sends.
 
     Args:
         host, port: address to listen on.
@@ -94,7 +94,7 @@ class StreamServer:
         return units
 
     def close(self) -> None:
-        """Hang up on all senders and stop listening."""
+        """Close all connections and stop listening."""
         for connection in list(self._senders):
             self._drop(connection)
         listener, self._listener = self._listener, None
@@ -191,7 +191,9 @@ class StreamClient:
         except OSError as error:
             raise SourceError(f"{host}:{port}: lost ({error}); check the sender") from error
         if not data:
-            raise SourceError(f"{host}:{port}: the sender hung up; start it again")
+            raise SourceError(
+                f"{host}:{port}: the sender closed the connection; restart the sender"
+            )
         return list(self._splitter.feed(data))
 
     def close(self) -> None:
@@ -203,7 +205,7 @@ class StreamClient:
 
 
 ALLOW_UNAUTHENTICATED: bool = Field(
-    False, description="accept the network: believe any program that reaches the port"
+    False, description="accept network input: believe any program that reaches the port"
 )
 
 
@@ -225,7 +227,7 @@ def check_exposure(host: str, allowed: bool) -> None:
 
 
 def listen_error(address: tuple[str, int], error: OSError) -> SourceError:
-    """Why it cannot listen on a port, and the remedy."""
+    """The reason why it cannot listen on a port, and the remedy."""
     remedies = {
         errno.EADDRINUSE: "in use by another program; close that program, or choose another 'port'",
         errno.EADDRNOTAVAIL: "not an address of this machine; correct 'host'",

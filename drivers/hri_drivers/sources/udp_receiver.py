@@ -25,7 +25,7 @@ class UdpReceiver:
         host: address to bind: of one network interface, or of all (``0.0.0.0`` or ``::``).
         port: 0 lets the system choose; see the attribute ``port``.
         multicast_group: address of a group to join on the interface with address ``host``.
-        largest: bytes of the longest useful datagram; longer ones are cut to one byte more.
+        largest: size in bytes of the longest useful datagram; longer ones are cut to one byte more.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class UdpReceiver:
         return [data for data, sender in received if self.accepts(sender)]
 
     def accepts(self, sender: object) -> bool:
-        """Whether a datagram of this address is taken; here: of every one."""
+        """Whether a datagram from this address is accepted; here always true."""
         return True
 
     def close(self) -> None:

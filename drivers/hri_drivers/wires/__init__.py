@@ -1,1 +1,1 @@
-"""Devices that carry bytes, for links and sources alike."""
+"""Devices that carry bytes, for links and sources."""

@@ -1,9 +1,9 @@
-"""Time to wait before the next try to open a lost device."""
+"""Wait before the next attempt to open a lost device."""
 
 FIRST_S = 0.05
 LAST_S = 2.0
 SETTLED_NS = 1_000_000_000
-"""A connection that lived this long resets the back-off."""
+"""A connection that lasted this long resets the back-off."""
 
 
 class BackOff:

@@ -1,4 +1,4 @@
-"""Quiet for libraries that log each error that they raise, or that the link counts."""
+"""Silences libraries that log errors which they also raise or which the link counts."""
 
 import logging
 

@@ -1,11 +1,11 @@
-"""One ROS 2 node in a context and a thread of its own; by default only on this machine.
+"""One ROS 2 node with its own context and thread; by default only on this machine.
 
-Needs rclpy, of a sourced ROS 2 installation (Jazzy or later) or of the extra ``ros2``.
+Needs rclpy, from a sourced ROS 2 installation (Jazzy or later) or from the extra ``ros2``.
 
-``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` alone limits what a node finds, not who reaches it: Fast
-DDS still receives on all interfaces. ``ros2_loopback.xml`` binds it to 127.0.0.1. Fast DDS reads
-its profiles once in a process, so all nodes of a process have the same ``discovery``. A profile of
-the user's own (``FASTDDS_DEFAULT_PROFILES_FILE``) takes precedence.
+``ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST`` alone limits which nodes a node finds, but not which
+nodes reach it: Fast DDS still receives on all interfaces. ``ros2_loopback.xml`` binds it to
+127.0.0.1. Fast DDS reads its profiles once in a process, so all nodes of a process have the same
+``discovery``. A profile of the user's own (``FASTDDS_DEFAULT_PROFILES_FILE``) takes precedence.
 """
 
 import atexit
@@ -39,7 +39,7 @@ _discovery: Discovery | None = None  # of this process, since its first node
 
 
 class SpinningNode:
-    """A node whose callbacks run in one thread, from ``open`` to ``close``.
+    """A ROS 2 node whose callbacks run in one thread, from ``open`` to ``close``.
 
     A callback that raises is logged, and the thread continues.
 
@@ -114,7 +114,7 @@ class SpinningNode:
             if self._thread is not None:
                 self._thread.join(JOIN_S)
                 if self._thread.is_alive():
-                    log.warning("ros2: a callback does not end; its node is not destroyed")
+                    log.warning("ros2: a callback does not return; its node is not destroyed")
                     self._executor = self._node = self._context = None
                 self._thread = None
             self._destroy()

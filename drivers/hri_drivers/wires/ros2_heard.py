@@ -12,10 +12,10 @@ TF, TF_STATIC = 254, 255
 """``topic`` of ``/tf`` and ``/tf_static``."""
 NO_GID = bytes(16)
 SEVERAL_GIDS = b"\xff" * 16
-"""One of several publishers, and the middleware does not state which."""
+"""An unknown one of several publishers: the middleware does not identify the sender."""
 NO_SEQUENCE = -1
 LOOK_S = 0.2
-"""Seconds between two looks at who publishes."""
+"""Minimum seconds between two look-ups of the publishers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +24,9 @@ class Heard:
 
     Attributes:
         topic: index of the configured topic, ``TF`` or ``TF_STATIC``.
-        gid: the publisher's identity, 16 bytes; ``NO_GID`` where it is not known, and
-            ``SEVERAL_GIDS`` where all that is known is that there are several.
-        sequence: the publisher's counter; ``NO_SEQUENCE`` where it is not stated.
+        gid: the publisher's identity, 16 bytes; ``NO_GID`` if unknown, and ``SEVERAL_GIDS`` if it
+            is one of several.
+        sequence: the publisher's counter; ``NO_SEQUENCE`` if it is not stated.
         content: the message in CDR.
     """
 
@@ -53,7 +53,7 @@ class Heard:
     def from_ros(
         cls, topic: int, content: bytes, info: Mapping[str, Any], *, unstated: bytes = NO_GID
     ) -> "Heard":
-        """A message with what rclpy says about it; ``unstated`` is the gid if it states none."""
+        """A message with rclpy's information on it; ``unstated`` is the gid if rclpy gives none."""
         stated = info.get("publisher_gid") or {}
         gid = bytes(stated.get("data", b"")) if isinstance(stated, dict) else bytes(stated)
         gid = gid or unstated
@@ -67,12 +67,12 @@ class Heard:
 
 
 class Graph:
-    """The publishers of a topic as the graph shows them, where messages do not name theirs.
+    """The publishers of a topic according to the graph, for messages that do not name theirs.
 
-    rclpy of Jazzy (7.1) does not: two publishers of one topic would look like one.
+    In Jazzy, rclpy (7.1) does not name them: two publishers of one topic would look like one.
 
     Args:
-        publishers: gives those of the topic now (``Node.get_publishers_info_by_topic``).
+        publishers: returns the topic's current publishers (``Node.get_publishers_info_by_topic``).
         monotonic_s: the clock.
     """
 
@@ -87,7 +87,7 @@ class Graph:
         self._gid = NO_GID
 
     def gid(self, info: Mapping[str, Any]) -> bytes:
-        """Return the gid for a message whose ``info`` states none; looked up only then."""
+        """Return the gid for a message; it is looked up only if ``info`` states none."""
         now_s = self._monotonic_s()
         if not info.get("publisher_gid") and now_s - self._looked_s >= LOOK_S:
             self._looked_s = now_s

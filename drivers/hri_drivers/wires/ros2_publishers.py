@@ -1,4 +1,4 @@
-"""The publishers on a topic, and the number of their messages that were lost."""
+"""The publishers on a topic, and the number of their lost messages."""
 
 from hri_drivers.wires.ros2_heard import NO_GID, NO_SEQUENCE, SEVERAL_GIDS, Heard
 
@@ -6,14 +6,14 @@ CONTRADICTED_NS = 1_000_000_000
 """Two publishers on a topic within this time contradict each other: neither is believed."""
 MAX_KNOWN = 16
 MAX_LOST = 100_000
-"""A counter ahead by more than this is not a loss."""
+"""Maximum number of lost messages; a larger jump of the counter is not a loss."""
 
 
 class Publishers:
     """The publishers on one topic.
 
-    A publisher that is started again has another identity. So one that comes back within a second
-    is not believed for the rest of that second.
+    A publisher that is started again has another identity. So a publisher that returns within a
+    second is not believed for the rest of that second.
     """
 
     def __init__(self) -> None:

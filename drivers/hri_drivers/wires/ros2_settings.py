@@ -1,4 +1,4 @@
-"""Settings of our ROS 2 nodes; can be imported without ROS 2."""
+"""Settings of this project's ROS 2 nodes; can be imported without ROS 2."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -19,7 +19,7 @@ TopicName = Annotated[
 
 
 class Ros2Settings(Settings):
-    """Settings of every ROS 2 node of ours; for the source and the link."""
+    """Settings of every ROS 2 node here; for the source and the link."""
 
     domain_id: int | None = Field(
         None, ge=0, le=MAX_DOMAIN, description="ROS domain; default: ROS_DOMAIN_ID, or 0"

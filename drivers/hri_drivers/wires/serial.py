@@ -1,4 +1,4 @@
-"""Bytes over any port of pyserial: a device path, ``socket://``, ``rfc2217://``, ..."""
+"""Bytes over any pyserial port: a device path, ``socket://``, ``rfc2217://``, ..."""
 
 import contextlib
 import errno
@@ -31,7 +31,7 @@ MAX_BACKLOG_S = 0.05
 MAX_UNACKNOWLEDGED_S = 0.25
 MAX_READ = 4096
 MEMORY_MAJOR = 1
-"""Linux's number of /dev/null, /dev/zero and the like."""
+"""Linux's major device number of /dev/null, /dev/zero and similar devices."""
 
 _PARITIES: dict[Parity, str] = {
     "none": serial.PARITY_NONE,
@@ -45,7 +45,7 @@ _PARITIES: dict[Parity, str] = {
 class SerialTransport:
     """``Transport[bytes]`` over pyserial's ``serial_for_url``; 8 data bits.
 
-    After each opening, the first write begins with a delimiter. It ends any partial frame or noise
+    After each opening, the first write starts with a delimiter. It ends any partial frame or noise
     in the receiver, so that the first frame arrives.
 
     Args:
@@ -185,22 +185,22 @@ class SerialTransport:
 
 
 def read_some(device: Any, timeout_s: float | None = None) -> bytes:
-    """Return what has come, at most ``MAX_READ`` bytes, waiting for it.
+    """Wait for bytes and return those that have arrived, at most ``MAX_READ``.
 
     It waits for the port's timeout at most, or for ``timeout_s`` where the system can.
 
-    pyserial's own read returns a byte at once only if a single one is asked for, and the rest then
-    takes a call more. It is used where it does more than read (``spy://``, rfc2217, Windows).
+    pyserial's own read returns immediately only if a single byte is requested, and the rest needs
+    another call. It is used only where it does more than read (``spy://``, rfc2217, Windows).
 
     Raises:
-        OSError, TypeError, ValueError: the port is lost, or closed meanwhile.
+        OSError, TypeError, ValueError: the port was lost or closed.
     """
     if type(device).read is serial.Serial.read and (fd := getattr(device, "fd", None)) is not None:
         if not select.select([fd], [], [], device.timeout if timeout_s is None else timeout_s)[0]:
             return b""
         if data := os.read(fd, MAX_READ):
             return data
-        raise serial.SerialException("it reports bytes, and has none: it was unplugged")
+        raise serial.SerialException("the port reports bytes but returns none: it was unplugged")
     data = bytes(device.read(1))
     while data and len(data) < MAX_READ and (more := _has_come(device)):
         data += device.read(min(more, MAX_READ))
@@ -210,8 +210,8 @@ def read_some(device: Any, timeout_s: float | None = None) -> bytes:
 def _write_all(device: Any, unit: bytes) -> None:
     """Write ``unit``, waiting at most 50 ms for room.
 
-    pyserial's own write spins while there is no room, and after the last byte waits for room that
-    it does not need. It is used only where it does more than write (``spy://``, ...).
+    pyserial's own write busy-waits for room, and after the last byte waits for room that it does
+    not need. It is used only where it does more than write (``spy://``, ...).
 
     Raises:
         serial.SerialTimeoutException: not all bytes were accepted in time.
@@ -245,7 +245,7 @@ def _is_plain_socket(device: Any) -> bool:
 
 
 def _waiting(device: Any) -> int:
-    """Number of written bytes that have not left, as far as known."""
+    """Number of written bytes that are not yet sent, as far as known."""
     if (sock := getattr(device, "_socket", None)) is not None:
         return _queued(sock, "TIOCOUTQ")
     try:
@@ -274,7 +274,7 @@ def _queued(sock: Any, request: str) -> int:
 
 
 def _no_waiting_for_more(device: Any) -> None:
-    """Let TCP send at once; by default it collects small writes until the peer acknowledges."""
+    """Let TCP send immediately; by default it collects small writes until the peer acknowledges."""
     if (sock := getattr(device, "_socket", None)) is not None:
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -298,7 +298,7 @@ def demand_serial_device(port: str) -> str:
 
 
 def open_remedy(error: BaseException, key: str = "port") -> str:
-    """Why a port does not open, and the remedy; ``key`` is its name in YAML."""
+    """The reason why a port does not open, and the remedy; ``key`` is its name in YAML."""
     number, text = getattr(error, "errno", None), _first_line(error)
     if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO) or "FileNotFound" in str(error):
         return f"not found; plug it in or correct '{key}' ({_present()})"
@@ -319,7 +319,7 @@ def open_remedy(error: BaseException, key: str = "port") -> str:
     if type(error).__module__ == "termios":
         return f"the port refuses the settings ({error.args[-1]}); correct 'parity' or 'stop_bits'"
     if isinstance(error, ValueError):
-        return f"pyserial does not know this port or setting ({text}); correct it"
+        return f"pyserial does not support this port or setting ({text}); correct it"
     return f"cannot be opened ({text}); correct '{key}' or check the device"
 
 

@@ -12,12 +12,12 @@ __all__ = ["PipeEnd", "Transport", "TransportBusy", "pipe"]
 U = TypeVar("U")
 
 READ_TIMEOUT_S = 0.1
-"""Maximum wait of a thread in ``read``, and so of a stop for the thread."""
+"""Maximum wait of a thread in ``read``, and therefore maximum time to stop the thread."""
 PIPE_CAPACITY = 4096
 
 
 class TransportBusy(LinkError):
-    """The wire accepts nothing now (buffer full, write timed out), but the device is still there.
+    """The wire accepts nothing now (buffer full, write timed out), but the device is still present.
 
     The unit was not accepted, or only in part. A link keeps the message and encodes it again later.
     """
@@ -30,7 +30,7 @@ class PipeEnd(Generic[U]):
         written: units accepted since the start.
         overflowed: units lost because the other end did not read in time; the oldest go first, as
             in a full receive buffer.
-        unheard: units written while the other end was closed.
+        unheard: number of units written while the other end was closed.
     """
 
     def __init__(self, name: str, capacity: int) -> None:
@@ -51,7 +51,7 @@ class PipeEnd(Generic[U]):
             self._open = True
 
     def write(self, unit: U) -> None:
-        """Hand ``unit`` to the other end at once."""
+        """Pass ``unit`` to the other end immediately."""
         if not self._open:
             raise LinkError(f"pipe {self.name} is closed; open it first")
         self.written += 1
@@ -78,7 +78,7 @@ class PipeEnd(Generic[U]):
             return units
 
     def close(self) -> None:
-        """Stop receiving, and discard what was not read."""
+        """Stop receiving, and discard unread units."""
         with self._arrived:
             self._open = False
             self._inbox.clear()
@@ -86,7 +86,7 @@ class PipeEnd(Generic[U]):
 
 
 def pipe(capacity: int = PIPE_CAPACITY) -> tuple[PipeEnd[U], PipeEnd[U]]:
-    """Two ends of a wire in memory: each reads what the other writes, in order and at once."""
+    """Two ends of a wire in memory: each reads the other's units, in order and without delay."""
     a: PipeEnd[U] = PipeEnd("a", capacity)
     b: PipeEnd[U] = PipeEnd("b", capacity)
     a._peer, b._peer = b, a

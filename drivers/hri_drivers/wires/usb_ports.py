@@ -1,7 +1,7 @@
 """USB serial adapters identified by their ids, not by the port name, which changes.
 
 An unplugged adapter often returns under another name (/dev/ttyUSB1 for /dev/ttyUSB0). Its vendor id
-and product id stay, and so does its serial number, if it has one. Without a serial number, only the
+and product id do not change, nor does its serial number, if any. Without a serial number, only the
 USB socket distinguishes two adapters of the same type.
 """
 
@@ -33,7 +33,9 @@ class UsbDevice(Settings):
     vid: UsbId = Field(description="vendor id, four hexadecimal digits in quotes")
     pid: UsbId = Field(description="product id, likewise")
     serial_number: str | None = Field(
-        None, min_length=1, description="the adapter's own number; needed where several are alike"
+        None,
+        min_length=1,
+        description="the adapter's serial number; needed to distinguish identical adapters",
     )
     location: str | None = Field(
         None,

@@ -37,7 +37,7 @@ class ZenohTransport:
         subscribed: keys to receive, after the prefix; zenoh's key expressions.
 
     Attributes:
-        overflowed: payloads lost because they were not read in time.
+        overflowed: number of payloads lost because they were not read in time.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class ZenohTransport:
 
         Raises:
             ConfigError: see ``open_session``.
-            LinkError: there is no connection; names the endpoints and the remedy.
+            LinkError: there is no connection; the message names the endpoints and the remedy.
         """
         self.close()
         self._needs_neighbour = expects_neighbour(session_config(self._settings))

@@ -1,4 +1,4 @@
-"""A zenoh session from its settings: by router or peer to peer, and by default only on loopback.
+"""A zenoh session from its settings: through a router or peer to peer, by default only on loopback.
 
 Zenoh's own defaults listen on all interfaces and search by multicast. Here both must be configured:
 endpoints are explicit, multicast and gossip are off, and ``MAX_MESSAGE`` limits messages. Values
@@ -38,8 +38,8 @@ class ZenohSettings(Settings):
 
     mode: Mode | None = Field(
         None,
-        description="client: of one router or peer (default); peer: of all named endpoints; "
-        "router: forwards other nodes' messages",
+        description="client: connects to one router or peer (default); peer: connects to all "
+        "named endpoints; router: forwards other nodes' messages",
     )
     connect: list[Endpoint] | None = Field(
         None, max_length=64, description=f"endpoints to connect to; default {ROUTER}"
@@ -50,7 +50,7 @@ class ZenohSettings(Settings):
     zenoh_config: str | None = Field(
         None,
         min_length=1,
-        description="zenoh configuration file: TLS, access control, all else",
+        description="zenoh configuration file: TLS, access control and all other settings",
     )
 
     @model_validator(mode="after")
@@ -60,7 +60,7 @@ class ZenohSettings(Settings):
         return self
 
     def resolved(self, base_dir: Path) -> Self:
-        """The same settings, with ``zenoh_config`` found from the configuration's ``base_dir``.
+        """These settings, with ``zenoh_config`` resolved from the configuration's ``base_dir``.
 
         Raises:
             ConfigError: the file cannot be read, or zenoh cannot parse it.

@@ -189,7 +189,7 @@ def test_a_mistake_is_one_line(arguments, message, model, picture, tmp_path, mon
 
 def test_a_variant_that_is_unknown_is_refused(picture, tmp_path, monkeypatch):
     monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
-    with pytest.raises(HriPredictError, match=r"no model yet; fetch it by"):
+    with pytest.raises(HriPredictError, match=r"no model yet; fetch it with"):
         call(picture)
     with pytest.raises(HriPredictError, match=r"--variant fulll: unknown; did you mean"):
         call(picture, "--variant", "fulll")
@@ -198,7 +198,7 @@ def test_a_variant_that_is_unknown_is_refused(picture, tmp_path, monkeypatch):
 def test_a_kept_package_that_changed_is_refused(picture, tmp_path, monkeypatch):
     monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
     monkeypatch.setattr(package, "read", lambda *_: (b"detector", b"landmarks", "0" * 64))
-    with pytest.raises(HriPredictError, match="damaged, or exchanged since it was fetched; run"):
+    with pytest.raises(HriPredictError, match="damaged, or replaced since it was fetched; run"):
         call(picture)
 
 
@@ -213,7 +213,7 @@ def test_a_network_of_one_person_never_sees_the_room(picture, tmp_path, capsys, 
     onnx.save(net, tmp_path / "net.onnx")
     call(picture, "--model", model, "--json")
     said = capsys.readouterr()
-    assert "looks for one person" in said.err
+    assert "finds one person only" in said.err
     assert json.loads(said.out)["without_view"] == {"there may be more people than are followed": 1}
 
 
@@ -221,7 +221,7 @@ def test_a_network_without_metres_cannot_place_a_person(model, picture):
     about = yaml.safe_load(model.read_text())
     del about["people"]["world"]
     model.write_text(yaml.safe_dump(about))
-    with pytest.raises(HriPredictError, match="cannot say how far away a person is"):
+    with pytest.raises(HriPredictError, match="cannot measure the distance to a person"):
         call(picture, "--model", model)
 
 

@@ -301,7 +301,7 @@ def test_a_picture_of_a_wrong_time_is_left_out_and_the_device_opened_again(kind,
     package = fake()
     device = opened(kind, package)
     package.late_s = late_s
-    with pytest.raises(SourceError, match="s old is left out"):
+    with pytest.raises(SourceError, match="s old"):
         device.read()
     package.late_s = LATE_S
     assert device.read() is not None

@@ -17,7 +17,7 @@ def notes(rate_hz, configured_hz, seconds, connected=lambda k: True):
 
 def test_a_slow_sender_is_one_note_with_its_rate_and_the_remedy():
     (line,) = notes(8, 30, 60)
-    assert line.startswith("8.0 scenes a second arrive, and source.rate_hz is 30")
+    assert line.startswith("8.0 scenes per second arrive, and source.rate_hz is 30")
     assert "set source.rate_hz to 8" in line
 
 

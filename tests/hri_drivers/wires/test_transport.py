@@ -213,7 +213,7 @@ def test_serial_over_a_url_carries_bytes():
     ("port", "words"),
     [
         ("/dev/no_such_port", "not found; plug it in or correct 'port'"),
-        ("lop://", "pyserial does not know"),
+        ("lop://", "pyserial does not support"),
         ("socket://127.0.0.1:1", "refused"),
         ("/etc/hostname", "not a serial device; correct 'port'"),
     ],

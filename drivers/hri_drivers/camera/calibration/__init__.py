@@ -1,1 +1,1 @@
-"""The calibration of a camera by a printed chessboard."""
+"""Calibration of a camera with a printed chessboard."""

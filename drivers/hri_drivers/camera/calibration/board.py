@@ -1,7 +1,7 @@
-"""The chessboard: a picture to print, and its corners in a picture of it.
+"""The chessboard: the sheet to print, and its corners in a picture.
 
-The number of squares is odd along one side and even along the other, so that a board looks
-different after half a turn: the square at the origin is black, the one opposite white.
+The number of squares is odd along one side and even along the other, so the board looks different
+after half a turn: the square at the origin is black, the one in the opposite corner white.
 """
 
 import struct
@@ -28,14 +28,14 @@ _MARGIN = 0.7  # of a square, white around the board; the default sheet is 285 x
 
 @dataclass(frozen=True, slots=True)
 class Board:
-    """A chessboard by its inner corners.
+    """A chessboard, described by its inner corners.
 
     Attributes:
         columns, rows: inner corners along the long and the short side.
         square_m: side of a square, metres.
 
     Raises:
-        ConfigError: no such board can be used.
+        ConfigError: the board is not usable.
     """
 
     columns: int = 9
@@ -76,7 +76,7 @@ def draw(board: Board) -> UInt8:
     if (across + 2 * _MARGIN) * board.square_m > MAX_SIDE_M:
         raise ConfigError(
             f"--square {board.square_m:g}: the sheet has sides of more than {MAX_SIDE_M:g} m; "
-            f"take smaller squares, or fewer"
+            f"use smaller or fewer squares"
         )
     side = round(board.square_m * DOTS_PER_M)
     margin = round(_MARGIN * side)
@@ -99,7 +99,7 @@ def draw(board: Board) -> UInt8:
 
 
 def write_sheet(path: Path, board: Board) -> None:
-    """Write the sheet as a PNG that knows its size on paper.
+    """Write the sheet as a PNG that states its size on paper.
 
     Raises:
         ConfigError: it is not a .png, too large, or cannot be written.
@@ -137,7 +137,7 @@ def find(gray: UInt8, board: Board) -> Floats | None:
 
 
 def _refined(gray: UInt8, grid: Float32) -> Floats:
-    """Return corners (rows, columns, 2) to a hundredth of a pixel, by the edges around each."""
+    """Return corners (rows, columns, 2) refined to a hundredth of a pixel, using edges."""
     across, down = np.diff(grid, axis=1), np.diff(grid, axis=0)
     nearest = min(float(np.linalg.norm(d, axis=-1).min()) for d in (across, down))
     half = int(np.clip(nearest / 3, 1, 5))

@@ -1,4 +1,4 @@
-"""Calibrate a camera with a printed chessboard, and find where it stands in the room."""
+"""Calibrate a camera with a printed chessboard, and find its pose in the room."""
 
 import json
 from pathlib import Path
@@ -47,15 +47,15 @@ def solve(
     *,
     images: Annotated[Path, typer.Option(help="Folder with pictures of the board.")],
     square: Square,
-    out: Annotated[Path, typer.Option(help="The camera's file to write.")] = Path("camera.yaml"),
+    out: Annotated[Path, typer.Option(help="Camera file to write.")] = Path("camera.yaml"),
     columns: Columns = 9,
     rows: Rows = 6,
     as_json: JsonOption = False,
 ) -> None:
     """Find a camera's focal length, centre and distortion from pictures of the board.
 
-    Take 15 to 30 pictures with the size and zoom that the camera will have: the
-    board near and far, in the middle and at the edges, tilted by 20 to 45 degrees.
+    Take 15 to 30 pictures with the size and zoom used in operation: the board near and far, in the
+    middle and at the edges, tilted by 20 to 45 degrees.
 
     Example: hri-predict camera-calibration solve --images pictures --square 0.025
     """
@@ -95,8 +95,8 @@ def solve(
 @app.command()
 def pose(
     *,
-    camera: Annotated[Path, typer.Option(help="The camera's file; the pose is written into it.")],
-    image: Annotated[Path, typer.Option(help="Picture of the board, by this camera.")],
+    camera: Annotated[Path, typer.Option(help="Camera file; the pose is written into it.")],
+    image: Annotated[Path, typer.Option(help="Picture of the board, taken by this camera.")],
     square: Square,
     at: Annotated[str, typer.Option(metavar="X,Y,Z", help="The board's origin in the room, m.")],
     turned: Annotated[
@@ -108,16 +108,17 @@ def pose(
         ),
     ] = 0.0,
     upright: Annotated[
-        bool, typer.Option("--upright", help="The board stands, its top up, instead of lying.")
+        bool,
+        typer.Option("--upright", help="The board is upright, its top edge up, instead of flat."),
     ] = False,
     columns: Columns = 9,
     rows: Rows = 6,
     as_json: JsonOption = False,
 ) -> None:
-    """Find where a calibrated camera stands, from one picture of the board at a known place.
+    """Find the pose of a calibrated camera from one picture of the board at a known place.
 
-    Do it for each camera with the same board in the same place, so that several
-    cameras have one room. For the node, paste the pose of the (first) camera.
+    Repeat this for each camera while the board stays in place, so that all cameras share one room
+    frame. Copy the pose of the (first) camera into the node's configuration.
 
     Example: hri-predict camera-calibration pose --camera camera.yaml --image board.jpg
     --square 0.025 --at 1.2,0.4,0.8 --turned 90

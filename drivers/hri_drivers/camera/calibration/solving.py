@@ -1,8 +1,8 @@
 """Intrinsics from pictures of a chessboard, and the camera's pose from one of them.
 
-Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI 22(11), 2000, as OpenCV's
-``calibrateCamera`` has it; the pose from T. Collins and A. Bartoli, "Infinitesimal plane-based pose
-estimation", International Journal of Computer Vision 109, 2014 (``SOLVEPNP_IPPE``).
+Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI 22(11), 2000, as implemented
+in OpenCV's ``calibrateCamera``; the pose from T. Collins and A. Bartoli, "Infinitesimal plane-based
+pose estimation", International Journal of Computer Vision 109, 2014 (``SOLVEPNP_IPPE``).
 """
 
 import math
@@ -26,16 +26,16 @@ from hri_predict.cli.register.solve import quaternion
 ENDINGS = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 MIN_VIEWS, MAX_PICTURES = 6, 200
 SIMILAR = 0.02
-"""Views whose corners are on average nearer than this share of the picture's width are one."""
+"""Two views whose corners are on average closer than this fraction of the width are the same."""
 MIN_COVER = 4
-"""Minimum number of the picture's nine parts that have a corner in some view."""
+"""Minimum number, of the picture's nine parts, in which some view has a corner."""
 MIN_TILT_DEG = 15.0
 """If all boards are parallel to the picture, focal length and distance cannot be separated."""
 MAX_ERROR_PX, MAX_VIEW_RATIO = 1.5, 3.0
 MIN_FOCAL_ERROR, MAX_FOCAL_ERROR = 0.005, 0.05
 MAX_POSE_ERROR_PX = 3.0
 TWOFOLD = 1.5
-"""A board far away fits two tilts; the better one fits by this factor better."""
+"""A distant board fits two tilts; the better one must fit better by this factor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,15 +73,15 @@ def pictures_of(folder: Path) -> list[Path]:
     """Return the pictures of a folder by name.
 
     Raises:
-        ConfigError: it is missing, not a folder, or has none or too many.
+        ConfigError: it is missing, not a folder, or has no or too many pictures.
     """
     if not folder.is_dir():
         raise ConfigError(f"--images {folder}: not a folder; name one with pictures of the board")
     found = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
     if not 0 < len(found) <= MAX_PICTURES:
         raise ConfigError(
-            f"--images {folder}: has {len(found)} pictures ({', '.join(ENDINGS)}); 15 to 30 of the "
-            f"board serve best, and {MAX_PICTURES} is the maximum"
+            f"--images {folder}: has {len(found)} pictures ({', '.join(ENDINGS)}); 15 to 30 of "
+            f"the board are best, and {MAX_PICTURES} is the maximum"
         )
     return found
 
@@ -108,7 +108,7 @@ def calibrate(paths: Sequence[Path], board: Board) -> Calibration:
             why = "; ".join(f"{name}: {text}" for name, text in left_out.items())
             raise ConfigError(
                 f"{len(views)} of {len(paths)} pictures can be used, at least {MIN_VIEWS} are "
-                f"needed, better 15 with the board in other places and tilts{_listed(why)}"
+                f"needed, preferably 15 with the board in different places and tilts{_listed(why)}"
             )
         found, tilts = _solved(views, board, left_out)
         worst = max(found.used, key=lambda name: found.used[name])
@@ -129,7 +129,7 @@ def _listed(why: str) -> str:
 
 
 def _views(paths: Sequence[Path], board: Board) -> tuple[list[Sighted], dict[str, str]]:
-    """Return the pictures that show the board in other ways, and why each other one is left out."""
+    """Return the pictures with distinct views of the board, and why each other one is left out."""
     views: list[Sighted] = []
     left_out: dict[str, str] = {}
     for path in paths:
@@ -165,7 +165,7 @@ def _similar(one: Floats, other: Floats, width: int) -> bool:
 def _solved(
     views: Sequence[Sighted], board: Board, left_out: dict[str, str]
 ) -> tuple[Calibration, list[float]]:
-    """Return the calibration, and by view the angle in degrees between board and picture."""
+    """Return the calibration, and for each view the angle in degrees between board and picture."""
     points = [board.points.astype(np.float32)] * len(views)
     corners = [view.corners.astype(np.float32)[:, None] for view in views]
     size = views[0].size
@@ -175,7 +175,8 @@ def _solved(
         )
     except cv2.error:
         raise ConfigError(
-            "no camera fits these pictures: is it one camera with one zoom, and a flat board?"
+            "no camera model fits these pictures: are they from one camera with one zoom, and is "
+            "the board flat?"
         ) from None
     tilts = [
         math.degrees(math.acos(min(1.0, abs(float(cv2.Rodrigues(turn)[0][2, 2])))))
@@ -194,10 +195,10 @@ def _solved(
 
 
 def _check(found: Calibration, tilts: Sequence[float], views: Sequence[Sighted]) -> None:
-    """Refuse a calibration that only looks good.
+    """Refuse a calibration that its views do not support.
 
     Raises:
-        ConfigError: the views do not show what is needed.
+        ConfigError: the views are too few, too similar or too inaccurate.
     """
     every = np.concatenate([view.corners for view in views])
     cells = np.floor(3 * every / np.array(views[0].size)).clip(0, 2)
@@ -209,12 +210,12 @@ def _check(found: Calibration, tilts: Sequence[float], views: Sequence[Sighted])
         )
     if max(tilts) < MIN_TILT_DEG:
         raise ConfigError(
-            f"the board was never tilted by more than {max(tilts):.0f} degrees: take pictures with "
-            f"it tilted by 20 to 45 degrees, to all sides"
+            f"the board was never tilted by more than {max(tilts):.0f} degrees: take pictures "
+            f"with it tilted by 20 to 45 degrees in all directions"
         )
     if not found.error_px <= MAX_ERROR_PX:
         raise ConfigError(
-            f"the corners are {found.error_px:.1f} pixels off on average, allowed is "
+            f"the corners are {found.error_px:.1f} pixels off on average, the limit is "
             f"{MAX_ERROR_PX:g}: is the board flat, the picture sharp and the zoom fixed?"
         )
     if not found.camera.focal_error <= MAX_FOCAL_ERROR:
@@ -232,8 +233,8 @@ def pose_of(
     Args:
         gray: (H, W) picture of the board.
         camera: calibrated, for pictures of this shape.
-        board: what is seen.
-        room_from_board: (4, 4) its pose, by the axes of ``Board.points``.
+        board: the board in the picture.
+        room_from_board: (4, 4) its pose, in the axes of ``Board.points``.
 
     Raises:
         ConfigError: the board is not seen, or not well enough.
@@ -251,12 +252,12 @@ def pose_of(
     if not errors[0] <= MAX_POSE_ERROR_PX:
         raise ConfigError(
             f"the board's corners are {errors[0]:.1f} pixels off: is this the calibrated camera, "
-            f"and --square right?"
+            f"and is --square right?"
         )
     if len(errors) > 1 and errors[1] < TWOFOLD * errors[0]:
         raise ConfigError(
-            "the board is too small in the picture for its tilt to be seen: put it nearer, or use "
-            "a larger one"
+            "the board is too small in the picture for its tilt to be seen: move it closer, or "
+            "use a larger one"
         )
     turn, shift = cv2.solvePnPRefineLM(
         board.points, corners, camera.matrix, camera.distortion, turns[0], shifts[0]
@@ -267,7 +268,9 @@ def pose_of(
     matrix = room_from_board @ np.linalg.inv(optical_from_board)
     matrix[:3, :3] = matrix[:3, :3] @ OPTICAL_FROM_REP103
     if np.abs(matrix[:3, 3]).max() > MAX_ROOM_M:
-        raise ConfigError("the camera would be more than 100 m away: --at and --square in metres?")
+        raise ConfigError(
+            "the camera would be more than 100 m away: are --at and --square in metres?"
+        )
     pose = Pose(
         xyz=[round(float(v), 4) + 0.0 for v in matrix[:3, 3]],
         quaternion_xyzw=[round(float(v), 6) + 0.0 for v in quaternion(matrix[:3, :3])],
@@ -280,7 +283,7 @@ def room_from_board(at: Floats, turned_deg: float, upright: bool) -> Floats:
 
     Args:
         turned_deg: direction of its x axis, counter-clockwise from the room's, seen from above.
-        upright: it stands, its top up; otherwise it lies, its face up.
+        upright: the board stands with its top up; otherwise it lies face up.
     """
     cosine, sine = math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg))
     right = np.array([cosine, sine, 0.0])

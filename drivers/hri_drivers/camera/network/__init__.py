@@ -1,1 +1,1 @@
-"""Networks that find people in a picture: BlazePose, and others by a description."""
+"""Networks that find people in a picture: BlazePose, and others through a description file."""

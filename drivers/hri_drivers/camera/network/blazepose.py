@@ -1,7 +1,7 @@
-"""BlazePose (MediaPipe Pose): a detector, then landmarks of each person, who is then followed.
+"""BlazePose (MediaPipe Pose): a detector finds people, then landmarks follow each person.
 
-Landmarks say where the person's square is in the next picture. The detector runs when a person was
-lost, when none is followed, and on every few pictures for people who come.
+The landmarks give the person's square in the next picture. The detector runs when a person was lost
+or no person is followed, and every few pictures to find new people.
 
 V. Bazarevsky et al., "BlazePose: On-device Real-time Body Pose Tracking", arXiv:2006.10204; I.
 Grishchenko et al., "BlazePose GHUM Holistic", arXiv:2206.11678.
@@ -19,10 +19,11 @@ from hri_predict.base.errors import ConfigError
 
 MAX_PEOPLE = 4
 DETECT_EVERY = 3
-"""Pictures from one run of the detector to the next, while all people are followed."""
+"""Number of pictures between two runs of the detector while all people are followed."""
 SAME_PLACE, SAME_SIZE = 0.15, 0.5
-"""Hips nearer than this part of the smaller square's side belong to one person, if that square is
-at least this part of the larger one. Otherwise it is another person, before or behind."""
+"""Two squares show one person if their hips are closer than the first fraction of the smaller
+square's side, and that side is at least the second fraction of the larger one. Otherwise a second
+person stands in front or behind."""
 
 _Followed = tuple[Found, Roi]
 
@@ -112,6 +113,6 @@ def _same(a: Roi, b: Roi) -> bool:
 
 
 def _tensor(crop: UInt8) -> np.ndarray[tuple[int, ...], np.dtype[np.float32]]:
-    """Return a crop, BGR, as the networks take it: (1, S, S, 3) RGB in 0..1."""
+    """Return a crop, BGR, as the networks expect it: (1, S, S, 3) RGB in 0..1."""
     rgb = np.asarray(cv2.cvtColor(crop, cv2.COLOR_BGR2RGB), np.float32)
     return rgb[np.newaxis] / np.float32(255)

@@ -1,4 +1,4 @@
-"""Any network with the joints of COCO-17 or BlazePose-33, by its description."""
+"""Any network with the joints of COCO-17 or BlazePose-33, used through its description."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from hri_predict.base.files import read_yaml
 from hri_predict.base.settings import validated
 
 MAX_CANDIDATES = 200
-"""Number of people of a picture that are searched for duplicates: the most confident ones."""
+"""Number of people in a picture that are checked for duplicates, most confident first."""
 
 
 class DescribedNetwork:
@@ -38,8 +38,8 @@ class DescribedNetwork:
         layout: see ``Finder``.
         has_world: whether it gives landmarks in metres.
         room_for: number of people that the network's output has room for; 0 if that depends on the
-            picture. When all of it is taken there may be more people than were found: of a network
-            that looks for one person, whenever it found one.
+            picture. If the output is full, there may be more people than were found. The output of
+            a network for one person is full as soon as it finds one.
 
     Raises:
         ConfigError: the description or the network is wrong, or they do not fit.
@@ -83,7 +83,7 @@ class DescribedNetwork:
         return Finding(tuple(people[: self._people]), is_whole)
 
     def _outputs(self, crop: UInt8) -> tuple[Floats, Floats, Floats, Floats | None]:
-        """Return what the network says of a square picture: places, scores, people's, metres."""
+        """Return the output for a square picture: places, joint scores, person scores, metres."""
         outputs = self._net.run(self._tensor(crop))
         try:
             if self._about.joints.heatmaps:
@@ -108,8 +108,8 @@ class DescribedNetwork:
         has_score = "score" in values or self._about.people.score is not None
         if not self._about.joints.heatmaps and not has_score:
             raise ConfigError(
-                f"{self._where}: joints.values: without 'score' give people.score: the score says "
-                f"whether a person is there"
+                f"{self._where}: joints.values: without 'score', give people.score: the score "
+                f"decides whether a person is there"
             )
 
     def _square(self, net: Net) -> int:
@@ -119,18 +119,18 @@ class DescribedNetwork:
         channels, sides = (rest[2], rest[:2]) if nhwc else (rest[0], rest[1:])
         if channels not in (3, -1):
             raise ConfigError(
-                f"{self._where}: the network takes {net.shape}, in which the channels are not "
-                f"where input.order {self._about.input.order} has them; set the other order"
+                f"{self._where}: the network takes {net.shape}, which contradicts input.order "
+                f"{self._about.input.order}; set the other order"
             )
         side = self._about.input.side
         fixed = {each for each in sides if each != -1}
         if len(fixed) > 1 or (side is not None and fixed - {side}):
             raise ConfigError(
-                f"{self._where}: the network takes {net.shape}; a square is needed, and "
-                f"input.side must agree with it"
+                f"{self._where}: the network takes {net.shape}; its input must be square and match "
+                f"input.side"
             )
         if not fixed and side is None:
-            raise ConfigError(f"{self._where}: give input.side; the network leaves it open")
+            raise ConfigError(f"{self._where}: give input.side; the network does not define it")
         return int(fixed.pop()) if fixed else int(side or 0)
 
     def _index(self, name: str | None, default: int) -> int:
@@ -174,7 +174,7 @@ class DescribedNetwork:
         return places, np.clip(scores, 0.0, 1.0), people
 
     def _peaks(self, output: Float32) -> tuple[Floats, Floats, Floats]:
-        """Return the highest places of the maps of one person, as ``_rows``."""
+        """Return the positions of the maxima in one person's maps, in the form of ``_rows``."""
         joints = JOINTS[self.layout]
         maps = np.asarray(output, np.float64)[0]
         if self._about.input.order == "nhwc":

@@ -24,7 +24,10 @@ class InputSettings(Settings):
 
     order: Literal["nhwc", "nchw"] = Field("nhwc", description="axes: channels last, or first")
     side: int | None = Field(
-        None, ge=32, le=2048, description="pixels of the square, where the network leaves it open"
+        None,
+        ge=32,
+        le=2048,
+        description="side of the square in pixels, if the network does not define it",
     )
     channels: Literal["rgb", "bgr"] = Field("rgb", description="order of the colours")
     scale: float = Field(255.0, gt=0, description="divisor of the pixel values, 0..255")
@@ -68,10 +71,11 @@ class JointSettings(Settings):
         description="values of each joint, in order; '-': not used",
     )
     units: Literal["pixels", "fraction"] = Field(
-        "pixels", description="unit of x and y: pixels of the network's input, or its share, 0..1"
+        "pixels",
+        description="unit of x and y: pixels of the network's input, or fractions of it, 0..1",
     )
     heatmaps: bool = Field(
-        False, description="the output is a map for each joint; its highest place is the joint"
+        False, description="the output is a map for each joint; the joint is at its maximum"
     )
     logits: bool = Field(False, description="scores are raw: they become 1 / (1 + exp(-score))")
 

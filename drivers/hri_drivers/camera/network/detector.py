@@ -16,13 +16,16 @@ from hri_predict.base.arrays import Floats
 SIDE = 224
 STRIDES = (8, 16, 32, 32, 32)
 PER_CELL = 2
-"""One of the aspect ratio 1.0, and ``interpolated_scale_aspect_ratio``; each of a fixed size."""
+"""One anchor for aspect ratio 1.0, one for ``interpolated_scale_aspect_ratio``; all of fixed
+size."""
 MIN_SCORE, MIN_OVERLAP = 0.3, 0.3
-"""The graph has a score of 0.5. A person who is missed is worse here than another run of the
-landmark network, which decides: a photographer in profile has a score of 0.46, a presence of 0.97.
+"""The graph uses a minimum score of 0.5. Here a missed person is worse than an extra run of the
+landmark network, which makes the decision: a photographer in profile has a score of 0.46 and a
+presence of 0.97.
 """
 MAX_CANDIDATES, MAX_PIXELS = 200, 1e4
-"""The surest anchors count, about ten show each person; and none points farther away than this."""
+"""Maximum number of anchors used, the most confident ones (about ten show each person); and maximum
+distance in pixels of a valid point from its anchor."""
 HIPS, CIRCLE = 0, 1
 """Key points: middle of the hips, and a point on the circle around the whole body."""
 
@@ -97,7 +100,7 @@ def _blended(boxes: Floats, points: Floats, scores: Floats) -> list[Detection]:
 
 
 def _overlap(box: Floats, others: Floats) -> Floats:
-    """Return the intersection over the union of a box (4,) and others (N, 4)."""
+    """Return the intersection over union of a box (4,) and others (N, 4)."""
     low = np.maximum(box[:2], others[:, :2])
     high = np.minimum(box[2:], others[:, 2:])
     common = np.prod(np.clip(high - low, 0.0, None), axis=1)

@@ -32,7 +32,7 @@ class Finding:
 
     Attributes:
         people: the most confident ones, at most as many as the network follows.
-        is_whole: whether ``people`` are all that the network found.
+        is_whole: whether ``people`` contains every person that the network found.
     """
 
     people: tuple[Found, ...]
@@ -40,10 +40,10 @@ class Finding:
 
 
 class Finder(Protocol):
-    """Finds people; it may use what it found in the picture before.
+    """Finds people; it may use its result of the previous picture.
 
     Attributes:
-        layout: name of the joint map of what it finds, a key of ``JOINTS``.
+        layout: name of the joint map of the people, a key of ``JOINTS``.
     """
 
     layout: str
@@ -79,8 +79,8 @@ def distinct(people: list[Found], closer: float = 0.1) -> list[Found]:
 
     Args:
         people: found in one picture.
-        closer: two are one if the median distance of the joints that both show is less than this
-            part of the larger body's extent.
+        closer: two detections are one person if the median distance of the joints that both show is
+            less than this fraction of the larger body's extent.
     """
     kept: list[Found] = []
     for one in sorted(people, key=lambda found: -found.score):

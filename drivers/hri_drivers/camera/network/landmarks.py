@@ -24,7 +24,7 @@ KERNEL, MIN_CONFIDENCE = 7, 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs:
-    """The network's outputs that count.
+    """The outputs of the network that are used.
 
     Attributes:
         points: (39, 5) x, y, z in pixels of the square, raw visibility, raw presence.
@@ -55,12 +55,12 @@ class Outputs:
 
 
 def decode(outputs: Outputs, roi: Roi, picture: UInt8) -> tuple[Found, Roi] | None:
-    """Return the person in a square, and where to look in the next picture.
+    """Return the person in a square, and the square for the next picture.
 
     Args:
         outputs: of the network.
-        roi: the square that it looked at.
-        picture: (H, W, 3), which the square is from.
+        roi: the square that was the network's input.
+        picture: (H, W, 3) that contains the square.
 
     Returns:
         None if no person is there, or the landmarks cannot be those of a body.
@@ -82,7 +82,7 @@ def decode(outputs: Outputs, roi: Roi, picture: UInt8) -> tuple[Found, Roi] | No
 
 
 def refined(points: Floats, heatmap: Floats) -> Floats:
-    """Return points moved to the centre of what the heat map shows around each.
+    """Return points moved to the centroid of the heat map around each.
 
     Args:
         points: (39, 2) in 0..1 of the square.

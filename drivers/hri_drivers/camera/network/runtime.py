@@ -1,4 +1,4 @@
-"""A network of a file, TFLite or ONNX, behind one function."""
+"""A TFLite or ONNX network from a file, behind one function."""
 
 from collections.abc import Callable
 from typing import Any
@@ -35,7 +35,7 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
 
     Args:
         content: of a TFLite or ONNX file.
-        where: names it in errors.
+        where: the name of the network in errors.
         threads: maximum number of threads that compute it.
 
     Raises:
@@ -91,7 +91,7 @@ def _onnx(content: bytes, threads: int) -> Net:
 
 
 def _fixed(shape: list[Any]) -> tuple[int, ...]:
-    """Return a shape with 1 for its batch and -1 for what is left open."""
+    """Return a shape with 1 for its batch and -1 for undefined sizes."""
     known = [size if isinstance(size, int) else -1 for size in shape]
     return (1 if known and known[0] == -1 else known[0], *known[1:]) if known else ()
 

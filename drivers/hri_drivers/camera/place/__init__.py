@@ -1,1 +1,1 @@
-"""The place of the people that a camera sees, in metres."""
+"""Positions in metres of the people that a camera sees."""

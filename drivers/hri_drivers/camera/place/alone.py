@@ -1,16 +1,15 @@
-"""A person's place by one camera without depth: metric landmarks and their pixels.
+"""Locates a person with one camera without depth, from metric landmarks and their pixels.
 
-A network sees a cut-out of the picture and does not know where it was cut. So its landmarks in
-metres are not turned as the camera is, but as a camera would be that looks straight at the
-person: they are turned by the ray to the middle of the hips first. With the rotation known, the
-place t follows from linear least squares: a landmark (X, Y, Z) that is seen along the ray
-(x, y, 1) has X + tx = x (Z + tz) and Y + ty = y (Z + tz). Errors of the landmarks in metres stand
-on the left, where least squares expect them. Outliers lose their weight (P. Huber, "Robust
-Statistics", 1981).
+A network receives a crop of the picture without its position. Its metric landmarks therefore have
+the axes of a camera that looks straight at the person, so they are first rotated according to the
+ray to the middle of the hips. With the rotation known, the position t follows from linear least
+squares: a landmark (X, Y, Z) that is seen along the ray (x, y, 1) has X + tx = x (Z + tz) and Y +
+ty = y (Z + tz). Errors of the landmarks in metres are on the left, where least squares expect them.
+Outliers are down-weighted (P. Huber, "Robust Statistics", 1981).
 
-In one picture a tall person far away looks like a short one near by. The network draws every
+In one picture a tall person far away looks like a short person nearby. The network draws every
 person as an adult of common size, so its landmarks grow or shrink with the person's stature if that
-is known. How the errors were measured: docs/measured/camera-place.md.
+is known. docs/measured/camera-place.md describes how the errors were measured.
 """
 
 import math
@@ -34,19 +33,19 @@ from hri_predict.base.errors import ConfigError
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 1.2, 2.2
 WHOLE_ERROR, PART_ERROR = 0.18, 0.45
-"""99 % bounds of the scale's error where the person's height is known: of a whole body in the
-picture, and of one without shoulders or without ankles, whose size the network cannot see."""
+"""99 % bounds of the scale error if the person's height is known: for a whole body in the picture,
+and for a body without shoulders or ankles, whose size the network cannot see."""
 WHOLE_FROM_M = 2.0, 2.5
-"""Nearer, a whole body is not fully in the picture, whatever the network says."""
+"""At shorter distances the picture cannot contain a whole body, even if the network reports one."""
 BODY_ERROR_M = 0.4
-"""99 % bound of what does not grow with the distance: the joints, and bodies near by."""
+"""99 % bound of the error that does not grow with distance, from joints and nearby bodies."""
 MAX_REACH_M = 3.0
-"""From the hips along one axis; no landmark of a body is farther away."""
+"""Maximum distance of a landmark from the hips along one axis."""
 MIN_JOINTS = 6
 MIN_COSINE = 0.1
-"""Joints are seen within 84 degrees of the middle of the body."""
+"""Cosine of 84 degrees, the maximum angle between a joint and the middle of the body."""
 MAX_MISFIT_M = 0.12
-"""Root mean square of the landmarks' distance from their rays."""
+"""Maximum root mean square of the landmarks' distances from their rays."""
 MAX_ERROR_M = 3.0
 HUBER = 1.345  # 95 % as good as least squares if all errors are normal
 LEAST_MISFIT_M = 0.005
@@ -67,8 +66,8 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     check_height(height_m)
     if seen.world is None:
         raise ConfigError(
-            "this network finds joints in the picture only, which does not say how far away a "
-            "person is: use one with landmarks in metres, a depth camera, or two cameras"
+            "this network finds joints in the picture only, which does not give the distance to a "
+            "person: use one with landmarks in metres, a depth camera, or two cameras"
         )
     used = (
         (seen.visibility >= MIN_VISIBILITY)
@@ -124,7 +123,7 @@ def _toward(ray: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fit:
-    """A body at the place that fits its pixels.
+    """A body at the position that fits its pixels best.
 
     Attributes:
         points: (J, 3) metres, camera.
@@ -140,7 +139,7 @@ def _fitted(body: Floats, rays: Floats, used: Bools, turned: Floats) -> _Fit | U
     """Fit the place of ``body`` (J, 3), metres around its hips, to the ``rays`` (J, 2).
 
     Args:
-        used: (J,) joints that count.
+        used: (J,) which joints to use.
         turned: (3, 3) from the body's axes to the camera's.
     """
     seen_from = np.column_stack([rays, np.ones(len(rays))]) @ turned  # in the body's axes
@@ -159,11 +158,11 @@ def _fitted(body: Floats, rays: Floats, used: Bools, turned: Floats) -> _Fit | U
 
 
 def _stated(fit: _Fit, *, is_whole: bool, other: float) -> float:
-    """Return the radius in metres that holds the error of a place, 99 %.
+    """Return the 99 % bound in metres of a position error.
 
     Args:
         is_whole: shoulders and ankles were seen.
-        other: 99 % bound of the scale's error by camera and stature.
+        other: 99 % bound of the scale error due to camera and stature.
     """
     whole = float(np.interp(fit.distance, WHOLE_FROM_M, (PART_ERROR, WHOLE_ERROR)))
     share = math.hypot(whole if is_whole else PART_ERROR, other)

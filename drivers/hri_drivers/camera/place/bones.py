@@ -26,9 +26,10 @@ SHARES = {
     ("shoulder", "elbow"): 0.186,
     ("elbow", "wrist"): 0.146,
 }
-"""Length of each bone as a share of the stature; each stands on both sides of the body."""
+"""Length of each bone as a fraction of the stature; each exists on both sides of the body."""
 MIN_SHARE = 0.7
-"""Bones that measure a stature have at least this sum of shares: both arms, or a leg and an arm."""
+"""Minimum sum of the fractions of the bones that measure a stature: both arms, or a leg and an
+arm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,7 @@ class Bones:
     ankles: tuple[int, int]
 
     def stature(self, positions: Floats, known: Bools) -> float:
-        """Return the stature in metres by all bones whose ends are known; NaN if too few are.
+        """Return the stature in metres from all bones with known ends; NaN if they are too few.
 
         Args:
             positions: (J, 3) metres, in any axes.
@@ -85,7 +86,7 @@ def bones_of(layout: str) -> Bones:
         )
     except ValueError:
         raise ConfigError(
-            f"joint map '{layout}': no hips, knees, shoulders or elbows by the names of "
-            f"mediapipe33 and coco17; use one of these"
+            f"joint map '{layout}': no hips, knees, shoulders or elbows under the names of "
+            f"mediapipe33 and coco17; use one of these maps"
         ) from None
     return Bones(np.array(ends), np.array([*SHARES.values()] * 2), hips, shoulders, ankles)

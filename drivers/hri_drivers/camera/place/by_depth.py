@@ -1,8 +1,9 @@
-"""A person's place by a depth picture: the depth at each joint's pixel.
+"""Locates a person with a depth picture, from the depth at each joint's pixel.
 
-A pixel at the edge of a limb may show the wall behind it, so the nearer surface of a small patch
-counts. What stands before the person then lies on the way to the joint, and is found by the bones:
-a joint farther from its neighbours than a bone can be was not measured.
+A pixel at the edge of a limb may show the wall behind it, so the nearest surface of a small patch
+is used. An object in front of the person is then measured instead of the joint. The bone lengths
+reveal this: a joint farther from its neighbours than a bone's maximum length counts as not
+measured.
 """
 
 import math
@@ -27,13 +28,13 @@ from hri_predict.base.errors import ConfigError
 PATCH = 0.006
 """Half the side of a patch, as a share of the focal length: 2 cm on a person 3 m away."""
 SHORTEST_M = 0.15
-"""Depth cameras measure nothing nearer."""
+"""Minimum distance that depth cameras measure."""
 MIN_VALID = 0.3
 """A patch with a smaller share of measured pixels has no depth."""
 NEAR_SHARE = 0.1
-"""The nearer surface covers at least this share of a patch; less are pixels between surfaces."""
+"""Minimum fraction of a patch that the nearest surface covers; less are pixels between surfaces."""
 THICK_M = 0.12
-"""Depths of one surface within a patch."""
+"""Maximum range of depths of one surface within a patch."""
 SKIN_M = 0.06
 """Distance from the skin, which is measured, to the joint; more at the trunk, less at wrists."""
 MAX_STATURE_M = 2.1
@@ -94,7 +95,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
 
 
 def read_depth(path: Path) -> Float32:
-    """Return a depth picture from a PNG of 16 bits and one channel, millimetres; NaN where it is 0.
+    """Return a depth picture from a 16-bit PNG with one channel in millimetres; NaN where it is 0.
 
     Raises:
         ConfigError: the file is missing, or is not such a picture.
@@ -106,14 +107,14 @@ def read_depth(path: Path) -> Float32:
         raise ConfigError(f"{path}: not a picture")
     if data.dtype != np.uint16 or data.ndim != 2:
         raise ConfigError(
-            f"{path}: not a depth picture; a PNG of 16 bits and one channel, in millimetres, is"
+            f"{path}: not a depth picture; expected a 16-bit PNG with one channel, in millimetres"
         )
     metres = data.astype(np.float32) * np.float32(0.001)
     return np.where(metres > 0, metres, np.float32(np.nan))
 
 
 def _patch(depth: Float32, pixel: Floats, radius: int) -> Floats:
-    """Return the depths around a pixel of the picture, flat."""
+    """Return the depths around a pixel of the picture as a flat array."""
     x, y = (round(float(v)) for v in pixel)
     part = depth[max(y - radius, 0) : y + radius + 1, max(x - radius, 0) : x + radius + 1]
     return part.astype(np.float64).ravel()
@@ -133,9 +134,9 @@ def _surface(values: Floats) -> float:
 
 
 def _whole(points: Floats, known: Bools, bones: Bones) -> Bools:
-    """Return the joints that are left when no bone is longer than a bone can be.
+    """Return the joints that remain once no bone is longer than possible.
 
-    Of a bone that is too long, the end is dropped whose depth differs more from the body's.
+    If a bone is too long, the end with the larger depth difference from the body is dropped.
     """
     known = known.copy()
     longest = bones.shares * MAX_STATURE_M * LOOSE

@@ -1,7 +1,8 @@
 """A camera's geometry: intrinsics, distortion and its pose in the room, and ``camera.yaml``.
 
-A camera's own axes are x to the right, y down, z away from it. Its pose in the room is that of the
-axes of REP-103 (x away from it, y left, z up), as of every other source: ``room_from_source``.
+A camera's own axes are x to the right, y down, z away from it. Its pose in the room,
+``room_from_source``, uses the axes of REP-103 (x away from it, y left, z up), as for every other
+source.
 
 The distortion is OpenCV's: k1, k2, p1, p2, k3, k4, k5, k6 (OpenCV documentation, "Camera
 Calibration and 3D Reconstruction").
@@ -23,12 +24,12 @@ from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.settings import Pose, Settings, validated
 
 FIELD_OF_VIEW_DEG = 64.0
-"""Assumed horizontally of a webcam that is not known. Data sheets have 50 to 80 degrees for most
-webcams and laptops; the focal length of 64 is the geometric mean of theirs."""
+"""Horizontal field of view assumed for an unknown webcam. Data sheets have 50 to 80 degrees for
+most webcams and laptops; the focal length of 64 is the geometric mean of theirs."""
 GUESSED_FOCAL_ERROR = 0.36
-"""From 64 degrees to 50 the focal length rises by 34 %, to 80 it falls by 26 %."""
+"""The focal length for 50 degrees is 34 % larger than for 64, for 80 degrees 26 % smaller."""
 STATED_FOCAL_ERROR = 0.06
-"""For a data sheet's horizontal angle, which may be wrong by 3 degrees at 70."""
+"""For a horizontal angle from a data sheet, which may be wrong by 3 degrees at 70."""
 MIN_VIEW_DEG, MAX_VIEW_DEG = 10.0, 120.0  # a wider lens needs the model of a fisheye
 OPTICAL_FROM_REP103 = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """(3, 3) from x forward, y left, z up to the camera's own axes."""
@@ -42,10 +43,10 @@ class Camera:
 
     Attributes:
         matrix: (3, 3) intrinsics, pixels.
-        size: width and height of the pictures that they are of, pixels.
+        size: width and height in pixels of the pictures to which they apply.
         distortion: (5,) k1, k2, p1, p2, k3; or (8,), with k4, k5, k6.
         focal_error: the focal length is known within this fraction, in 99 % of cameras.
-        pose: of the camera's axes by REP-103 in the room; None if not known.
+        pose: pose in the room of the camera's REP-103 axes; None if not known.
     """
 
     matrix: Floats
@@ -79,14 +80,14 @@ class Camera:
         return np.where((wrong < _UNDISTORTED_WITHIN)[..., None], ideal, np.nan)
 
     def project(self, points: Floats) -> Floats:
-        """Return the pixels (..., 2) of ``points`` (..., 3), camera axes; NaN unless in front."""
+        """Return the pixels (..., 2) of ``points`` (..., 3), camera axes; NaN if not in front."""
         depth = np.where(points[..., 2:] > 1e-6, points[..., 2:], np.nan)
         flat = _distort(points[..., :2] / depth, self.distortion)
         pixels: Floats = flat * self.matrix[[0, 1], [0, 1]] + self.matrix[:2, 2]
         return pixels
 
     def inside(self, pixels: Floats) -> Bools:
-        """Return (...,) which ``pixels`` (..., 2) lie in the picture; never one that is NaN."""
+        """Return (...,) which ``pixels`` (..., 2) are in the picture; false for NaN."""
         return np.asarray(((pixels >= 0) & (pixels <= np.asarray(self.size) - 1)).all(axis=-1))
 
     def of_size(self, width: int, height: int) -> "Camera":
@@ -100,7 +101,7 @@ class Camera:
             raise ConfigError(
                 f"the camera was calibrated with pictures of {self.size[0]} x {self.size[1]}, and "
                 f"these are {width} x {height}: give --size {self.size[0]}x{self.size[1]} if the "
-                f"camera has that size, or calibrate again with pictures of this size"
+                f"camera supports that size, or calibrate again with pictures of this size"
             )
         matrix = self.matrix.copy()
         matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5  # pixel centres are whole numbers
@@ -124,10 +125,10 @@ class Camera:
 
 
 def guessed_camera(width: int, height: int, field_of_view_deg: float | None = None) -> Camera:
-    """Return a camera without distortion, of a horizontal field of view; None: not known.
+    """Return a camera without distortion with this horizontal field of view; None: not known.
 
     Raises:
-        ConfigError: the field of view is not that of a camera for which this holds.
+        ConfigError: the field of view is outside the range of this camera model.
     """
     degrees = FIELD_OF_VIEW_DEG if field_of_view_deg is None else field_of_view_deg
     if not MIN_VIEW_DEG <= degrees <= MAX_VIEW_DEG:
@@ -158,7 +159,10 @@ class CameraFile(Settings):
         list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=5, max_length=5)
     ] = Field([0.0] * 5, description="k1, k2, p1, p2, k3 as OpenCV has them")
     focal_error: float = Field(
-        GUESSED_FOCAL_ERROR, gt=0, le=1, description="99 % bound of the focal length's error, share"
+        GUESSED_FOCAL_ERROR,
+        gt=0,
+        le=1,
+        description="99 % bound of the focal length's error, as a fraction",
     )
     room_from_source: Pose | None = Field(None, description="pose of the camera in the room")
 

@@ -1,11 +1,11 @@
-"""A person's place by a camera, or why it is not known."""
+"""A person's position from a camera, or why it is not known."""
 
 from dataclasses import dataclass
 
 from hri_predict.base.arrays import Bools, Floats
 
 MIN_VISIBILITY = 0.5
-"""A joint with less is not observed."""
+"""Minimum visibility of an observed joint."""
 NEAREST_M, FARTHEST_M = 0.5, 15.0
 """Distances at which a camera can place a person."""
 SIGMAS_99 = 2.58
@@ -17,10 +17,10 @@ class Placed:
     """A person's joints in metres.
 
     Attributes:
-        positions: (J, 3) metres in the camera's own axes (x right, y down, z away from it); of
-            several cameras, in the first one's. NaN where not observed.
+        positions: (J, 3) metres in the camera's own axes (x right, y down, z away from it); for
+            several cameras, in the first camera's axes. NaN where not observed.
         observed: (J,) which joints were observed.
-        error_m: radius in metres that holds the error common to all joints, 99 %.
+        error_m: 99 % bound in metres of the error common to all joints.
     """
 
     positions: Floats
@@ -30,10 +30,10 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class Unplaced:
-    """A person who is seen, and whose place is not known: never a reason to call a room empty.
+    """A person who is seen, but whose position is unknown; the room is not empty.
 
     Attributes:
-        why: one of a few texts, so that they can be counted.
+        why: one of a few fixed texts, so that occurrences can be counted.
     """
 
     why: str

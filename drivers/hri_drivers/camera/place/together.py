@@ -1,13 +1,11 @@
-"""A person's place by two or more cameras whose poses in the room are known: triangulation.
+"""Locates a person with two or more cameras at known poses in the room, by triangulation.
 
-Each joint is the point nearest to its rays, by linear least squares, and once again with each ray
-weighted by the inverse square of its distance, which makes the errors those of angles (the
-midpoint method and its correction: R. Hartley and P. Sturm, "Triangulation", Computer Vision and
-Image Understanding 68(2), 1997). A joint whose rays pass each other is not observed.
-
-People are matched between cameras by how well their rays meet, and by whether the body that comes
-out is of a person's size: two people of equal height beside each other also give two bodies that
-are not there.
+Each joint is the point nearest to its rays, found by linear least squares. A second pass weights
+each ray by the inverse square of its distance, which minimizes angular errors (the midpoint method
+and its correction: R. Hartley and P. Sturm, "Triangulation", Computer Vision and Image
+Understanding 68(2), 1997). A joint whose rays miss each other is not observed. People are matched
+between cameras by how well their rays meet, and by whether the resulting body has a person's size:
+two people of equal height next to each other also produce two false bodies.
 """
 
 import itertools
@@ -33,18 +31,20 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.base.geometry import norm, transform
 
 APART_NS = 20_000_000
-"""Exposures farther apart are not of one moment: a person walks 3 cm in this time."""
+"""Maximum time between simultaneous exposures: a person walks 3 cm in it."""
 WALK_M_S = 1.6
 DISAGREE_M = 0.1
-"""A joint is this near to each of its rays. Networks see it up to some centimetres apart."""
+"""Maximum distance of a joint from each of its rays. Networks differ by up to some centimetres."""
 MIN_PARALLAX_DEG = 5.0
-"""Rays nearer to parallel do not say how far away their point is."""
+"""Minimum angle between rays; more parallel rays do not determine the distance of their point."""
 MIN_JOINTS = 6
 MIN_STATURE_M, MAX_STATURE_M = 1.1, 2.3
 RIVAL, RIVAL_M = 2.0, 0.01
-"""A match is ambiguous if another one misses by at most this factor, plus this distance, more."""
+"""A match is ambiguous if a rival's miss is less than this factor times its own plus this
+distance."""
 LANDMARK_ERROR_M = 0.25
-"""99 % bound of the error that all cameras share: the network's joints are not those of a body."""
+"""99 % bound of the error that all cameras share: the network's joints differ from those of the
+body."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ class _Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
-    """One person as one camera sees him.
+    """One person in the view of one camera.
 
     Attributes:
         origin: (3,) the camera, room.
@@ -107,14 +107,14 @@ class _Rays:
 
 
 _Pair = tuple[tuple[int, int], tuple[int, int]]
-"""Two people, each by view and index in it."""
+"""Two people, each as a view and an index in it."""
 
 
 def place_together(views: Sequence[View]) -> tuple[Together, ...]:
-    """Place all people of pictures that were taken at one moment; each appears exactly once.
+    """Place all people of simultaneous pictures; each appears exactly once.
 
     Raises:
-        ConfigError: fewer than two cameras, one without a pose, or networks of several layouts.
+        ConfigError: fewer than two cameras, one without a pose, or networks with different layouts.
     """
     if len(views) < 2:
         raise ConfigError("two or more cameras are needed to triangulate; one is given")
@@ -159,7 +159,7 @@ def _rays(seen: Seen, camera: Camera, to_room: Floats) -> _Rays:
 def _groups(
     views: Sequence[View], rays: Sequence[Sequence[_Rays]]
 ) -> list[tuple[dict[int, int], str]]:
-    """Return each person as view -> index in it, and why he cannot be placed, or ``""``."""
+    """Return each person as view -> index in it, and why the person cannot be placed, or ``""``."""
     costs = {
         ((v, i), (w, j)): cost
         for v, w in itertools.combinations(range(len(views)), 2)
@@ -190,13 +190,13 @@ def _groups(
 
 
 def _rival(pair: _Pair, accepted: _Pair) -> bool:
-    """Whether a pair has one end of another, and its other end in the same view."""
+    """Whether a pair shares a person with the accepted pair and connects the same views."""
     (a, b), (c, d) = pair, accepted
     return (a == c and b[0] == d[0]) or (b == d and a[0] == c[0])
 
 
 def _cost(rays: Sequence[_Rays]) -> float:
-    """Return how badly the rays of a body meet, in metres; infinite if they are not of one."""
+    """Return the miss distance of a body's rays, in metres; infinite if they do not form a body."""
     body = _triangulate(rays)
     met = np.isfinite(body.misses)
     if np.count_nonzero(met) < MIN_JOINTS:

@@ -1,4 +1,4 @@
-"""Reports of SocketCAN about the bus: error frames, and the state in the kernel.
+"""SocketCAN's reports about the bus: error frames, and the state in the kernel.
 
 Source: Linux, include/uapi/linux/can/error.h (error classes in the identifier, details in the
 data), and drivers/net/can/dev/dev.c: in bus-off a controller has no carrier until it restarts.
@@ -24,9 +24,9 @@ CRTL_ACTIVE = 0x40
 SYSFS = Path("/sys/class/net")
 
 BUS_OFF = (
-    "bus-off: too many errors, the CAN controller has left the bus; check bit rate, wiring and "
-    "termination; it restarts by itself only if restart-ms is set, else run: "
-    "ip link set {channel} type can restart"
+    "bus-off: after too many errors the CAN controller has left the bus; check bit rate, wiring "
+    "and termination; it restarts by itself only if restart-ms is set, else run: ip link set "
+    "{channel} type can restart"
 )
 DOWN = "the device is down; bring it up: ip link set {channel} up"
 
@@ -49,10 +49,10 @@ class BusHealth:
     _told: str | None = field(default=None, repr=False)
 
     def feed(self, classes: int, data: bytes) -> str | None:
-        """Take an error frame of SocketCAN; return one line if it reports a new problem.
+        """Process an error frame from SocketCAN; return one line if it reports a new problem.
 
         The same problem is reported once, until the controller is error-active again: some devices
-        report every single error, and send frames by the thousand.
+        report every single error in thousands of frames.
 
         Args:
             classes: the identifier, a set of error classes.
@@ -98,7 +98,7 @@ class BusHealth:
 
 
 def why_not_on_bus(channel: str) -> str | None:
-    """Why a SocketCAN device is off the bus; ``None`` if it is on the bus, or if this is unknown.
+    """The reason why a SocketCAN device is off the bus; ``None`` if it is on, or unknown.
 
     A socket opens even on a device that is down or in bus-off, and then receives nothing.
     """

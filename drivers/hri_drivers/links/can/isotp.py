@@ -1,7 +1,8 @@
-"""Zone and Pose over classic CAN by ISO-TP (ISO 15765-2:2016), to one peer.
+"""Zone and Pose over classic CAN with ISO-TP (ISO 15765-2:2016), to one peer.
 
 The library can-isotp segments the messages. The link writes each frame when the wire is free and no
-urgent message waits. So an Advice never waits for a segmented message, only for one frame.
+urgent message waits. An Advice therefore waits for one frame at most, never for a whole segmented
+message.
 """
 
 import logging
@@ -47,7 +48,7 @@ def isotp_bits(message: Message, extended: bool) -> WireBits:
 class IsoTpTransfer:
     """Sends one segmented message at a time to one peer.
 
-    The link's reading thread calls ``feed``, its writing thread everything else.
+    The link's reading thread calls ``feed``; its writing thread calls all other methods.
 
     Args:
         own_id: id of our segments.
@@ -56,7 +57,7 @@ class IsoTpTransfer:
 
     Attributes:
         active: whether segments of a message remain to be sent.
-        own: remembers the segments, where set.
+        own: records the segments that were sent, if set.
 
     Raises:
         LinkError: can-isotp is not installed.
@@ -81,7 +82,7 @@ class IsoTpTransfer:
         )
 
     def feed(self, frame: CanFrame) -> bool:
-        """Take a frame from the bus; ``False`` if it is not the peer's."""
+        """Process a frame from the bus; ``False`` if it is not from the peer."""
         if (frame.arbitration_id, frame.extended, frame.fd) != (
             self.peer_id,
             self._extended,
@@ -93,7 +94,7 @@ class IsoTpTransfer:
         return True
 
     def begin(self, payload: bytes, now_ns: int) -> None:
-        """Start a message; forget answers to earlier ones."""
+        """Start a message; discard answers to earlier ones."""
         self._answers.clear()
         self._failure = None
         self._began_ns = now_ns
@@ -101,14 +102,14 @@ class IsoTpTransfer:
         self.active = True
 
     def frames(self, now_ns: int) -> list[CanFrame]:
-        """Return the frames that the peer lets us send now, in order.
+        """Return the frames that the peer permits us to send now, in order.
 
         Raises:
             ValueError: the peer does not answer or refuses the message; the message is dropped.
         """
         self._layer.process()
         if self._layer.transmitting() and now_ns - self._began_ns > TRANSFER_LIMIT_NS:
-            self._failure = "it did not let the message pass within a second"
+            self._failure = "it did not accept the whole message within a second"
         if self._failure is not None:
             failure = self._failure
             self.stop()
@@ -120,7 +121,7 @@ class IsoTpTransfer:
         return frames
 
     def patience_s(self) -> float | None:
-        """Return the maximum sleep of the link; ``None`` if no message is under way."""
+        """Return the maximum sleep of the link; ``None`` if no message is in transit."""
         if not self.active:
             return None
         delay = self._layer.next_cf_delay()
@@ -151,15 +152,14 @@ class IsoTpTransfer:
 _FAILURES = {
     "FlowControlTimeoutError": "it sent no flow control within a second",
     "OverflowError": "it has no room for the message",
-    "MaximumWaitFrameReachedError": "it asked to wait too often",
+    "MaximumWaitFrameReachedError": "it requested too many waits",
 }
 
 
 class IsoTpBulk(Bulk[CanFrame]):
-    """Whole Zones and Poses, one after the other, as fast as peer, wire and budget allow.
-
-    A peer that refuses or does not answer is asked again after a wait that doubles with each
-    failure (``BackOff``): it must not fill the bus with questions.
+    """Whole Zones and Poses, one after the other, as fast as peer, wire and budget allow. A peer
+    that refuses or does not answer is tried again after a wait that doubles with each failure
+    (``BackOff``), so that retries do not fill the bus.
     """
 
     def __init__(
@@ -179,11 +179,11 @@ class IsoTpBulk(Bulk[CanFrame]):
 
     @property
     def waiting(self) -> bool:
-        """Also true during a transfer: the peer may answer before the wire is free."""
+        """Return true during a transfer, too: the peer may answer before the wire is free."""
         return self._transfer.active or super().waiting
 
     def patience_s(self) -> float | None:
-        """Until the next segment may go, at most."""
+        """Return the maximum time until the next segment may be sent."""
         return self._transfer.patience_s()
 
     def next(self, now_ns: int) -> CanFrame | None:
@@ -221,7 +221,7 @@ class IsoTpBulk(Bulk[CanFrame]):
 
 
 class IsoTpReceiver(CanReceiver):
-    """A receiver of classic CAN that also listens to Zone and Pose by ISO-TP; it never answers.
+    """A receiver for classic CAN that also receives Zone and Pose over ISO-TP; it never answers.
 
     Args:
         base_id, extended: as for ``CanReceiver``.
@@ -247,17 +247,17 @@ class IsoTpReceiver(CanReceiver):
         )
 
     def count_in(self, counters: ReceiveCounters) -> None:
-        """Count in these, which another receiver of the same link has."""
+        """Use these counters, which another receiver of the same link also uses."""
         self.counters = self._packets.counters = counters
 
     def reset(self) -> None:
-        """Forget sequences and incomplete messages; counters stay."""
+        """Discard sequences and incomplete messages; keep the counters."""
         super().reset()
         self._packets.reset()
         self._layer.reset()
 
     def feed(self, frame: CanFrame) -> list[Message]:
-        """Take one frame from the bus; return the message that it completes, if it is fresh."""
+        """Process one frame from the bus; return the message that it completes, if fresh."""
         mine = (frame.arbitration_id, frame.extended, frame.fd)
         if mine != (self._own_id, self._extended, False):
             return super().feed(frame)
@@ -287,7 +287,7 @@ def _layer(
     """can-isotp's state machine, without threads; it only listens if ``own_id`` is ``None``.
 
     can-isotp's timers run on real time. ``TRANSFER_LIMIT_NS`` on the node's clock is shorter and
-    decides; only the peer's pause between segments runs on can-isotp's timer.
+    takes precedence; only the peer's pause between segments uses can-isotp's timer.
     """
     isotp = _isotp()
     mode = isotp.AddressingMode.Normal_29bits if extended else isotp.AddressingMode.Normal_11bits

@@ -40,7 +40,7 @@ class CanCodec:
         transport: its error counts are copied, if it has any.
 
     Attributes:
-        transfer: takes the ISO-TP peer's frames; ``None`` without ISO-TP.
+        transfer: receives the ISO-TP peer's frames; ``None`` without ISO-TP.
     """
 
     def __init__(self, settings: CanLinkSettings, transport: object = None) -> None:
@@ -56,7 +56,7 @@ class CanCodec:
         self._others: IsoTpReceiver | None = None  # puts another node's segments together
 
     def watch(self, own: OwnFrames) -> None:
-        """See ``Codec``. A link that only listens has no ids of its own."""
+        """See ``Codec``. A listen-only link has no ids of its own."""
         if self._settings.listen_only:
             return
         self._sender.own = self._receiver.own = self._own = own
@@ -67,7 +67,7 @@ class CanCodec:
             self._others.count_in(self._receiver.counters)
 
     def carries(self, message: Message) -> bool:
-        """Classic CAN carries Zone and Pose only by ISO-TP; a listen-only link carries nothing."""
+        """Zone and Pose need ISO-TP on classic CAN; a listen-only link carries nothing."""
         if self._settings.listen_only:
             return False
         if isinstance(message, BULK) and self.transfer is not None:
@@ -88,7 +88,7 @@ class CanCodec:
         return self._receiver.feed(unit)
 
     def _hear_segment(self, unit: CanFrame, own: OwnFrames) -> None:
-        """Judge a segment with our id: one alone has no CRC, so only a whole message counts."""
+        """Check a segment with our id: it has no CRC, so only a whole message counts."""
         if self._others is not None and not own.came_back(unit):
             own.foreign += len(self._others.feed(unit))
 
@@ -99,13 +99,13 @@ class CanCodec:
         return s.isotp is not None and (unit.arbitration_id, unit.extended) == ours
 
     def reset(self) -> None:
-        """Forget incomplete messages."""
+        """Discard incomplete messages."""
         self._receiver.reset()
         if self._others is not None:
             self._others.reset()
 
     def count(self, counters: LinkCounters) -> None:
-        """Copy the receiver's counts, and the transport's if it has any."""
+        """Copy the receiver's counts, and those of the transport if it has any."""
         no_frames = int(getattr(self._transport, "malformed", 0))
         copy_counts(self._receiver.counters, counters, no_frames)
         health = getattr(self._transport, "health", None)
@@ -246,7 +246,7 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
         """Refuse links that would disturb each other on one bus.
 
         Raises:
-            ConfigError: names both, and what to change.
+            ConfigError: the message names both and the necessary change.
         """
         check_together(links)
 
@@ -259,5 +259,5 @@ class CanLink(ConfiguredLink[CanLinkSettings, CanFrame]):
 
 
 def _device(wire: Transport[CanFrame]) -> object:
-    """The transport beneath injected faults."""
+    """The transport that a fault injector wraps."""
     return getattr(wire, "device", wire)

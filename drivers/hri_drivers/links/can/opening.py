@@ -1,7 +1,7 @@
-"""Opens a bus of python-can in bounded time, and says why one does not open.
+"""Opens a bus of python-can in bounded time, and reports why a bus does not open.
 
-python-can opens some interfaces with calls that wait for ever: a socketcand server that accepts a
-connection and says nothing, or a host that drops what it is sent.
+For some interfaces python-can uses calls that can wait forever, for example if a socketcand server
+accepts a connection and sends nothing, or if a host drops all packets.
 """
 
 import contextlib
@@ -18,20 +18,20 @@ from hri_drivers.links.can.packages import missing_driver
 from hri_drivers.wires.serial import open_remedy
 
 OPEN_S = 8.0
-"""Longest time that an interface may take to open: the slowest here, slcan, waits two seconds."""
+"""Maximum time for opening an interface: the slowest one here, slcan, waits two seconds."""
 
 REACH_S = 4.0
-"""Longest time that a server may take to accept a connection: three tries of TCP."""
+"""Maximum time for a server to accept a connection: three attempts of TCP."""
 
 
 def open_limit_s(options: Mapping[str, Any]) -> float:
-    """Longest time that an interface with these options may take to open, in seconds."""
+    """Maximum time in seconds for opening an interface with these options."""
     asked = options.get("sleep_after_open", 0.0)  # slcan: until the adapter has booted
     return OPEN_S + (float(asked) if isinstance(asked, int | float) else 0.0)
 
 
 def open_bus(interface: str, channel: str, arguments: Mapping[str, Any]) -> can.BusABC:
-    """Open a bus; what it holds is closed under it when its time is over.
+    """Open a bus; after a timeout its sockets and ports are closed.
 
     Raises:
         TimeoutError: it took longer than ``open_limit_s``.
@@ -67,7 +67,7 @@ def open_bus(interface: str, channel: str, arguments: Mapping[str, Any]) -> can.
 
 
 def _demand_server(arguments: Mapping[str, Any]) -> None:
-    """Try a server first: python-can would try it ten seconds long without a pause.
+    """Try to reach a server first: python-can would retry for ten seconds without a pause.
 
     Raises:
         OSError: it cannot be reached.
@@ -78,7 +78,7 @@ def _demand_server(arguments: Mapping[str, Any]) -> None:
 
 
 def _cut(bus: object) -> None:
-    """Close every socket and port of a bus, so that a call that waits on one of them ends."""
+    """Close every socket and port of a bus, so that a call that waits on one of them returns."""
     for held in list(vars(bus).values()):
         with contextlib.suppress(Exception):
             if isinstance(held, socket.socket):
@@ -90,14 +90,14 @@ def _cut(bus: object) -> None:
 
 
 def causes(error: BaseException | None) -> Iterator[BaseException]:
-    """An error, and what caused it, back to the first."""
+    """An error and its causes, back to the first."""
     while error is not None:
         yield error
         error = error.__cause__
 
 
 def remedy(error: Exception, interface: str) -> str:
-    """Why an interface does not open, and the remedy."""
+    """The reason why an interface does not open, and the remedy."""
     chain = list(causes(error))
     number = next((e.errno for e in chain if isinstance(e, OSError) and e.errno), None)
     text = first_line(error)
@@ -105,8 +105,8 @@ def remedy(error: Exception, interface: str) -> str:
         return "connection refused; start the server there, or correct 'host' and 'port'"
     if isinstance(error, TimeoutError):
         return (
-            f"does not open ({text}): it accepts, but says nothing, or cannot be reached; restart "
-            f"the server or adapter, or correct 'channel' or 'options'"
+            f"does not open ({text}): it accepts connections but sends nothing, or cannot be "
+            f"reached; restart the server or adapter, or correct 'channel' or 'options'"
         )
     if (missing := missing_driver(interface, chain)) is not None:
         return missing

@@ -13,7 +13,7 @@ from can.interfaces import BACKENDS
 from hri_predict.base.errors import LinkError
 
 _KERNEL = "or use interface socketcan: Linux has a driver for these adapters"
-_WINDOWS = "which there is for Windows alone; choose another interface"
+_WINDOWS = "which exists for Windows only; choose another interface"
 _NEEDS = {
     "canalystii": "the package canalystii; install it with: pip install 'python-can[canalystii]'",
     "cantact": "the package cantact; install it with: pip install 'python-can[cantact]'",
@@ -31,18 +31,18 @@ _NEEDS = {
     "usb2can": f"8devices's library, {_WINDOWS}",
     "vector": f"Vector's XL Driver Library, {_WINDOWS}",
 }
-"""Driver, library or package of each interface that python-can does not bring itself."""
+"""Driver, library or package of each interface that python-can does not include."""
 
 
 def demand_packages(name: str, interface: str) -> None:
-    """Refuse a link whose interface lacks a package or library here.
+    """Refuse a link if this machine lacks a package or library of its interface.
 
     Args:
         name: the link's name.
         interface: python-can's name.
 
     Raises:
-        LinkError: names the link, what is missing and the remedy.
+        LinkError: the message names the link, the missing part and the remedy.
     """
     where = f"link '{name}': CAN interface {interface}"
     # python-can imports this one lazily: it would be missed only when the bus opens
@@ -58,7 +58,7 @@ def demand_packages(name: str, interface: str) -> None:
 
 
 def missing_driver(interface: str, chain: Iterable[BaseException]) -> str | None:
-    """Return the missing package and the remedy, if that is why a bus did not open.
+    """Return the missing package and the remedy, if a missing package kept a bus from opening.
 
     Args:
         interface: python-can's name.
@@ -90,7 +90,7 @@ def _missing(interface: str, error: BaseException | None = None) -> str:
 
 
 def _lacks_library(interface: str) -> bool:
-    """Whether a library is absent that python-can loads only to open the bus, on Linux."""
+    """Whether a library is missing that python-can, on Linux, loads only to open the bus."""
     if not sys.platform.startswith("linux"):
         return False
     if interface == "pcan":

@@ -26,15 +26,15 @@ from hri_predict.protocol.definition import frame_table
 from hri_predict.protocol.wire import LinkKind, classic_bits, wire_bits
 
 OWN_ARGUMENTS = ("interface", "bustype", "channel", "bitrate", "fd", "data_bitrate")
-"""Arguments of python-can's bus that have their own key here; the link's load depends on them."""
+"""Arguments of python-can's bus with a separate key here; the link's load depends on them."""
 
 
 MAX_ID = 0x1FFF_FFFF
-"""29 bits; with 11 bits the ids are checked again."""
+"""Maximum id with 29 bits; ids with 11 bits get a further check."""
 
 
 class IsoTpSettings(Settings):
-    """``isotp:`` of a CAN link: the peer that takes Zone and Pose on classic CAN."""
+    """``isotp:`` of a CAN link: the peer that receives Zone and Pose on classic CAN."""
 
     peer_id: int = Field(ge=0, le=MAX_ID, description="id of the peer's flow control frames")
     id: int | None = Field(
@@ -61,14 +61,14 @@ class CanLinkSettings(ConfiguredLinkSettings):
         le=1_000_000,
         description="bit rate of the bus; with FD, of its arbitration phase",
     )
-    fd: bool = Field(False, description="CAN FD; it carries Zone and Pose without ISO-TP")
+    fd: bool = Field(False, description="CAN FD, which carries Zone and Pose without ISO-TP")
     data_bitrate: int = Field(
         2_000_000, ge=10_000, le=12_000_000, description="with FD, bit rate of the data phase"
     )
     base_id: int = Field(DEFAULT_BASE_ID, ge=0, le=MAX_ID, description="id of our first frame")
     extended: bool = Field(False, description="29-bit ids")
     isotp: IsoTpSettings | None = Field(
-        None, description="classic CAN: Zone and Pose by ISO-TP, to one peer"
+        None, description="classic CAN: Zone and Pose over ISO-TP, to one peer"
     )
     listen_only: bool = Field(
         False, description="receive from the controller; send nothing, not even acknowledge bits"
@@ -93,7 +93,9 @@ class CanLinkSettings(ConfiguredLinkSettings):
                 own = "interface" if key == "bustype" else key
                 raise ValueError(f"options.{key}: set the link's own '{own}' instead")
         if self.options.get("receive_own_messages"):
-            raise ValueError("options.receive_own_messages: a link must not hear itself; remove it")
+            raise ValueError(
+                "options.receive_own_messages: a link must not receive its own frames; remove it"
+            )
         if self.channel is None and self.simulate is None:
             raise ValueError("give 'channel' (such as can0 or /dev/ttyACM0), or 'simulate'")
         if self.channel is not None and self.interface == "slcan":
@@ -155,12 +157,12 @@ class CanLinkSettings(ConfiguredLinkSettings):
 
     @property
     def heard_ids(self) -> list[int]:
-        """All ids that a listener on this link wants to receive, ascending."""
+        """All ids that a listener on this link receives, ascending."""
         return sorted({*self.ids, self.isotp_id}) if self.hears_isotp else self.ids
 
     @property
     def hears_isotp(self) -> bool:
-        """Whether Zone and Pose may arrive by ISO-TP."""
+        """Whether Zone and Pose may arrive over ISO-TP."""
         return not self.fd
 
     @property
@@ -174,7 +176,7 @@ class CanLinkSettings(ConfiguredLinkSettings):
 
     @property
     def blocking_s(self) -> float:
-        """Time of the longest frame; with Zone and Pose, plus the time written ahead."""
+        """Time of the longest frame; with Zone and Pose, plus that of the bytes written ahead."""
         one_s = classic_bits(CLASSIC_BYTES, self.extended) / self.bitrate
         if not self.fd:
             return one_s + BULK_AHEAD_NS * 1e-9 * (self.isotp is not None)
@@ -189,7 +191,9 @@ class CanLinkSettings(ConfiguredLinkSettings):
         """Notes of ``check`` on this link."""
         notes = []
         if self.listen_only:
-            notes.append("listen_only: it receives RobotState and Acknowledge, and sends no advice")
+            notes.append(
+                "listen_only: the link receives RobotState and Acknowledge, and sends no advice"
+            )
             if self.interface == "socketcan":
                 notes.append(
                     "listen_only: configure the device too, or it still acknowledges: ip link set "
@@ -203,8 +207,8 @@ class CanLinkSettings(ConfiguredLinkSettings):
 def id_filters(ids: Sequence[int], extended: bool, exact: bool) -> list[CanFilter]:
     """python-can's ``can_filters`` that pass ``ids`` (ascending).
 
-    If ``exact``, several filters pass nothing else. If not, there is one filter, because most
-    hardware has only one; it passes some other ids too.
+    If ``exact``, several filters pass exactly these ids. Otherwise a single filter also passes some
+    other ids, because most hardware has only one filter.
     """
     full = 0x1FFFFFFF if extended else 0x7FF
     if exact:
@@ -218,7 +222,7 @@ def id_filters(ids: Sequence[int], extended: bool, exact: bool) -> list[CanFilte
 
 
 def _blocks(ids: Sequence[int], full: int) -> Iterable[tuple[int, int]]:
-    """Ids as few aligned power-of-two blocks: (first id, mask)."""
+    """Ids as a minimum number of aligned power-of-two blocks: (first id, mask)."""
     there, place = set(ids), 0
     while place < len(ids):
         first, size = ids[place], 1
@@ -232,7 +236,7 @@ def check_together(links: Sequence[CanLinkSettings]) -> None:
     """Refuse links on one bus that would disturb each other.
 
     Raises:
-        ConfigError: names both, and what to change.
+        ConfigError: the message names both and the necessary change.
     """
     for a, b in combinations([link for link in links if link.simulate is None], 2):
         if (a.interface, a.channel) != (b.interface, b.channel):

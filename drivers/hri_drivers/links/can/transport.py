@@ -1,4 +1,4 @@
-"""CAN frames over any interface that python-can knows: socketcan, slcan, udp_multicast, ..."""
+"""CAN frames over any interface that python-can supports: socketcan, slcan, udp_multicast, ..."""
 
 import contextlib
 import errno
@@ -21,10 +21,10 @@ _BUSY_ERRNO = (errno.ENOBUFS, errno.EAGAIN)
 
 
 def check_interface(name: str) -> None:
-    """Refuse an interface that python-can does not know.
+    """Refuse an interface that python-can does not support.
 
     Raises:
-        LinkError: names the nearest one and lists all.
+        LinkError: the message suggests the most similar interface and lists all.
     """
     known = sorted(can.VALID_INTERFACES)
     if name not in known:
@@ -34,7 +34,7 @@ def check_interface(name: str) -> None:
 
 
 class CanTransport:
-    """``Transport[CanFrame]`` over a bus of python-can, without python-can's own configuration.
+    """``Transport[CanFrame]`` over a python-can bus, without python-can's own configuration.
 
     Args:
         interface, channel: python-can's names.
@@ -43,12 +43,12 @@ class CanTransport:
         fd: open for CAN FD; frames with ``fd`` then switch to ``data_bitrate``.
         options: further arguments of python-can's bus class.
         filters: ids to pass, as python-can's ``can_filters``; used only if the interface itself
-            filters, because frames that stay outside this process cost nothing.
+            filters, because then other frames never reach this process.
         listen_only: never send; do not even acknowledge, if the interface can do that.
 
     Attributes:
         health: state of the bus according to error frames.
-        malformed: units on the wire that were not frames.
+        malformed: number of units on the wire that were not frames.
         on_error_frame: called in the reading thread after each error frame, with one line if it
             reports a new problem.
     """
@@ -86,7 +86,7 @@ class CanTransport:
 
     @property
     def open_limit_s(self) -> float:
-        """Longest time that ``open`` takes, in seconds, unless a driver neither ends nor fails."""
+        """Maximum time of ``open``, in seconds, unless a driver neither returns nor fails."""
         return open_limit_s(self._arguments)
 
     @property
@@ -175,7 +175,7 @@ class CanTransport:
         return self._bus
 
     def _error_frame(self, message: can.Message) -> list[CanFrame]:
-        """Count an error frame; only SocketCAN's say what happened.
+        """Count an error frame; only SocketCAN's frames describe the error.
 
         Raises:
             LinkError: the controller is off the bus, and sends and receives nothing until restart.
@@ -232,7 +232,7 @@ def listen_only_options(interface: str) -> dict[str, Any]:
 def _arguments(
     *, interface: str, bitrate: int, fd: bool, data_bitrate: int, options: dict[str, Any]
 ) -> dict[str, Any]:
-    """Arguments of the bus class; what the user gives in ``options`` goes before all."""
+    """Arguments of the bus class; the user's ``options`` take precedence."""
     arguments: dict[str, Any] = {"bitrate": bitrate}
     if interface == "slcan":
         # The port's own read timeout: python-can's 1 ms would wake the reader 1000 times a second.
@@ -291,10 +291,10 @@ def _is_garbage(error: Exception) -> bool:
 
 
 class _Lines:
-    """Reads the lines of an slcan adapter as they come; takes the place of python-can's ``_read``.
+    """Reads the lines of an slcan adapter as they arrive; replaces python-can's ``_read``.
 
-    python-can reads byte by byte, three system calls each, and ends a line at CR alone: of an
-    adapter that ends its lines with CR and LF it would find no frame.
+    python-can reads byte by byte with three system calls each, and ends a line at CR alone. It
+    would find no frame from an adapter that ends its lines with CR and LF.
     """
 
     def __init__(self, port: Any) -> None:
@@ -302,10 +302,10 @@ class _Lines:
         self._come = b""
 
     def read(self, timeout: float | None) -> str | None:
-        """Return the next line with its end; ``None`` if none is whole within ``timeout``.
+        """Return the next line with its end; ``None`` if no whole line arrives within ``timeout``.
 
         Raises:
-            ValueError: it is not text, or nothing that came ends a line.
+            ValueError: it is not text, or no line end arrived.
             can.CanOperationError: the port is lost.
         """
         while True:
@@ -329,7 +329,7 @@ class _Lines:
 
 
 def _forget_backlog(bus: can.BusABC) -> None:
-    """Discard bytes that waited in the port before it was opened: their age is unknown.
+    """Discard bytes that the port buffered before it was opened: their age is unknown.
 
     Only slcan keeps such a backlog; kernel and vendor drivers start when opened.
     """
@@ -339,10 +339,9 @@ def _forget_backlog(bus: can.BusABC) -> None:
 
 
 def _why_not_locked(bus: can.BusABC) -> str:
-    """Lock an slcan adapter's port for this process; say why not, "" where there is no lock.
-
-    The file is locked itself: pyserial's ``exclusive`` would set the port up once more, and any
-    trouble with that would look like another program.
+    """Lock an slcan adapter's port for this process; return why it failed, "" if the system has no
+    locks. The file itself is locked: pyserial's ``exclusive`` would configure the port again, and
+    any error in that would look like another program's lock.
     """
     descriptor = getattr(getattr(bus, "serialPortOrig", None), "fd", None)
     if not isinstance(descriptor, int):  # a URL; Windows locks anyway

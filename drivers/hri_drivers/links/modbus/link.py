@@ -1,7 +1,7 @@
 """A Modbus TCP server as a link: a PLC reads the advice, and writes states and acknowledges.
 
-``drivers/MODBUS.md`` has the registers, ``docs/guides/modbus.md`` the PLC's side. Nothing of it is
-protected end to end.
+``drivers/MODBUS.md`` defines the registers, ``docs/guides/modbus.md`` describes the PLC's side.
+Nothing on this link is protected end to end.
 """
 
 from typing import ClassVar
@@ -16,8 +16,9 @@ from hri_drivers.wires.transport import Transport
 from hri_predict.base.quantities.safe_side import Safety, harmless
 
 UNPROTECTED = (
-    "Modbus has neither CRC nor counter of this node's, and knows no sender: not protected end to "
-    "end; the PLC must stop when HEARTBEAT or ADVICE_COUNTER stands still (drivers/MODBUS.md)"
+    "Modbus carries neither a CRC nor a counter from this node, and does not identify the sender: "
+    "not protected end to end; the PLC must stop when HEARTBEAT or ADVICE_COUNTER stops changing "
+    "(drivers/MODBUS.md)"
 )
 
 
@@ -25,7 +26,7 @@ class ModbusLinkSettings(PlantLinkSettings):
     """An entry of ``links:`` with ``kind: modbus``."""
 
     kind: str = "modbus"
-    port: int = Field(5020, ge=0, le=65_535, description="TCP port; 502 needs a privilege")
+    port: int = Field(5020, ge=0, le=65_535, description="TCP port; 502 needs elevated privileges")
     robot_state_rate_hz: float = Field(
         50.0, ge=0, le=1000, description="rate at which PLCs write RobotState"
     )

@@ -1,4 +1,4 @@
-"""The Modbus TCP server, by pymodbus, in a thread of its own."""
+"""The Modbus TCP server, based on pymodbus, in a separate thread."""
 
 import asyncio
 import contextlib
@@ -42,20 +42,20 @@ WHOLE = {
     (CHOOSE_BASE, words_of(CHOSEN)),
     *((state_address(robot), _STATE_WORDS) for robot in range(MAX_ROBOTS)),
 }
-"""(address, words) of the requests to write that are taken; part of a value is never taken."""
+"""(address, words) of the accepted write requests; a request for part of a value is refused."""
 
 
 class ModbusTransport:
-    """``Transport[Block]``: written blocks go into the image, a PLC's writes are read.
+    """``Transport[Block]``: writes blocks into the image, and reads a PLC's writes.
 
     Args:
         address: host and port to listen on; port 0 lets the system choose.
         image: what PLCs read.
 
     Attributes:
-        port: the port that is open.
-        refused: requests to write that were refused.
-        overrun: writes that were not read in time.
+        port: the open port.
+        refused: number of refused write requests.
+        overrun: number of writes that were not read in time.
     """
 
     def __init__(self, address: tuple[str, int], image: Image) -> None:
@@ -74,7 +74,7 @@ class ModbusTransport:
         """Listen.
 
         Raises:
-            LinkError: it cannot; names address and remedy.
+            LinkError: it cannot listen; the message names address and remedy.
         """
         self.close()
         try_address("Modbus server", self._address)
@@ -83,7 +83,9 @@ class ModbusTransport:
         self._thread.start()
         if not self._ready.wait(START_S) or self._loop is None:
             self.close()
-            raise LinkError(f"Modbus server at {self._named}: it does not start; see the log")
+            raise LinkError(
+                f"Modbus server at {self._named}: the server did not start; see the log"
+            )
 
     def write(self, unit: Block) -> None:
         """Put a block into the image.
@@ -109,7 +111,7 @@ class ModbusTransport:
         return units
 
     def close(self) -> None:
-        """End the server and its connections; never raises, safe to call twice."""
+        """Stop the server and close its connections; never raises, safe to call twice."""
         thread, self._thread = self._thread, None
         loop, ended = self._loop, self._ended
         if thread is not None:
@@ -153,7 +155,7 @@ class ModbusTransport:
     async def _asked(self, *request: Any) -> ExcCodes | None:
         """Answer a request: function, first register, address, count, registers, values.
 
-        pymodbus calls it with its own registers, and with ``None`` as values of a request to read.
+        pymodbus calls it with its own registers, and with ``None`` as the values of a read request.
         """
         function, _, address, count, registers, values = request
         if function in _READ:
@@ -174,7 +176,7 @@ class ModbusTransport:
 
 
 def _device(asked: object) -> SimDevice:
-    """All registers; 0 to ``READ_WORDS`` less 1 can only be read. Every unit id is answered."""
+    """All registers; the first ``READ_WORDS`` are read-only. Every unit id is answered."""
     words = DataType.REGISTERS
     return SimDevice(
         0,

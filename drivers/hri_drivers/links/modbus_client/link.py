@@ -18,8 +18,9 @@ from hri_drivers.links.polled.settings import (
 from hri_predict.base.quantities.safe_side import Safety, harmless
 
 UNPROTECTED = (
-    "Modbus has neither CRC nor counter of this node's, and knows no sender: anyone who can write "
-    "the server's registers says where the robot is (docs/guides/modbus.md)"
+    "Modbus carries neither a CRC nor a counter for this node, and does not identify the sender: "
+    "anyone who can write the server's registers can forge the robot's position "
+    "(docs/guides/modbus.md)"
 )
 RegisterAt = Annotated[int, Field(ge=0, le=65_535)]
 
@@ -37,7 +38,7 @@ class RegisterState(StateAt[RegisterAt]):
 
     @property
     def slots(self) -> list[Slot]:
-        """Registers of everything that is read."""
+        """Registers of all values that are read."""
         kinds = {HEARTBEAT: self.heartbeat_type, MODE: self.mode_type}
         return [Slot(name, at, kinds.get(name, self.type)) for name, at in self.places]
 
@@ -53,7 +54,9 @@ class ModbusClientSettings(PolledLinkSettings):
     kind: str = "modbus_client"
     port: int = Field(502, ge=1, le=65_535, description="TCP port of the device")
     unit: int = Field(1, ge=0, le=255, description="unit id of the device")
-    table: Literal["holding", "input"] = Field("holding", description="which registers are read")
+    table: Literal["holding", "input"] = Field(
+        "holding", description="table of the registers: holding or input"
+    )
     registers: RegisterState = Field(description="registers of the robot's state")
 
     safety: ClassVar[Safety] = harmless("port", "unit")

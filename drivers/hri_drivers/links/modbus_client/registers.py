@@ -1,4 +1,4 @@
-"""Numbers in 16-bit registers: types, order of bytes and words, and which ones are read."""
+"""Numbers in 16-bit registers: their types, byte and word order, and the registers to read."""
 
 import struct
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import Literal
 Type = Literal["int16", "uint16", "int32", "uint32", "float32", "float64"]
 Order = Literal["big", "little"]
 MOST_WORDS = 125
-"""Registers of one request (Modbus application protocol 1.1b3, 6.3)."""
+"""Maximum number of registers in one request (Modbus application protocol 1.1b3, 6.3)."""
 _FORMATS: dict[str, str] = {
     "int16": ">h",
     "uint16": ">H",
@@ -21,12 +21,12 @@ _FORMATS: dict[str, str] = {
 
 
 def words_of(kind: Type) -> int:
-    """Return the number of registers that a value of this type takes."""
+    """Return the number of registers of a value of this type."""
     return struct.calcsize(_FORMATS[kind]) // 2
 
 
 def number(words: Sequence[int], kind: Type, byte_order: Order, word_order: Order) -> float:
-    """Return the number in some registers; big: the high byte, or the high word, comes first."""
+    """Return the number in these registers; big: the high byte, or the high word, comes first."""
     data = [word.to_bytes(2, byte_order) for word in words]
     if word_order == "little":
         data.reverse()
@@ -51,7 +51,7 @@ class Slot:
 def check_slots(slots: Sequence[Slot]) -> None:
     """Refuse registers that overlap, or that one request cannot read.
 
-    A state read by two requests could be of two moments.
+    Two requests could read values from two different moments.
 
     Raises:
         ValueError: one line with the remedy.

@@ -1,4 +1,4 @@
-"""The connection to a Modbus TCP server, by pymodbus."""
+"""The connection to a Modbus TCP server, through pymodbus."""
 
 import socket
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ quiet("pymodbus")  # it logs each error that it raises
 
 CONNECT_S = 2.0
 _REFUSALS = {
-    1: "it does not know this request; set 'table' to the other one",
+    1: "it does not support this request; set 'table' to the other value",
     2: "it has no such registers; correct the addresses in 'registers', 'table' or 'unit'",
-    3: "it does not send as many registers in one reply",
+    3: "it cannot send this many registers in one reply",
     4: "the device behind it has failed; see its log",
-    10: "its gateway has no way to the device; correct 'unit'",
+    10: "its gateway has no path to the device; correct 'unit'",
     11: "the device behind its gateway does not answer; switch it on, or correct 'unit'",
 }
 """Exception codes (Modbus application protocol 1.1b3, 7)."""
@@ -33,7 +33,7 @@ class ModbusClientTransport(PolledTransport):
         address: host and port of the server.
         slots: what is read.
         table, unit, byte_order, word_order, reply_s: see the settings.
-        rate_hz: at which it reads.
+        rate_hz: rate of the readings.
     """
 
     open_limit_s = 2 * CONNECT_S + 4.0
@@ -103,10 +103,10 @@ class ModbusClientTransport(PolledTransport):
     def _lost(self, error: ModbusException) -> str:
         if "No response" in str(error):
             return (
-                f"no answer within {self._reply_s:g} s; check that it is on, 'unit' and "
-                "'reply_timeout_s'"
+                f"no answer within {self._reply_s:g} s; check that it is on, and correct 'unit' "
+                f"and 'reply_timeout_s'"
             )
-        return "the server closed the connection, or answered what is not Modbus TCP"
+        return "the server closed the connection, or its answer is not Modbus TCP"
 
     def _disconnect(self) -> None:
         client, self._client = self._client, None

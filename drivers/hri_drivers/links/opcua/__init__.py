@@ -1,1 +1,1 @@
-"""An OPC UA server for plants, in a process of its own: the newest advice as variables."""
+"""An OPC UA server for plants, in a separate process: the newest advice as variables."""

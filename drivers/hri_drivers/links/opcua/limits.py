@@ -1,7 +1,8 @@
-"""Limits of the server: what strangers may cost, and what they may do.
+"""Limits of the server on the resources and rights of unknown clients.
 
-asyncua's own server takes any number of subscriptions, items and sessions of one connection, sends
-as fast as it is asked, lets anyone register servers, and has an administrator without a password.
+asyncua's own server accepts any number of subscriptions, items and sessions on one connection,
+sends as fast as a client requests, lets anyone register servers, and has an administrator account
+without a password.
 """
 
 from collections.abc import Collection
@@ -16,15 +17,16 @@ from asyncua.server.internal_session import InternalSession
 from asyncua.server.subscription_service import SubscriptionService
 
 MOST = 16
-"""Connections at once. One more ends the one that has been silent for the longest."""
+"""Maximum number of open connections. A further one closes the connection silent for the
+longest."""
 MOST_SUBSCRIPTIONS = 2 * MOST
 MOST_ITEMS = 512
-"""Monitored items of one subscription; two for each variable of eight robots."""
+"""Maximum number of monitored items in one subscription; two for each variable of eight robots."""
 MOST_WAITING = 64  # changes of an item, and messages of a subscription, that were not fetched
 SHORTEST_MS = 10.0
 """Shortest publishing interval."""
 MOST_BYTES = 262_144
-"""Bytes that a client may leave unread, or of one message that it sends."""
+"""Maximum number of bytes that a client may leave unread, or send in one message."""
 ACTIVATED_S, SESSION_MS = 5.0, 30_000.0
 NOBODY = User()
 _WRITE = ua.NodeId(ua.ObjectIds.WriteRequest_Encoding_DefaultBinary)
@@ -34,7 +36,7 @@ class Rules(SimpleRoleRuleset):
     """Clients may read, subscribe and call methods; nothing is written.
 
     Attributes:
-        refused: requests to write that were refused.
+        refused: number of refused write requests.
     """
 
     def __init__(self) -> None:
@@ -49,7 +51,7 @@ class Rules(SimpleRoleRuleset):
 
 
 class Clients:
-    """Knows clients by the certificate of their channel, if any are to be known.
+    """Identifies clients by the certificate of their channel, if certificates are configured.
 
     Args:
         trusted: certificates as DER; ``None``: every client is served.
@@ -67,7 +69,8 @@ class Clients:
     ) -> User | None:
         """See asyncua: ``None`` refuses the session. A channel without security has no certificate.
 
-        asyncua opens one even where only encrypted ones are offered, and judges no request on it.
+        asyncua opens one even where only encrypted ones are offered, and does not check requests on
+        it.
         """
         if self._trusted is not None and certificate not in self._trusted:
             return None
@@ -95,7 +98,7 @@ class Subscriptions(SubscriptionService):
         return await super().create_monitored_items(params)
 
     def modify_monitored_items(self, params: Any) -> Any:
-        """See asyncua, which takes any queue size here."""
+        """See asyncua, which accepts any queue size here."""
         for item in params.ItemsToModify:
             _check_filter(item)
             asked = item.RequestedParameters
@@ -104,7 +107,7 @@ class Subscriptions(SubscriptionService):
 
 
 def _check_filter(item: Any) -> None:
-    """Refuse deadbands: with one, asyncua drops the change to a bad status, which has no value."""
+    """Refuse deadbands, with which asyncua drops the change to a bad status without a value."""
     found = item.RequestedParameters.Filter
     if getattr(found, "DeadbandType", ua.DeadbandType.None_) != ua.DeadbandType.None_:
         raise ServiceError(ua.StatusCodes.BadMonitoredItemFilterUnsupported)
@@ -137,7 +140,7 @@ class LimitedServer(InternalServer):
         user: User = NOBODY,
         external: bool = False,
     ) -> InternalSession:
-        """See asyncua; one session for each connection, named after its address."""
+        """See asyncua; allow one session for each connection, named after its address."""
         if external and any(name == each.name for each in self._external_sessions.values()):
             raise ServiceError(ua.StatusCodes.BadTooManySessions)
         return super().create_session(name, user, external)
@@ -148,10 +151,10 @@ class LimitedServer(InternalServer):
 
 
 def shed(clients: list[OPCUAProtocol]) -> tuple[int, int]:
-    """End connections that do not read or send too much, and those above ``MOST``.
+    """Close connections with too much unread or sent data, and those above ``MOST``.
 
     Returns:
-        Numbers of ended connections, for each of these two reasons.
+        Numbers of closed connections for these two reasons.
     """
     slow = [each for each in clients if _held(each) > MOST_BYTES]
     rest = sorted((each for each in clients if each not in slow), key=_active_s)
@@ -163,11 +166,11 @@ def shed(clients: list[OPCUAProtocol]) -> tuple[int, int]:
 
 
 def _held(client: OPCUAProtocol) -> int:
-    """Bytes that a client makes the server keep."""
+    """Number of bytes that the server buffers for a client."""
     unread = client.transport.get_write_buffer_size() if client.transport is not None else 0
     return max(unread, len(client._buffer))
 
 
 def _active_s(client: OPCUAProtocol) -> float:
-    """Time of the last request; those that sent none come first, the oldest before the others."""
+    """Sort key: time of the last request; connections without one come first, oldest first."""
     return getattr(client.processor, "session_last_activity", None) or 0.0

@@ -1,6 +1,6 @@
 """An OPC UA server as a link: clients read the advice or subscribe to it, and call Acknowledge.
 
-``drivers/OPCUA.md`` has the variables, ``docs/guides/opcua.md`` the PLC's side.
+``drivers/OPCUA.md`` defines the variables, ``docs/guides/opcua.md`` describes the PLC's side.
 """
 
 import logging
@@ -19,11 +19,11 @@ from hri_predict.base.quantities.safe_side import Safety
 log = logging.getLogger(__name__)
 
 UNPROTECTED = (
-    "OPC UA has no CRC or counter of this node's: not protected end to end; a client must stop at "
-    "a status that is not Good, and when HEARTBEAT or ADVICE_COUNTER stands still "
+    "OPC UA carries no CRC or counter from this node: not protected end to end; a client must stop "
+    "when a status is not Good, and when HEARTBEAT or ADVICE_COUNTER stops changing "
     "(drivers/OPCUA.md)"
 )
-OPEN = "no security policy: anyone who reaches the port can read, and call the methods"
+OPEN = "no security policy: anyone who can reach the port can read values and call the methods"
 
 
 class OpcUaLinkSettings(PlantLinkSettings):
@@ -45,7 +45,7 @@ class OpcUaLinkSettings(PlantLinkSettings):
 
     @property
     def knows_clients(self) -> bool:
-        """Whether clients must prove who they are."""
+        """Whether clients must authenticate themselves."""
         return self.certificate is not None
 
     @model_validator(mode="after")
@@ -56,7 +56,7 @@ class OpcUaLinkSettings(PlantLinkSettings):
         return self
 
     def resolved(self, base_dir: Path) -> Self:
-        """The same with its files found from ``base_dir``."""
+        """These settings with file paths resolved from ``base_dir``."""
         found = {
             key: value and base_dir / value
             for key, value in (("certificate", self.certificate), ("private_key", self.private_key))

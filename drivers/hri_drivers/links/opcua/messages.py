@@ -5,14 +5,14 @@ import struct
 from hri_drivers.links.plant.image import Block
 
 READY, FAILED, COUNTS, SAID, PRESSED = b"R", b"F", b"C", b"S", b"P"
-"""From the server: open, with its port; why it is not; requests refused; a line; a press."""
+"""From the server: open (with its port), an error, refused requests, a log line, a press."""
 MOST = 4096  # bytes
 _BLOCK = struct.Struct(">QH")
 _NUMBER = struct.Struct(">Q")
 
 
 def packed_block(block: Block, now_ns: int) -> bytes:
-    """Return a block of the map, and when it was written on the machine's monotonic clock."""
+    """Return a block of the map and its time of writing, on the machine's monotonic clock."""
     return _BLOCK.pack(now_ns, block.address) + block.data
 
 
@@ -23,11 +23,11 @@ def unpacked_block(data: bytes) -> tuple[Block, int]:
 
 
 def number(value: int) -> bytes:
-    """Return a count or a port."""
+    """Return a message with a count or a port."""
     return _NUMBER.pack(value)
 
 
 def number_of(data: bytes) -> int:
-    """Return the count or port of a message, after its first byte."""
+    """Return the count or port in a message after its first byte."""
     found: int = _NUMBER.unpack_from(data, 1)[0]
     return found

@@ -1,8 +1,8 @@
 """The OPC UA server's process, which ``transport.py`` starts.
 
-The node writes blocks of the register map into a socket; presses of the button go back. It ends
-when the socket does. One thread does all: while it hangs, clients hear nothing, never something old
-that looks fresh.
+The node writes blocks of the register map into a socket; presses of the button go back. It exits
+when the socket closes. A single thread does all the work: if it hangs, clients receive nothing,
+rather than old values that look fresh.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ PERIOD_S = 0.01
 REPORT_NS = 200_000_000
 SAY_NS = 10_000_000_000
 MOST_PRESSES = 20
-"""Presses in a second; a person does not press more often."""
+"""Maximum number of presses per second; a person does not press more often."""
 NICE = 5  # the node's own threads come first, however much clients ask
 _ACK_AT = WRITE_BASE + offset_of(WRITTEN, "ACK_LATCH_ID")
 _TYPES = (ua.VariantType.UInt16, ua.VariantType.UInt32)
@@ -57,7 +57,7 @@ class PlantServer:
         self._variables: Variables | None = None
 
     async def run(self) -> None:
-        """Serve until the socket ends."""
+        """Serve until the socket closes."""
         server = await self._opened()
         assert server.bserver is not None
         self._send(messages.READY + messages.number(server.bserver.port))
@@ -118,7 +118,7 @@ class PlantServer:
         self._wake.set()
 
     def _take(self) -> None:
-        """Take all blocks that have come."""
+        """Read all blocks that have arrived."""
         assert self._variables is not None
         try:
             while data := self._link.recv(messages.MOST):
@@ -130,7 +130,7 @@ class PlantServer:
         self._ended = True
 
     def _send(self, message: bytes) -> bool:
-        """Send to the node; whether it was taken. A node that does not read is not waited for."""
+        """Send to the node without waiting for it to read; return whether it was accepted."""
         try:
             self._link.send(message)
         except BlockingIOError:
@@ -141,14 +141,14 @@ class PlantServer:
         return True
 
     async def _chosen(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
-        """Hand the choice of a set to the node; call it again and again, each time counted up."""
+        """Send the choice of a set to the node; clients repeat it with an increased counter."""
         if tuple(each.VariantType for each in arguments) != (ua.VariantType.UInt16,) * 2:
             return self._refuse(ua.StatusCodes.BadInvalidArgument)
         block = Block.of(CHOOSE_BASE, [each.Value for each in arguments])
         return self._hand_on(block, self._choices)
 
     def _hand_on(self, block: Block, handed: deque[int]) -> ua.StatusCode:
-        """Send what a client asks to the node, at most ``MOST_PRESSES`` in a second."""
+        """Send a client's request to the node, at most ``MOST_PRESSES`` per second."""
         now_ns = time.monotonic_ns()
         if len(handed) == MOST_PRESSES and now_ns - handed[0] < 1_000_000_000:
             return self._refuse(ua.StatusCodes.BadTooManyOperations)
@@ -158,7 +158,7 @@ class PlantServer:
         return ua.StatusCode()
 
     async def _pressed(self, _: ua.NodeId, *arguments: ua.Variant) -> ua.StatusCode:
-        """Hand a press to the node, which judges it as it does on Modbus."""
+        """Send a press to the node, which checks it as it does on Modbus."""
         values = [each.Value for each in arguments]
         if tuple(each.VariantType for each in arguments) != _TYPES or not values[1]:
             return self._refuse(ua.StatusCodes.BadInvalidArgument)
@@ -173,7 +173,7 @@ class PlantServer:
         return ua.StatusCode(code)
 
     def _look_at(self, clients: list[Any], now_ns: int) -> None:
-        """End connections that cost too much, and say so once in a while."""
+        """Close connections that use too many resources, and log it now and then."""
         ended = shed(clients)
         self._shed = [a + b for a, b in zip(self._shed, ended, strict=True)]
         if any(self._shed) and now_ns - self._said_ns >= SAY_NS:
@@ -201,15 +201,15 @@ async def _private_key(path: str) -> Any:
 
 
 def _check_pair(asked: dict[str, Any], certificate: Any, private_key: Any) -> None:
-    """Refuse a key of another certificate, with which no client can connect.
+    """Refuse a key that does not match the certificate: no client could connect.
 
     Raises:
-        ValueError: it is; one line with both files.
+        ValueError: they do not match; one line with both files.
     """
     if certificate.public_key() != private_key.public_key():
         raise ValueError(
             f"private_key {asked['private_key']} is not the key of certificate "
-            f"{asked['certificate']}; give two files of one pair"
+            f"{asked['certificate']}; give a matching pair of files"
         )
 
 
@@ -219,7 +219,7 @@ def _why(error: Exception) -> str:
 
 
 def main(descriptor: int, settings: str) -> None:
-    """Run until the socket ends; report an error on it."""
+    """Run until the socket closes; report an error on it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the node
     with contextlib.suppress(OSError):
         os.nice(NICE)

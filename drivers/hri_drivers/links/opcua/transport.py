@@ -20,24 +20,24 @@ from hri_predict.base.errors import LinkError
 log = logging.getLogger(__name__)
 
 START_S = 90.0
-"""Longest start: asyncua builds the standard's address space, 2 s of processor time."""
+"""Maximum time of the start: asyncua builds the standard's address space, 2 s of processor time."""
 HUNG_S = 3.0
-"""A server that has reported nothing for this long is started again; it reports each 0.2 s."""
+"""A server that has reported nothing for this long is started again; it reports every 0.2 s."""
 END_S = 2.0
 
 
 class OpcUaTransport:
-    """``Transport[Block]``: written blocks go to the server, presses come back.
+    """``Transport[Block]``: sends written blocks to the server, and receives presses.
 
     Args:
         asked: settings of the server's process, without ``robots``.
 
     Attributes:
         robots: indices of the robots that have variables.
-        port: the port that is open.
-        refused: requests to write, and presses, that were refused.
-        say: called with one line about what others must correct.
-        open_limit_s: longest time that opening may take.
+        port: the open port.
+        refused: number of refused write requests and presses.
+        say: called with one line about a problem that others must correct.
+        open_limit_s: maximum time for opening.
     """
 
     open_limit_s = START_S + 2.0
@@ -102,10 +102,10 @@ class OpcUaTransport:
         self._heard_s = time.monotonic()
 
     def write(self, unit: Block) -> None:
-        """Give a block to the server.
+        """Send a block to the server.
 
         Raises:
-            TransportBusy: it has not read the last ones.
+            TransportBusy: it has not read the previous blocks.
             LinkError: it has ended, or hangs.
         """
         link = self._opened()
@@ -140,7 +140,7 @@ class OpcUaTransport:
         return units
 
     def close(self) -> None:
-        """End the server; never raises, safe to call twice."""
+        """Stop the server; never raises, safe to call twice."""
         link, self._link = self._link, None
         process, self._process = self._process, None
         self._refused_before, self._refused = self.refused, 0
@@ -161,7 +161,7 @@ class OpcUaTransport:
         return self._link
 
     def _message(self, timeout_s: float) -> bytes | None:
-        """Return the server's next message; ``None``: none came in time.
+        """Return the server's next message; ``None`` if none arrived in time.
 
         Raises:
             LinkError: the server has stopped.
@@ -186,4 +186,4 @@ _BEGIN = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from hri_drivers.links.opcua.server import main; main(int(sys.argv[2]), sys.argv[3])"
 )
-"""The server's process imports from where the node does."""
+"""The server's process uses the node's import paths."""

@@ -27,9 +27,10 @@ from hri_predict.protocol.variables import (
 )
 
 SHORTEST_NS = 1_000_000
-"""Shortest interval between two looks at the image, however many clients read."""
+"""Minimum interval between two reads of the image, regardless of the number of clients."""
 SAME = timedelta(milliseconds=5)
-"""Captures this close are one: ages are whole milliseconds, and an Advice is repeated."""
+"""Captures this close in time are the same: ages are whole milliseconds, and an Advice is
+repeated."""
 _UNITS = {"mm": "MMT", "mm/s": "C16", "ms": "C26"}  # UNECE Recommendation 20
 _UNIT_TABLE = "http://www.opcfoundation.org/UA/units/un/cefact"
 _AGES = {"AGE", "NEAREST_AGE"}
@@ -40,7 +41,7 @@ class Variables:
 
     Args:
         server: asyncua's, initialised.
-        image: what the node wrote.
+        image: the blocks that the node wrote.
         robots: indices of the robots.
     """
 
@@ -80,7 +81,7 @@ class Variables:
             await top.add_method(_id(name), _name(name), called, _arguments(registers), [])
 
     def put(self, block: Block, now_ns: int) -> None:
-        """Take a block; its capture, or else the moment of writing, becomes its source timestamp.
+        """Process a block; its source timestamp is that of its capture, or else of its writing.
 
         Args:
             now_ns: when it was written, the machine's monotonic clock.
@@ -97,7 +98,7 @@ class Variables:
             self._captured[block.address] = captured
 
     async def refresh(self, now_ns: int) -> None:
-        """Write what has changed; also before each read, so that no old value looks fresh."""
+        """Write changed values; also called before each read, so that no old value looks fresh."""
         if 0 <= now_ns - self._looked_ns < SHORTEST_NS:
             return
         self._looked_ns = now_ns
@@ -139,7 +140,7 @@ def _name(name: str) -> ua.QualifiedName:
 
 
 async def _describe(variable: Any, register: Register) -> None:
-    """Add the register's meaning, and its unit by UNECE's code where it has one."""
+    """Add the register's meaning, and its unit with the UNECE code if it has one."""
     text = ua.DataValue(ua.Variant(ua.LocalizedText(register.text)))
     await variable.write_attribute(ua.AttributeIds.Description, text)
     if register.unit:

@@ -13,10 +13,10 @@ from hri_predict.base.errors import LinkError
 from hri_predict.base.quantities.safe_side import Safety, harmless
 
 UNPROTECTED = (
-    "OPC UA has no CRC or counter of this node's: not protected end to end; anyone who can write "
-    "the server's variables says where the robot is (docs/guides/opcua.md)"
+    "OPC UA carries no CRC or counter for this node: not protected end to end; anyone who can "
+    "write the server's variables can forge the robot's position (docs/guides/opcua.md)"
 )
-OPEN = "no security policy: the server is not asked who it is; give the three certificate keys"
+OPEN = "no security policy: the server is not authenticated; give the three certificate keys"
 NodeAt = Annotated[
     str,
     Field(
@@ -37,7 +37,9 @@ class OpcUaClientSettings(PolledLinkSettings):
     kind: str = "opcua_client"
     port: int = Field(4840, ge=1, le=65_535, description="its TCP port")
     path: str = Field(
-        "", pattern=r"^(/[A-Za-z0-9._~/-]{0,200})?$", description="path of its address, as /server"
+        "",
+        pattern=r"^(/[A-Za-z0-9._~/-]{0,200})?$",
+        description="path of its address, such as /server",
     )
     nodes: NodeState = Field(description="nodes of the robot's state")
     certificate: Path | None = Field(
@@ -58,7 +60,7 @@ class OpcUaClientSettings(PolledLinkSettings):
         return self
 
     def resolved(self, base_dir: Path) -> Self:
-        """The same with its files found from ``base_dir``."""
+        """These settings with file paths resolved from ``base_dir``."""
         keys = ("certificate", "private_key", "server_certificate")
         found = {key: path and base_dir / path for key in keys for path in [getattr(self, key)]}
         return self.model_copy(update=found)

@@ -1,4 +1,4 @@
-"""The connection to an OPC UA server, by asyncua in a thread of its own.
+"""The connection to an OPC UA server, through asyncua in a separate thread.
 
 asyncua is imported when the connection opens: settings are checked without it.
 """
@@ -18,7 +18,7 @@ from hri_predict.base.errors import LinkError
 CONNECT_S = 15.0
 END_S = 0.5
 MOST_BYTES = 1 << 20
-"""Bytes of one message of the server."""
+"""Maximum number of bytes in one message from the server."""
 T = TypeVar("T")
 
 
@@ -29,8 +29,8 @@ class OpcUaClientTransport(PolledTransport):
         url: of the server.
         places: name and NodeId of each variable.
         files: certificate, key and the server's certificate; empty: no security.
-        reply_s: a reply that takes longer is a lost connection.
-        rate_hz: at which it reads.
+        reply_s: a reply that takes longer means a lost connection.
+        rate_hz: rate of the readings.
     """
 
     open_limit_s = CONNECT_S + 4.0
@@ -98,7 +98,8 @@ class OpcUaClientTransport(PolledTransport):
             found = self._run(self._client.read_attributes(self._nodes), self._reply_s)
         except TimeoutError as error:
             raise LinkError(
-                f"no answer within {self._reply_s:g} s; check that it is on, and 'reply_timeout_s'"
+                f"no answer within {self._reply_s:g} s; check that it is on, and correct "
+                f"'reply_timeout_s'"
             ) from error
         except LinkError:
             raise
@@ -112,7 +113,7 @@ class OpcUaClientTransport(PolledTransport):
         return tuple(values), why
 
     def _run(self, work: Coroutine[Any, Any, T], limit_s: float) -> T:
-        """Run in the other thread.
+        """Run a coroutine in the other thread.
 
         Raises:
             TimeoutError: it took longer.
@@ -165,7 +166,7 @@ _REMEDY = "correct the node in 'nodes', or the server"
 
 
 def _uri_of(certificate: Path) -> str:
-    """The application URI that a certificate names, which servers compare; "" if none."""
+    """The application URI in a certificate, which servers compare; "" if it has none."""
     from asyncua.crypto import uacrypto
     from cryptography import x509
 

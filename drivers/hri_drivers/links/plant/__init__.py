@@ -1,1 +1,1 @@
-"""Links to plants: advice, distances and acknowledges as the registers of one map."""
+"""Links to plants: advice, distances and acknowledges in the registers of one map."""

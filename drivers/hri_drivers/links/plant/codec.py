@@ -61,12 +61,12 @@ class RegisterCodec:
 
     Args:
         plc_timeout_s: a PLC's heartbeat unchanged for longer counts as stopped.
-        refused: returns the number of requests to write that the server refused.
+        refused: returns the number of write requests that the server refused.
 
     Attributes:
-        now_ns: time of what is encoded or decoded next, node's clock.
-        alive: whether the PLC's heartbeat has changed within ``plc_timeout_s``; ``None`` before
-            the first.
+        now_ns: time of the next block to encode or decode, on the node's clock.
+        alive: whether the PLC's heartbeat has changed within ``plc_timeout_s``; ``None`` before the
+            first one.
         counters: see ``contracts.link.Receiver``.
     """
 
@@ -87,7 +87,7 @@ class RegisterCodec:
         self._down = 0  # ACK_ID of the press that has not been released
 
     def stand(self, robots: Sequence[int], bases: Sequence[Pose | None]) -> None:
-        """Learn the robots of this link, and where their bases stand in the room."""
+        """Set the robots of this link, and the poses of their bases in the room."""
         self._nearest = {r: Nearest(base) for r, base in zip(robots, bases, strict=True)}
 
     @property
@@ -98,13 +98,13 @@ class RegisterCodec:
         return self.now_ns - self._beaten_ns < self._plc_timeout_ns
 
     def carries(self, message: Message) -> bool:
-        """Status and Advice, and of the zones those at the capture."""
+        """Status, Advice, and the zones at the time of the capture."""
         if isinstance(message, Zone):
             return message.step == 0 and bool(self._nearest)
         return isinstance(message, Status | Advice)
 
     def watch(self, own: OwnFrames) -> None:
-        """Nothing: the node is the only server at its port, and no frame comes back."""
+        """Do nothing: the node is the only server at its port, and its frames never return."""
 
     def encode(self, message: Message) -> list[Block]:
         """Blocks of one message."""
@@ -165,7 +165,7 @@ class RegisterCodec:
         return Block.of(robot_address(robot), packed(ROBOT, values))
 
     def _near(self, robot: int) -> Block:
-        """Registers about the nearest person: unknown, none, or distance and angle."""
+        """Registers of the nearest person: unknown, none, or distance and angle."""
         values: dict[str, int] = {}
         nearest = self._nearest.get(robot)
         age_s = self._permits.get(robot)
@@ -188,7 +188,7 @@ class RegisterCodec:
         return None if self._people is None else nearest.at(self._people, self.now_ns)
 
     def decode(self, unit: Block) -> list[Message]:
-        """Return what a PLC has written; anything that is not in the map is counted."""
+        """Return the messages that a PLC has written; writes outside the map are counted."""
         words, address = unit.words, unit.address
         robot, at = divmod(address - STATE_BASE, STATE_STRIDE)
         message: Message | None = None
@@ -217,8 +217,8 @@ class RegisterCodec:
     def _pressed(self, words: list[int]) -> Acknowledge | None:
         """Return a press or its release if the pair has changed.
 
-        PLCs write the same registers again and again. The release has the press's ACK_ID, and 0 as
-        ACK_LATCH_ID; a 0 with any other ACK_ID says nothing.
+        PLCs write the same registers repeatedly. The release has the press's ACK_ID, and 0 as
+        ACK_LATCH_ID; a 0 with any other ACK_ID is ignored.
         """
         if words == self._ack:
             return None
@@ -231,9 +231,8 @@ class RegisterCodec:
         return Acknowledge(latch_id, ack_id)
 
     def _choice(self, number: int, counter: int) -> SetChoice | None:
-        """A choice of a set, if its counter was seen to change: a gateway may repeat what is old.
-
-        So the first write after the server's start chooses nothing.
+        """A choice of a set, if its counter has changed: a gateway may repeat old writes. So the
+        first write after the server's start chooses nothing.
         """
         before, self._set_counter = self._set_counter, counter
         return SetChoice(number) if before not in (None, counter) else None
@@ -258,13 +257,13 @@ class RegisterCodec:
         )
 
     def reset(self) -> None:
-        """Forget the PLC: the server began again."""
+        """Discard the PLC's state: the server has restarted."""
         self._beat = self._beaten_ns = self._ack = None
         self._down = 0
         self._set_counter = None
 
     def count(self, counters: LinkCounters) -> None:
-        """Copy the counts of what was refused."""
+        """Copy the counts of refused writes."""
         counters.malformed = self.counters.malformed + self._refused()
 
     def worst_s(self, message: Message) -> float:
@@ -285,7 +284,7 @@ class RegisterCodec:
 
 
 def _sets(status: Status) -> list[Block]:
-    """Registers of the configuration sets, if there are any."""
+    """Registers of the configuration sets, if any."""
     if status.set_number is None:
         return []
     values = {"SET_IN_FORCE": status.set_number, "SET_HASH": status.set_hash or 0}
@@ -293,14 +292,14 @@ def _sets(status: Status) -> list[Block]:
 
 
 def _age(age_s: float | None) -> int:
-    """Milliseconds, rounded up; 65535: none."""
+    """Milliseconds, rounded up; 65535 for no value."""
     if age_s is None or not math.isfinite(age_s):
         return NOT_AVAILABLE
     return math.ceil(min(max(age_s, 0.0) * 1e3, NOT_AVAILABLE - 1))
 
 
 def _milli(value: float | None) -> int:
-    """Thousandths, rounded down; 65535: none."""
+    """Thousandths, rounded down; 65535 for no value."""
     if value is None or not math.isfinite(value):
         return NOT_AVAILABLE
     return math.floor(min(max(value, 0.0) * 1e3, NOT_AVAILABLE - 1))
@@ -316,5 +315,5 @@ def _index(value: int | None) -> int:
 
 
 def _micro(value: int) -> float:
-    """A joint's value in rad or m; not a number if the PLC does not know it."""
+    """A joint's value in rad or m; NaN if the PLC does not know it."""
     return math.nan if value == NO_STATE else value * 1e-6

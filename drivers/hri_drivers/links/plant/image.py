@@ -1,7 +1,7 @@
 """The register image: what a PLC reads at this moment.
 
-It is computed when it is read. So values that are not renewed are *unknown* in the next reply,
-whether the node's loop hangs, the link's thread does, or both.
+It is computed when it is read. Values that are no longer renewed are therefore *unknown* in the
+next reply, whether the node's loop, the link's thread or both hang.
 """
 
 import threading
@@ -27,12 +27,12 @@ from hri_predict.protocol.registers import (
 
 _AGES = ("NODE_AGE", "AGE", "NEAREST_AGE")
 _JUDGED = (ROBOT, NEAREST)
-"""Blocks that an old capture makes stale; NODE only shows its age."""
+"""Blocks that become stale if their capture is old; NODE only shows its age."""
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Words from an address on, each big-endian: one unit of the link."""
+    """Consecutive big-endian words that start at an address: one unit of the link."""
 
     address: int
     data: bytes
@@ -44,7 +44,7 @@ class Block:
 
     @property
     def words(self) -> list[int]:
-        """The words; half a word at the end is left out."""
+        """The words; an incomplete word at the end is left out."""
         return [
             int.from_bytes(self.data[k : k + 2], "big") for k in range(0, len(self.data) - 1, 2)
         ]
@@ -60,11 +60,11 @@ PLACES: dict[int, tuple[Register, ...]] = {
 
 
 class Image:
-    """Keeps the newest blocks and when they came; thread-safe.
+    """Keeps the newest blocks and their arrival times; thread-safe.
 
     Args:
         silence_s: a block that is older than this is stale.
-        max_age_s: an advice, or a distance, of an older capture is stale.
+        max_age_s: an advice or distance from an older capture is stale.
     """
 
     def __init__(self, silence_s: float, max_age_s: float) -> None:
@@ -74,7 +74,7 @@ class Image:
         self._blocks: dict[int, tuple[list[int], int]] = {}
 
     def put(self, block: Block, now_ns: int) -> None:
-        """Take a block instead of the one before at its address; one of another map is not."""
+        """Replace the block at this address; a block that does not fit the map is ignored."""
         words, registers = block.words, PLACES.get(block.address)
         if registers is not None and len(words) == words_of(registers):
             with self._lock:
@@ -111,7 +111,7 @@ class Image:
         came_ns: int | None,
         now_ns: int,
     ) -> tuple[list[int], bool]:
-        """Return the words with their current ages; stale words where their time is over."""
+        """Return the words with their current ages, or stale words if they are too old."""
         words = list(words)
         since_ns = self._silence_ns if came_ns is None else max(0, now_ns - came_ns)
         stale = since_ns >= self._silence_ns

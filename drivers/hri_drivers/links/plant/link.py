@@ -1,4 +1,4 @@
-"""Common part of links to plants: the advice as the registers of one map, for any protocol.
+"""Common part of links to plants: the advice in the registers of one map, for any protocol.
 
 The link writes blocks of the map (``codec.py``). Its transport is a server that keeps them in an
 image (``image.py``), computed when it is read.
@@ -34,7 +34,8 @@ class PlantLinkSettings(ConfiguredLinkSettings):
     host: str = Field("127.0.0.1", description="address of this machine to listen on")
     port: int = Field(ge=0, le=65_535, description="TCP port")
     allow_unauthenticated: bool = Field(
-        False, description="listen beyond loopback, although anyone there can read and write"
+        False,
+        description="listen beyond loopback, although anyone on the network can read and write",
     )
     max_age_s: float = Field(
         0.4, ge=0.02, le=5, description="maximum age of an Advice's capture; older ones are unknown"
@@ -47,11 +48,9 @@ class PlantLinkSettings(ConfiguredLinkSettings):
     )
 
     safety: ClassVar[Safety] = harmless("port") | {
-        "max_age_s": LessSafe(
-            above="an Advice permits motion until its capture is {more:.2g} s older"
-        ),
+        "max_age_s": LessSafe(above="an Advice permits motion for {more:.2g} s longer"),
         "allow_unauthenticated": LessSafe(
-            other="anyone on the network can claim robot states, and press the button"
+            other="anyone on the network can forge robot states and press the button"
         ),
     }
     protocol: ClassVar[str]
@@ -59,7 +58,7 @@ class PlantLinkSettings(ConfiguredLinkSettings):
 
     @property
     def knows_clients(self) -> bool:
-        """Whether clients must prove who they are."""
+        """Whether clients must authenticate themselves."""
         return False
 
     @model_validator(mode="after")
@@ -76,8 +75,9 @@ class PlantLinkSettings(ConfiguredLinkSettings):
             ) from None
         if not local and not self.allow_unauthenticated and not self.knows_clients:
             raise ValueError(
-                f"host {self.host} is reached from the network, and {self.protocol} knows no "
-                "sender: set 'allow_unauthenticated: true' if the network is the cell's alone"
+                f"host {self.host} is reachable from the network, and {self.protocol} cannot "
+                "identify senders: set 'allow_unauthenticated: true' if only the cell uses "
+                "the network"
             )
         return self
 
@@ -117,7 +117,7 @@ class PlantLink(ConfiguredLink[P, Block]):
         """Return the settings with the robots' bases; see ``contracts.link_abilities.OfRobots``.
 
         Raises:
-            LinkError: the bases given are not one for each robot.
+            LinkError: the number of bases differs from the number of robots.
         """
         if settings.bases is None:
             bases = [robot.room_from_robot for robot in robots]
@@ -131,7 +131,7 @@ class PlantLink(ConfiguredLink[P, Block]):
 
     @classmethod
     def _shares(cls, settings: P, traffic: Traffic) -> dict[str, float]:
-        """Shares of a network of 10 Mbit/s with one plant that reads everything."""
+        """Fractions of a 10 Mbit/s network used if one plant reads everything."""
         if any(shape.moving_base for shape in traffic.shapes):
             raise LinkError(
                 f"link '{settings.name}': the register map has no registers for a base that "
@@ -174,26 +174,27 @@ class PlantLink(ConfiguredLink[P, Block]):
         self.counters.overrun += getattr(self._transport, "overrun", 0)  # writes lost before that
 
     def _watch_plc(self) -> None:
-        """Say once when the PLC's heartbeat ends, and when it is back."""
+        """Log once when the PLC's heartbeat stops, and when it returns."""
         alive = self._registers.alive
         if alive == self._plc_alive:
             return
         before, self._plc_alive = self._plc_alive, alive
         if alive:
-            log.info("link '%s': the PLC's heartbeat is there", self.name)
+            log.info("link '%s': the PLC's heartbeat is present", self.name)
         elif before:
             said = (
-                "the PLC's heartbeat does not change: it has stopped, or does not reach this node"
+                "the PLC's heartbeat does not change: the PLC has stopped, or cannot reach this "
+                "node"
             )
             log.warning("link '%s': %s", self.name, said)
             self._note(LinkError(said))
 
 
 def try_address(what: str, address: tuple[str, int]) -> None:
-    """Find out why a server could not listen at an address; libraries do not say it.
+    """Find out why a server could not listen at an address; libraries do not report it.
 
     Raises:
-        LinkError: it could not; names address and remedy.
+        LinkError: the address cannot be used; the message names it and the remedy.
     """
     host, port = address
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -201,7 +202,7 @@ def try_address(what: str, address: tuple[str, int]) -> None:
         socket.create_server(address, family=family).close()
     except OSError as error:
         remedies = {
-            errno.EADDRINUSE: "in use by another program; end it, or choose another 'port'",
+            errno.EADDRINUSE: "in use by another program; stop it, or choose another 'port'",
             errno.EADDRNOTAVAIL: "not an address of this machine; correct 'host'",
             errno.EACCES: "not permitted; choose a 'port' above 1023",
         }

@@ -1,4 +1,4 @@
-"""Distance and angle of the nearest person, seen from a robot's base as safety radars give them."""
+"""Distance and angle of the nearest person from a robot's base, as safety radars report them."""
 
 import math
 from collections.abc import Sequence
@@ -12,11 +12,12 @@ from hri_predict.base.settings import Pose
 from hri_predict.protocol.messages import Zone, ZoneCapsule
 
 KEPT_NS = 250_000_000
-"""A person's zone is sent once a cycle; without one for longer, that person's place is unknown."""
+"""Maximum age of a person's zone, which is sent once a cycle; afterwards the place is unknown."""
 
 
 class Seen(NamedTuple):
-    """A person from one robot: distance in the base's x-y plane, m, and angle from its x, rad."""
+    """A person relative to a robot: distance (m) in the base's x-y plane, angle (rad) from its
+    x."""
 
     person: int
     distance_m: float
@@ -49,7 +50,7 @@ class _Kept:
 
 
 class Nearest:
-    """The nearest person to one robot's base, by the zones of all persons.
+    """The person nearest to one robot's base, from the zones of all persons.
 
     Args:
         base: pose of the base in the room; ``None``: not known.
@@ -62,7 +63,7 @@ class Nearest:
         self._kept: dict[int, _Kept] = {}
 
     def take(self, zone: Zone, now_ns: int) -> None:
-        """Take the zone of one person at the capture; without numbers, the person is unknown."""
+        """Process one person's zone at the capture; if it has NaN, the place is unknown."""
         if self._base_from_room is None or not zone.capsules:
             return
         with np.errstate(all="ignore"):
@@ -75,7 +76,7 @@ class Nearest:
         self._kept[zone.person] = _Kept(seen, now_ns)
 
     def at(self, people: int, now_ns: int) -> Seen | None:
-        """Return the nearest of ``people`` persons; ``None`` if one of them is not known."""
+        """Return the nearest of ``people`` persons; ``None`` if the place of one is not known."""
         fresh = {p: k for p, k in self._kept.items() if now_ns - k.came_ns < KEPT_NS}
         self._kept = fresh
         if not fresh or len(fresh) < people:

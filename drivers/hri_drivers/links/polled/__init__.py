@@ -1,1 +1,1 @@
-"""Robot state that the node reads from a server of the robot or of its PLC, at a fixed rate."""
+"""Robot state that the node reads from a server on the robot or its PLC at a fixed rate."""

@@ -1,6 +1,5 @@
-"""Common part of links that poll a robot's state; a protocol brings its transport and settings.
-
-Nothing goes out on such a link: the robot receives the advice on another one.
+"""Common part of links that poll a robot's state; a protocol provides its transport and settings.
+The link sends nothing: the robot receives the advice on another link.
 """
 
 import struct
@@ -37,7 +36,7 @@ class PolledCodec:
 
     Args:
         reader: makes the states.
-        counters: see ``contracts.link.Receiver``; the reader has the same.
+        counters: see ``contracts.link.Receiver``; shared with the reader.
 
     Attributes:
         reader, counters: as given.
@@ -48,7 +47,7 @@ class PolledCodec:
 
     @property
     def refused(self) -> str:
-        """Why the newest reading was refused, of those that were."""
+        """The reason for the last refusal of a reading."""
         return self.reader.refused
 
     def carries(self, message: Message) -> bool:
@@ -56,14 +55,14 @@ class PolledCodec:
         return False
 
     def watch(self, own: OwnFrames) -> None:
-        """Nothing: this node sends nothing that could come back."""
+        """Do nothing: this node sends no frames that could return."""
 
     def encode(self, message: Message) -> list[Sample]:
         """Nothing."""
         return []
 
     def decode(self, unit: Sample) -> list[Message]:
-        """Return the state, if there is one."""
+        """Return the state in the reading, if any."""
         state = self.reader.read(unit)
         return [] if state is None else [state]
 
@@ -71,11 +70,11 @@ class PolledCodec:
     """See ``contracts.link.Receiver``."""
 
     def reset(self) -> None:
-        """The connection is a new one."""
+        """Discard the state of the previous connection."""
         self.reader.restart()
 
     def count(self, counters: LinkCounters) -> None:
-        """Copy the counts of what was refused."""
+        """Copy the counts of refused readings."""
         counters.malformed = self.counters.malformed
         counters.incomplete = self.counters.incomplete
 
@@ -88,7 +87,7 @@ class PolledCodec:
         return reading_s(len(unit.values))
 
     def raw(self, unit: Sample) -> bytes:
-        """The values as doubles; what is not a number is NaN."""
+        """The values as doubles; NaN for values that are not numbers."""
         values = [float("nan") if each is None else float(each) for each in unit.values]
         return struct.pack(f">{len(values)}d", *values)
 
@@ -112,7 +111,7 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
     @staticmethod
     @abstractmethod
     def _state(settings: P) -> StateAt[Any]:
-        """Return what is read."""
+        """Return the name and address of all values to read."""
 
     @classmethod
     def _make_codec(cls, settings: P, wire: Transport[Sample]) -> PolledCodec:
@@ -135,13 +134,13 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
 
         Raises:
             LinkError: several robots; or their states' age is not known, above the robot's, or
-                below what reading at this rate takes.
+                below the delay of reading at this rate.
         """
         named = f"link '{settings.name}'"
         if len(robots) != 1:
             raise LinkError(
                 f"{named}: it reads the state of one robot, and has {len(robots)}; name one under "
-                "'robots', and give each its own link"
+                f"'robots', and use a separate link for each"
             )
         motion = robots[0].motion
         delay_s = motion.delay_s if isinstance(motion, StateMotion) else 0.0
@@ -154,14 +153,15 @@ class PolledLink(ConfiguredLink[P, Sample], ABC):
         if age_s > delay_s:
             raise LinkError(
                 f"{named}: max_state_age_s {age_s:g} is above motion.delay_s {delay_s:g} of robot "
-                f"'{robots[0].name}', which counts a state as no older; lower it, or leave it out"
+                f"'{robots[0].name}', the maximum age that the robot assumes; lower it, or leave "
+                f"it out"
             )
         periods = 1.5 if cls._state(settings).derives else 1.0
         least_s = periods / settings.robot_state_rate_hz + settings.controller_delay_s
         if age_s <= least_s:
             raise LinkError(
                 f"{named}: a state can be {least_s:.3g} s old ({periods:g} periods of "
-                f"robot_state_rate_hz, and controller_delay_s), and older by the reply, but "
+                f"robot_state_rate_hz, and controller_delay_s), plus the time of the reply, but "
                 f"motion.delay_s allows {age_s:g}; raise it, or read more often"
             )
         return settings.model_copy(update={"max_state_age_s": age_s})

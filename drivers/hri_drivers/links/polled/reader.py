@@ -1,4 +1,4 @@
-"""RobotState from what was read: whether it is new, how old it can be, and its units."""
+"""Converts readings to RobotState: units, maximum age, and whether the state is new."""
 
 import math
 from collections.abc import Sequence
@@ -11,12 +11,12 @@ from hri_predict.protocol.reception import ReceiveCounters
 
 COUNTERS = 1 << 16
 MOST, LEAST = 1e9, 1e-20
-"""A number beyond these is not one of a robot: the bytes or words of a float are swapped. Only a
-velocity may come as near to zero as it likes, by a filter that decays."""
+"""A robot reports no values beyond these limits; they mean that the bytes or words of a float are
+swapped. Only a velocity may be arbitrarily close to zero, because a filter may let it decay."""
 RATES = ("velocity", *BASE_VELOCITY)
 LONGEST_STEP_S = 0.06
-"""Positions farther apart than this say too little about the velocity now: it is that of half this
-time ago, and a controller may filter its velocities for 0.03 s (``robots.states.frozen``)."""
+"""Maximum time between two positions from which a velocity is derived. Such a velocity is half this
+time old; a controller may filter its velocities for 0.03 s (``robots.states.frozen``)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Sample:
 
     Attributes:
         values: of ``StateAt.places``, in that order; ``None``: the server has no number there.
-        span_s: from the request before until this reply: a value that has changed in between is
+        span_s: time from the previous request to this reply: a value that has changed in between is
             at most this old. ``None`` for the first reading of a connection.
         why: why a value is ``None``; one line, or "".
     """
@@ -38,18 +38,18 @@ class Sample:
 class StateReader:
     """Makes RobotStates of one robot; its counter advances when the heartbeat has changed.
 
-    A value that is not a robot's is passed on as NaN: the node finds the state invalid at once,
-    where one that was dropped would leave the state before it in force.
+    An impossible value is passed on as NaN, so that the node immediately treats the state as
+    invalid. Dropping the state instead would leave the previous one in force.
 
     Args:
-        state: what is read.
-        max_age_s: a state that can be older is refused.
+        state: addresses of the robot's state.
+        max_age_s: a state that may be older is refused.
         controller_delay_s: age of the newest state when the server shows it.
         counters: counts what is received and what is refused.
 
     Attributes:
         robot: index of the robot.
-        refused: why the newest reading that was refused was; "" if none was.
+        refused: why the last refused reading was refused; "" if none was.
     """
 
     def __init__(
@@ -71,16 +71,16 @@ class StateReader:
         self._before: tuple[float, tuple[float, ...]] | None = None  # heartbeat, coordinates
 
     def restart(self) -> None:
-        """Forget all, also after a gap: what the server shows first may be as old as that."""
+        """Discard everything, also after a gap: the next state may be as old as the gap."""
         self._beat = self._newest = self._before = None
 
     def read(self, sample: Sample) -> RobotState | None:
-        """Return the state; a repetition of the newest while the heartbeat is unchanged.
+        """Return the state; it repeats the newest one while the heartbeat is unchanged.
 
-        ``None``: there is none, which is counted unless it is the first of a connection.
+        ``None``: no state, which is counted except for the first reading of a connection.
         """
         if len(sample.values) != len(self._names):
-            self._refuse("not the values that were asked for")
+            self._refuse("not the requested values")
             self.restart()
             return None
         beat = sample.values[0]
@@ -108,7 +108,7 @@ class StateReader:
         if age_s > self._max_age_s:
             self._refuse(
                 f"a state that can be {age_s:.3f} s old, more than {self._max_age_s:g}: the server "
-                "answers late, or is read too seldom"
+                f"answers late, or is polled too rarely"
             )
             return None
         self._counter = (self._counter + 1) % COUNTERS
@@ -117,12 +117,12 @@ class StateReader:
         return self._newest
 
     def _refuse(self, why: str) -> None:
-        """Count a reading as refused, and keep the cause."""
+        """Count a reading as refused, and record the cause."""
         self.refused = why
         self._counters.malformed += 1
 
     def _sound(self, name: str, value: float | None, why: str) -> float:
-        """The number, or NaN if no robot has such a one; that is counted."""
+        """Return the number, or NaN for a value that no robot reports, which is counted."""
         if value is None:
             self._refuse(why or f"{name}: not a number")
             return math.nan
@@ -149,7 +149,7 @@ class StateReader:
         return tuple(found)
 
     def _velocities(self, values: dict[str, float]) -> tuple[float, ...] | None:
-        """As ``_coordinates``; ``None`` if they are to be derived."""
+        """Velocities in the order of ``_coordinates``; ``None`` if they must be derived."""
         state = self._state
         if state.derives:
             return None
@@ -169,7 +169,7 @@ class StateReader:
         coordinates: Sequence[float],
         before: tuple[float, tuple[float, ...]] | None,
     ) -> tuple[tuple[float, ...] | None, float]:
-        """Velocities by the change since the reading before (``None``: not known), and the step."""
+        """Velocities from the change since the last reading (``None``: unknown), and the step."""
         assert self._state.tick_s is not None
         if before is None:
             return None, 0.0
@@ -179,8 +179,8 @@ class StateReader:
             return None, 0.0
         if step_s > LONGEST_STEP_S:
             self._refuse(
-                f"{step_s:.3g} s between two readings are too many to derive velocities; read more"
-                " often, correct tick_s, or give where the velocities are"
+                f"{step_s:.3g} s between two readings is too long to derive velocities; read more "
+                f"often, correct tick_s, or give the addresses of the velocities"
             )
             return None, 0.0
         moved = [b - a for a, b in zip(before[1], coordinates, strict=True)]

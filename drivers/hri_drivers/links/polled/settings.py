@@ -1,4 +1,4 @@
-"""Settings of links that poll a robot's state: what is read, and what it means."""
+"""Settings of links that poll a robot's state: addresses, and the meaning of the values."""
 
 from typing import Annotated, ClassVar, Generic, Literal, Self, TypeVar
 
@@ -28,7 +28,7 @@ class JointAt(Settings, Generic[A]):
         1, description="-1 if its positive direction is opposite to the robot model's"
     )
     offset_rad: float = Field(
-        0.0, ge=-1e4, le=1e4, description="added after scale and sign; m of a prismatic joint"
+        0.0, ge=-1e4, le=1e4, description="added after scale and sign; m for a prismatic joint"
     )
     scale: float | None = Field(
         None, ge=1e-9, le=1e6, description="instead of scale and velocity_scale, for this joint"
@@ -68,7 +68,7 @@ class StateAt(Settings, Generic[A]):
 
     heartbeat: A = Field(
         description="a number or a time stamp that the controller changes each time it writes the"
-        " state; while it stands still the state is stale"
+        " state; if it does not change, the state is stale"
     )
     mode: A | None = Field(None, description="address of the operating mode; default: none")
     automatic_values: list[Annotated[int, Field(ge=-(2**31), lt=2**32)]] = Field(
@@ -76,8 +76,8 @@ class StateAt(Settings, Generic[A]):
     )
     automatic: bool = Field(
         False,
-        description="the server does not show the robot's mode: it counts as automatic; without "
-        "this or mode the advice is unknown",
+        description="the server does not report the robot's mode, which is assumed to be "
+        "automatic; without this or mode the advice is unknown",
     )
     joints: list[JointAt[A]] = Field(
         min_length=1,
@@ -89,35 +89,36 @@ class StateAt(Settings, Generic[A]):
         1.0,
         ge=1e-9,
         le=1e6,
-        description="rad of one unit of a position (m if prismatic): 0.0174532925 for degrees",
+        description="rad per unit of a position (m if prismatic): 0.0174532925 for degrees",
     )
     velocity_scale: float | None = Field(
-        None, ge=1e-9, le=1e6, description="rad/s of one unit of a velocity; default: as scale"
+        None, ge=1e-9, le=1e6, description="rad/s per unit of a velocity; default: scale"
     )
     tick_s: float | None = Field(
         None,
         ge=1e-9,
         le=1,
-        description="time between two steps of the heartbeat, where a velocity is left out; 1 if it"
-        " is a time in seconds",
+        description="time per unit step of the heartbeat, needed if a velocity is left out; 1 if "
+        "it is a time in seconds",
     )
 
     safety: ClassVar[Safety] = harmless("automatic_values", "scale", "velocity_scale", "tick_s") | {
         "automatic": LessSafe(
-            other="the robot counts as in automatic mode even while its controller is in another"
+            other="the robot counts as in automatic mode even while its controller is in another "
+            "mode"
         ),
     }
 
     @property
     def derives(self) -> bool:
-        """Whether velocities are to be had from the change of positions."""
+        """Whether velocities are derived from the change of positions."""
         velocities = [joint.velocity for joint in self.joints]
         velocities += [] if self.base is None else self.base.velocities
         return None in velocities
 
     @property
     def places(self) -> list[tuple[str, A]]:
-        """Name and address of everything that is read: the heartbeat first, then the mode."""
+        """Name and address of all values to read: first the heartbeat, then the mode."""
         found = [(HEARTBEAT, self.heartbeat)]
         found += [] if self.mode is None else [(MODE, self.mode)]
         for number, joint in enumerate(self.joints, start=1):
@@ -137,14 +138,14 @@ class StateAt(Settings, Generic[A]):
             ("base", [] if self.base is None else self.base.velocities),
         ):
             if None in velocities and any(each is not None for each in velocities):
-                raise ValueError(f"{what}: give the velocity of each, or of none")
+                raise ValueError(f"{what}: give the velocity of all or of none")
         if self.derives and self.tick_s is None:
             raise ValueError(
-                "velocities are left out, so tick_s must say how long a step of the heartbeat is; "
-                "or give where each velocity is"
+                "velocities are left out, so tick_s must give the time of a step of the heartbeat; "
+                "or give the address of each velocity"
             )
         if self.tick_s is not None and not self.derives:
-            raise ValueError("tick_s is for velocities that are left out; remove it")
+            raise ValueError("tick_s is used only if velocities are left out; remove it")
         if (self.mode is None) == bool(self.automatic_values):
             raise ValueError("mode and automatic_values go together; give both or neither")
         if self.mode is not None and self.automatic:
@@ -157,7 +158,7 @@ class StateAt(Settings, Generic[A]):
         return self
 
 
-READS_ONLY = "it only reads the robot's state; no advice goes out on it"
+READS_ONLY = "it only reads the robot's state, and sends no advice"
 NO_MODE = "it reads no mode, and automatic is not set, so the advice stays unknown"
 
 
@@ -169,26 +170,30 @@ class PolledLinkSettings(ConfiguredLinkSettings):
         50.0, ge=2, le=250, description="rate at which the state is read"
     )
     reply_timeout_s: float = Field(
-        0.25, ge=0.01, le=2, description="a server that answers later has lost the connection"
+        0.25,
+        ge=0.01,
+        le=2,
+        description="maximum time for a reply; after it the connection counts as lost",
     )
     controller_delay_s: float = Field(
         0.01,
         ge=0,
         le=1,
-        description="maximum time from the measurement of the joints until the server shows them",
+        description="maximum time from the measurement of the joints until the server provides "
+        "them",
     )
     max_state_age_s: float | None = Field(
         None,
         ge=0.001,
         le=1,
-        description="a state that can be older than this at its arrival is refused; default: the "
-        "robot's motion.delay_s, and not above it",
+        description="a state that may be older than this on arrival is refused; default and "
+        "maximum: the robot's motion.delay_s",
     )
 
     safety: ClassVar[Safety] = harmless("reply_timeout_s", "max_state_age_s") | {
         "controller_delay_s": LessSafe(
-            below="the controller is expected to show the joints {more:.2g} s sooner; the robot "
-            "moves on meanwhile"
+            below="the controller is expected to provide the joints {more:.2g} s sooner, while "
+            "the robot keeps moving"
         ),
     }
 

@@ -1,4 +1,4 @@
-"""A connection on which a server is read at a fixed rate."""
+"""A connection that reads from a server at a fixed rate."""
 
 import contextlib
 import threading
@@ -11,11 +11,11 @@ from hri_predict.base.errors import LinkError
 
 
 class PolledTransport(ABC):
-    """``Transport[Sample]``: reads what is due, and writes nothing.
+    """``Transport[Sample]``: reads the values when due, and writes nothing.
 
     Args:
         named: protocol and address, for messages.
-        rate_hz: at which it reads.
+        rate_hz: rate of the readings.
         monotonic_s: this machine's clock, s.
     """
 
@@ -32,7 +32,7 @@ class PolledTransport(ABC):
 
     @abstractmethod
     def _connect(self) -> None:
-        """Connect, and find out whether all can be read.
+        """Connect, and check that all values can be read.
 
         Raises:
             LinkError: one line with the remedy.
@@ -43,7 +43,7 @@ class PolledTransport(ABC):
         """Read everything in one request.
 
         Returns:
-            The values, and why one of them is not a number.
+            The values, and the reason if one of them is not a number.
 
         Raises:
             LinkError: the connection is lost, or the server refuses.

@@ -1,4 +1,4 @@
-"""Messages as ROS 2 publications: one protected frame, and plain messages that say the same."""
+"""Messages as ROS 2 publications: one protected frame, and plain messages with the same content."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -19,12 +19,12 @@ SAMPLE_BYTES = 320
 and UDP each, 88 of RTPS with time and heartbeat, 52 of its acknowledgement."""
 ADVICE_BYTES, STATUS_BYTES, MARKER_BYTES = 2600, 500, 420
 """Largest plain content of an Advice (diagnostics included), of a Status, and of one marker. Tests
-compare them with what is encoded; a frame_id has at most 64 bytes."""
+compare them with encoded messages; a frame_id has at most 64 bytes."""
 FRAMES: dict[str, Literal["frames", "controller_frames"]] = {
     "node": "frames",
     "controller": "controller_frames",
 }
-"""Topic of the protected frames, by their sender."""
+"""Topic of the protected frames for each sender."""
 _TOPICS = {
     e2e.data_id_32(number).to_bytes(4, "big"): FRAMES[definition.sender]
     for number, (definition, _, _) in frame_table(classic=False).items()
@@ -44,7 +44,7 @@ class Publication:
         data: a frame of E2E profile 4; a unit of ``Heard`` with a JointState; empty for Zone and
             Pose.
         topic: of the frame, or ``joint_states``.
-        plain: the same for readers of plain ROS 2 messages; empty if it was received.
+        plain: the same for readers of plain ROS 2 messages; empty for a received publication.
     """
 
     data: bytes
@@ -53,10 +53,10 @@ class Publication:
 
 
 class FramesReceiver(Profile4Payloads):
-    """Decodes what came on ``frames`` or ``controller_frames``; it counts errors and continues."""
+    """Decodes the messages of ``frames`` or ``controller_frames``; counts errors and continues."""
 
     def feed(self, unit: Publication) -> list[Message]:
-        """Return the message of a frame, if it is whole, fresh, and came on its sender's topic."""
+        """Return the message of a frame if it is whole, fresh, and on its sender's topic."""
         if unit.topic == JOINT_STATES:
             self.counters.ignored += 1
             return []
@@ -69,12 +69,12 @@ class FramesReceiver(Profile4Payloads):
 
 
 class Ros2Codec(FrameCodec[Publication]):
-    """See ``hri_drivers.links.codec.Codec``; Zone and Pose go as plain messages alone.
+    """See ``hri_drivers.links.codec.Codec``; Zone and Pose are sent as plain messages only.
 
     Args:
         plain: makes the plain messages.
         bitrate: bandwidth of the network that the link may use, bit/s.
-        states: reads JointStates into the counters of ``receiver``; ``None``: there are none.
+        states: reads JointStates into the counters of ``receiver``; ``None``: no JointStates.
         receiver: reads frames.
     """
 
@@ -113,7 +113,7 @@ class Ros2Codec(FrameCodec[Publication]):
 
     @property
     def refused(self) -> str:
-        """Why the newest JointState that was refused was; see ``ConfiguredLink``."""
+        """The reason for the last refusal of a JointState; see ``ConfiguredLink``."""
         return "" if self.states is None else self.states.refused
 
     def worst_s(self, message: Message) -> float:
@@ -126,7 +126,7 @@ class Ros2Codec(FrameCodec[Publication]):
         return 8 * (samples * SAMPLE_BYTES + self.size(unit)) / self._bitrate
 
     def raw(self, unit: Publication) -> bytes:
-        """The frame; of a Zone or Pose its first plain message."""
+        """The frame; for a Zone or Pose its first plain message."""
         return unit.data or unit.plain[0].data
 
     def size(self, unit: Publication) -> int:

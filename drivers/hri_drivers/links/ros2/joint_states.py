@@ -1,9 +1,9 @@
-"""RobotState from ``sensor_msgs/JointState``: names to joints, and whether a state is new.
+"""RobotState from ``sensor_msgs/JointState``: maps names to joints, and detects new states.
 
 A JointState has neither mode, counter nor request. A state counts as new if its stamp advances, and
-if by this machine's UTC it is no older than the robot's ``motion.delay_s``: a publisher that hangs,
-repeats, or stamps by another clock ages out as one that is silent. What it cannot say is unknown:
-without ``automatic`` the robot's mode, and so its advice.
+if by this machine's UTC it is no older than the robot's ``motion.delay_s``: the state of a
+publisher that hangs, repeats or uses another clock ages as if the publisher were silent. Without
+``automatic`` the robot's mode is unknown, and so is its advice.
 """
 
 import time
@@ -26,7 +26,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 COUNTERS = 1 << 16
 MAX_BYTES = 1 << 16
 AHEAD_NS = 5_000_000
-"""A stamp may be ahead of this machine's UTC by this much: clocks of one machine, read in turn."""
+"""Maximum lead of a stamp over this machine's UTC: the clocks of one machine, read in turn."""
 
 
 class JointStatesSettings(Settings):
@@ -36,12 +36,12 @@ class JointStatesSettings(Settings):
     names: list[str] = Field(
         min_length=1,
         max_length=32,
-        description="names in JointState of the robot's joints, in the order of its model",
+        description="names of the robot's joints in JointState, in the order of its model",
     )
     automatic: bool = Field(
         False,
-        description="JointState has no operating mode: count the robot as in automatic mode; "
-        "without it the advice is unknown",
+        description="assume automatic mode, because JointState has no operating mode; without "
+        "this the advice is unknown",
     )
 
     safety: ClassVar[Safety] = {
@@ -58,19 +58,18 @@ class JointStatesSettings(Settings):
 
 
 class JointStateReader:
-    """Makes RobotStates of JointStates of one robot.
-
-    A stamp that is repeated repeats the counter, so that the node finds a publisher that hangs.
+    """Makes RobotStates of one robot from its JointStates. A repeated stamp repeats the counter, so
+    that the node detects a publisher that hangs.
 
     Args:
         settings: names and mode.
         delay_s: maximum age of a state at its arrival.
-        counters: counts what is received and what is refused.
+        counters: counts received and refused messages.
         utc_ns, monotonic_ns: this machine's clocks, ns.
 
     Attributes:
         robot: index of the robot.
-        refused: why the newest message that was refused was; "" if none was.
+        refused: why the last refused message was refused; "" if none was.
     """
 
     def __init__(
@@ -95,7 +94,7 @@ class JointStateReader:
         self._stamp_ns = 0
 
     def read(self, data: bytes) -> RobotState | None:
-        """The state in a unit of ``Heard``; ``None`` if there is none, which is counted."""
+        """The state in a unit of ``Heard``; ``None`` if there is none (counted)."""
         try:
             state = self._state(Heard.of(data))
         except Exception as error:  # of any kind, on damaged bytes
@@ -106,7 +105,7 @@ class JointStateReader:
         return state
 
     def _state(self, heard: Heard) -> RobotState | None:
-        """The state; ``None`` of other joints.
+        """The state; ``None`` for a message about other joints.
 
         Raises:
             ValueError: it cannot be used; one line with the remedy.
@@ -127,8 +126,8 @@ class JointStateReader:
         if self._publishers.contradicted(heard, self._monotonic_ns()):
             if heard.gid == SEVERAL_GIDS:
                 raise ValueError(
-                    f"{topic}: several publishers, and this release of ROS does not state which "
-                    f"one a message is from; give each its own topic"
+                    f"{topic}: several publishers, and this release of ROS does not report which "
+                    f"of them sent a message; give each its own topic"
                 )
             raise ValueError(f"{topic}: two publishers of these joints; stop one of them")
         self._count(stamp_ns(message.header.stamp))
@@ -151,18 +150,19 @@ class JointStateReader:
         """Advance the counter if the stamp advances.
 
         Raises:
-            ValueError: the stamp is earlier than before, older than the delay, or of another clock.
+            ValueError: the stamp is earlier than the previous one, older than the delay, or from
+                another clock.
         """
         topic, age_ns = self._settings.topic, self._utc_ns() - at_ns
         if not -AHEAD_NS <= age_ns <= self._delay_ns:
             raise ValueError(
                 f"{topic}: a stamp {age_ns * 1e-9:.3g} s before this machine's UTC, and "
-                f"motion.delay_s {self._delay_ns * 1e-9:g}: delayed, or stamped by another clock"
+                f"motion.delay_s {self._delay_ns * 1e-9:g}: delayed, or stamped with another clock"
             )
         if self._stamp_ns > at_ns + age_ns + AHEAD_NS:
             self._stamp_ns = 0  # both clocks were set back
         if at_ns < self._stamp_ns:
-            raise ValueError(f"{topic}: a stamp earlier than the one before it")
+            raise ValueError(f"{topic}: a stamp earlier than the previous one")
         if at_ns > self._stamp_ns:
             self._stamp_ns = at_ns
             self._counter = (self._counter + 1) % COUNTERS

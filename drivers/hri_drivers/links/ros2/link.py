@@ -1,7 +1,7 @@
 """A link to ROS 2: advice, zones and forecasts as topics; see ``docs/guides/ros2.md``.
 
-The topic ``frames`` carries the node's protected frames, as a serial line does before COBS. All
-other topics say the same in plain messages, which nothing protects end to end.
+The topic ``frames`` carries the node's protected frames, as on a serial line before COBS. All other
+topics carry the same content in plain messages without end-to-end protection.
 """
 
 import contextlib
@@ -41,10 +41,10 @@ UNPROTECTED = (
     "the domain can publish them; only 'frames' is protected (docs/guides/ros2.md)"
 )
 PLAIN_STATES = (
-    "joint_states is not protected either: any node of the domain can say where the robot is, and "
-    "JointState has no operating mode (docs/guides/ros2.md)"
+    "joint_states is not protected either: any node of the domain can forge the robot's position, "
+    "and JointState has no operating mode (docs/guides/ros2.md)"
 )
-OPEN = "discovery 'subnet': every machine in the network can publish, and hear where people are"
+OPEN = "discovery 'subnet': every machine in the network can publish, and read people's positions"
 
 
 class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
@@ -59,7 +59,7 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
     node_name: NodeName = Field("hri_predict_link", description="its name in the ROS graph")
     namespace: TopicName = Field("/hri", description="namespace of its topics")
     remap: dict[str, TopicName] = Field(
-        {}, description="other names of topics, such as robot_0/speed_ovr: /speed_ovr"
+        {}, description="other topic names, such as robot_0/speed_ovr: /speed_ovr"
     )
     frame_id: str = Field(
         "room", pattern=r"^[A-Za-z0-9_/.-]{1,64}$", description="frame of the room in ROS"
@@ -74,8 +74,8 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
         None,
         ge=0.001,
         le=1,
-        description="a JointState older than this at its arrival is refused; default: the robot's"
-        " motion.delay_s, and not above it",
+        description="a JointState older than this on arrival is refused; default and maximum: "
+        "the robot's motion.delay_s",
     )
     bitrate: int = Field(
         100 * MBIT,
@@ -86,8 +86,8 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
 
     safety: ClassVar[Safety] = harmless("take", "bitrate", "joint_states_delay_s") | {
         "full_speed_m_s": LessSafe(
-            below="fractions are of {value:g} m/s: a robot that is faster at fraction 1 exceeds its"
-            " limit"
+            below="fractions refer to {value:g} m/s: a robot that is faster at fraction 1 "
+            "exceeds its limit"
         ),
     }
 
@@ -96,7 +96,9 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
         if self.simulate is not None:
             raise ValueError("a ros2 link has no simulated controller; leave 'simulate' out")
         if self.joint_states is not None and self.take:
-            raise ValueError("'joint_states' and 'take' are two states of one robot; leave one out")
+            raise ValueError(
+                "'joint_states' and 'take' would both provide the robot's state; leave one out"
+            )
         if wrong := unknown(self.remap):
             raise ValueError(
                 f"remap: no topic '{wrong[0]}'; there are frames, zones, forecast, "
@@ -179,7 +181,7 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         """Return the settings with the delay of the robot's states; see ``contracts.OfRobots``.
 
         Raises:
-            LinkError: ``joint_states`` of several robots; or their delay is not known, or above the
+            LinkError: ``joint_states`` of several robots; or their delay is unknown or above the
                 robot's.
         """
         if settings.joint_states is None:
@@ -187,8 +189,8 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         if len(robots) != 1:
             raise LinkError(
                 f"link '{settings.name}': joint_states are of one robot, and this link advises "
-                f"{len(robots)}; name one under 'robots', and give each robot a link and a "
-                "'namespace' of its own"
+                f"{len(robots)}; name one under 'robots', and give each robot its own link and "
+                f"'namespace'"
             )
         motion, own = robots[0].motion, settings.joint_states_delay_s
         if not isinstance(motion, StateMotion):
@@ -231,8 +233,8 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         for shape in shapes:
             if shape.moving_base:
                 raise LinkError(
-                    f"link '{settings.name}': joint_states has no place of a moving base; put this "
-                    "robot's state on a link of another kind"
+                    f"link '{settings.name}': joint_states cannot give the pose of a moving base; "
+                    "put this robot's state on a link of another kind"
                 )
             if shape.joints != len(wanted.names):
                 raise LinkError(
@@ -245,7 +247,7 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         """Refuse links of one node that publish the same topics, or differ in ``discovery``.
 
         Raises:
-            ConfigError: names both, and what to change.
+            ConfigError: the message names both and the necessary change.
         """
         for a, b in combinations(links, 2):
             if (a.domain_id, a.namespace) == (b.domain_id, b.namespace):
@@ -255,8 +257,8 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
                 )
             if a.discovery != b.discovery:
                 raise ConfigError(
-                    f"links '{a.name}' and '{b.name}' differ in 'discovery', which is that of the "
-                    "whole process; give both the same"
+                    f"links '{a.name}' and '{b.name}' differ in 'discovery', which applies to the "
+                    f"whole process; give both the same"
                 )
 
     def _say(self, line: str) -> None:
@@ -264,7 +266,7 @@ class Ros2Link(ConfiguredLink[Ros2LinkSettings, Publication]):
         self._note(LinkError(line))
 
     def _end(self) -> None:
-        """Publish a last 0 to every robot, then close."""
+        """Publish a final 0 to every robot, then close."""
         words = tuple(self._codec.plain.last_words()) if self.connected else ()
         if words:
             with contextlib.suppress(LinkError):

@@ -44,13 +44,13 @@ SAY_S = 10.0  # minimum time between two equal lines
 
 
 class Ros2Transport:
-    """A node that publishes, and hears frames of other nodes and of controllers.
+    """A ROS 2 node that publishes, and receives frames from other nodes and from controllers.
 
     Args:
         settings: the node's.
         topics: names of the topics.
         silence_s: deadline and lifespan of the advice.
-        take: whether to hear controllers.
+        take: whether to receive frames from controllers.
         joint_states: topic of the robot's JointStates; ``None``: none.
 
     Attributes:
@@ -167,7 +167,7 @@ class Ros2Transport:
             self._arrived.notify_all()
 
     def _publisher(self, topic: str) -> Publisher:
-        """Return the publisher of a topic, made when it is first used: robots are not known yet."""
+        """Return a topic's publisher, created on first use: the robots are not known earlier."""
         found = self._publishers.get(topic)
         if found is None:
             assert self._node is not None
@@ -205,12 +205,12 @@ class Ros2Transport:
 
     def _refused(self, topic: str, policy: str) -> None:
         self._say(
-            f"{self._topics.full(topic)}: a subscriber does not receive it, because it asks for "
+            f"{self._topics.full(topic)}: a subscriber does not receive it, because it requests "
             f"another {policy}; offered is {offered(topic, self._silence_s)}"
         )
 
     def _look_for_others(self, node: Node) -> None:
-        """Report other publishers on this node's topics of advice."""
+        """Report other publishers on this node's advice topics."""
         for topic in list(self._publishers):
             full = self._topics.full(topic)
             if topic.startswith("robot_") and (count := node.count_publishers(full)) > 1:
@@ -229,8 +229,9 @@ class Ros2Transport:
 def quality(topic: str, silence_s: float) -> QoSProfile:
     """Return the offered QoS of a topic; ``docs/guides/ros2.md`` has the table.
 
-    Advice is reliable, the newest alone, and void after ``silence_s``. Forecasts are sensor data:
-    best effort. Markers are reliable, because RViz asks for it, and void after half a second.
+    Advice is reliable, keeps only the newest message, and expires after ``silence_s``. Forecasts
+    are sensor data: best effort. Markers are reliable, because RViz requires it, and expire after
+    half a second.
     """
     if topic == "/diagnostics":
         return QoSProfile(depth=10)
@@ -244,7 +245,7 @@ def quality(topic: str, silence_s: float) -> QoSProfile:
 
 
 def offered(topic: str, silence_s: float) -> str:
-    """Return the type and the QoS of a topic in words."""
+    """Return the type and the QoS of a topic as text."""
     qos = quality(topic, silence_s)
     words = [_type(topic).__name__, qos.reliability.name.lower().replace("_", " "), "volatile"]
     for name, duration in (("deadline", qos.deadline), ("lifespan", qos.lifespan)):

@@ -1,1 +1,1 @@
-"""Universal Robots' controllers by RTDE: joints in; speed slider, watchdog and level out."""
+"""Universal Robots' controllers over RTDE: joints in; speed slider, watchdog and level out."""

@@ -1,4 +1,4 @@
-"""A link to a Universal Robots arm: its joints come in, its speed slider goes out.
+"""A link to a Universal Robots arm: receives its joints, and sends its speed slider.
 
 ``docs/guides/ur-rtde.md`` describes the robot's side. The speed slider is not a safety function.
 """
@@ -30,14 +30,14 @@ log = logging.getLogger(__name__)
 
 PORT = 30_004
 WRITE_NS = 8_000_000
-"""The registers are written again after this time, one cycle at 125 Hz, if no Advice arrives."""
+"""If no Advice arrives, the registers are written again after this time, one cycle at 125 Hz."""
 BITRATE = 10_000_000
 OVERHEAD_BYTES = 120
 """Maximum bytes of Ethernet, IPv6 and TCP around a packet."""
 UNPROTECTED = (
-    "RTDE has neither CRC nor counter of this node's: not protected end to end, and the speed "
-    "slider is not a safety function; the robot's program must stop when the watchdog register "
-    "stands still (docs/guides/ur-rtde.md)"
+    "RTDE carries neither a CRC nor a counter from this node: not protected end to end, and the "
+    "speed slider is not a safety function; the robot's program must stop when the watchdog "
+    "register stops changing (docs/guides/ur-rtde.md)"
 )
 _WRITTEN = struct.Struct(">Idii")
 _TYPES = ("UINT32", "DOUBLE", "INT32", "INT32")
@@ -62,7 +62,9 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
     rise_per_s: float = Field(
         0.5, ge=0.02, le=2, description="maximum rise of the slider, fraction per second"
     )
-    hold_s: float = Field(0.5, ge=0, le=10, description="minimum time for which 0 is held")
+    hold_s: float = Field(
+        0.5, ge=0, le=10, description="minimum time for which the slider stays at 0"
+    )
     max_age_s: float = Field(
         0.4,
         ge=0.02,
@@ -79,9 +81,7 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
     safety: ClassVar[Safety] = harmless(
         "port", "full_speed_m_s", "rise_per_s", "hold_s", "watchdog_register", "level_register"
     ) | {
-        "max_age_s": LessSafe(
-            above="an Advice permits motion until its capture is {more:.2g} s older"
-        ),
+        "max_age_s": LessSafe(above="an Advice permits motion for {more:.2g} s longer"),
     }
 
     @model_validator(mode="after")
@@ -109,7 +109,7 @@ class RtdeLinkSettings(ConfiguredLinkSettings):
 
 
 class RtdeCodec:
-    """Registers as data packages, and data packages as RobotStates; see ``links.codec.Codec``.
+    """Encodes registers, and decodes RobotStates, as data packages; see ``links.codec.Codec``.
 
     Args:
         refused_packets: returns the number of packets that the transport refused.
@@ -127,14 +127,14 @@ class RtdeCodec:
         self._text = ""
 
     def carries(self, message: Message) -> bool:
-        """Only an Advice."""
+        """True for an Advice only."""
         return isinstance(message, Advice)
 
     def watch(self, own: OwnFrames) -> None:
-        """Nothing: the controller serves one writer of a register, and no frame comes back."""
+        """Do nothing: the controller accepts one writer of a register, and no frame returns."""
 
     def encode(self, message: Message) -> list[Packet]:
-        """Nothing: the link writes what the slider follows."""
+        """Return nothing: the link itself writes the registers that follow the Advice."""
         return []
 
     def decode(self, unit: Packet) -> list[Message]:
@@ -143,7 +143,7 @@ class RtdeCodec:
             self.counters.ignored += 1
             if (text := text_of(unit.data)) != self._text:  # one line, not one for each cycle
                 self._text = text
-                log.warning("the controller says: %s", text)
+                log.warning("message from the controller: %s", text)
             return []
         state = self._reader.read(self.robot, unit.data) if unit.kind == Kind.DATA else None
         if state is None:
@@ -157,16 +157,16 @@ class RtdeCodec:
         return self.decode(unit)
 
     def reset(self) -> None:
-        """Take the time stamps of a new connection; counters of states continue."""
+        """Restart with the time stamps of a new connection; counters of states continue."""
         self._reader.restart()
 
     def count(self, counters: LinkCounters) -> None:
-        """Copy the counts of what was refused."""
+        """Copy the counts of refused packages."""
         counters.malformed = self.counters.malformed + self._refused_packets()
         counters.ignored = self.counters.ignored
 
     def worst_s(self, message: Message) -> float:
-        """Seconds on the network of what follows an Advice."""
+        """Seconds on the network of the packet that follows an Advice."""
         return 8 * (OVERHEAD_BYTES + _WRITTEN.size) / BITRATE
 
     def unit_s(self, unit: Packet) -> float:
@@ -174,7 +174,7 @@ class RtdeCodec:
         return 8 * (OVERHEAD_BYTES + len(unit.data)) / BITRATE
 
     def raw(self, unit: Packet) -> bytes:
-        """The packet; a data package without the number of its recipe."""
+        """The packet as bytes; a data package without the number of its recipe."""
         return framed(unit.kind, unit.data)
 
     def size(self, unit: Packet) -> int:
@@ -183,7 +183,7 @@ class RtdeCodec:
 
 
 def package(written: Written) -> Packet:
-    """Return the data package that writes the registers; the mask takes the slider over."""
+    """Return the data package that writes the registers; the mask takes control of the slider."""
     values = (1, written.fraction, written.watchdog, int(written.level))
     return Packet(Kind.DATA, _WRITTEN.pack(*values))
 
@@ -195,8 +195,8 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
     ``silence_timeout_s`` the slider is 0, the level *unknown*, and the watchdog stops.
 
     Raises:
-        LinkError: more than one robot, or not one of six joints on a base that stands; or its full
-            speed is not known.
+        LinkError: more than one robot, or a robot without six joints on a fixed base, or with an
+            unknown full speed.
     """
 
     settings_model: ClassVar[type[RtdeLinkSettings]] = RtdeLinkSettings
@@ -241,12 +241,14 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
         """Return the settings with the robot's full speed; see ``contracts.link.OfRobots``.
 
         Raises:
-            LinkError: several robots; or the slider at 100 % is said to be slower than the robot.
+            LinkError: several robots; or the configured speed at 100 % is below the robot's
+                maximum.
         """
         if len(robots) != 1:
             raise LinkError(
                 f"link '{settings.name}': an RTDE controller has one arm, and this link advises "
-                f"{len(robots)} robots; name one under 'robots', and give each arm its own link"
+                f"{len(robots)} robots; name one under 'robots', and use a separate link for each "
+                f"arm"
             )
         fastest = robots[0].max_speed_m_s
         full = settings.full_speed_m_s
@@ -265,8 +267,8 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
         """Shares of a network of 10 Mbit/s."""
         if any(shape.joints != JOINTS or shape.moving_base for shape in traffic.shapes):
             raise LinkError(
-                f"link '{settings.name}': RTDE carries six joints on a base that stands; put "
-                "this robot on a link of another kind"
+                f"link '{settings.name}': RTDE carries six joints on a fixed base; put this robot "
+                "on a link of another kind"
             )
         written_s = 8 * (OVERHEAD_BYTES + _WRITTEN.size) / BITRATE
         state_s = 8 * (OVERHEAD_BYTES + OUTPUTS.layout.size) / BITRATE
@@ -316,7 +318,7 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
         self._due_ns = now_ns
 
     def _lost(self, error: Exception, now_ns: int) -> None:
-        """See ``SupervisedLink``; a controller that is not understood may still listen."""
+        """See ``SupervisedLink``; a controller with invalid answers may still accept writes."""
         self._say_stop(now_ns)
         super()._lost(error, now_ns)
 
@@ -325,7 +327,7 @@ class RtdeLink(ConfiguredLink[RtdeLinkSettings, Packet]):
         super()._end()
 
     def _say_stop(self, now_ns: int) -> None:
-        """Write 0 and *unknown* as the last word: the controller keeps what it received last."""
+        """Write 0 and *unknown* last: the controller keeps the values that it received last."""
         if self.connected:
             self._slider.restart()
             try:

@@ -14,7 +14,7 @@ from hri_predict.base.errors import LinkError
 VERSION = 2
 _HEADER = struct.Struct(">HB")
 MAX_PACKET = 4096
-"""Bytes of the longest packet that is accepted; ours of 18 fields has 200, a text at most 515."""
+"""Maximum length in bytes of a packet; ours with 18 fields has 200, a text at most 515."""
 
 FORMATS = {
     "BOOL": "?",
@@ -45,7 +45,7 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A packet without its header; of a data package also without the number of its recipe."""
+    """A packet without its header; a data package also lacks the number of its recipe."""
 
     kind: int
     data: bytes
@@ -57,9 +57,8 @@ def framed(kind: int, data: bytes = b"") -> bytes:
 
 
 class Splitter:
-    """Finds packets in the bytes of one connection, wherever they were cut.
-
-    RTDE marks no beginning of a packet: after one impossible header the rest cannot be read.
+    """Finds packets in the bytes of one connection, regardless of how they are split. RTDE does not
+    mark the start of a packet, so after one impossible header the rest is unreadable.
     """
 
     def __init__(self) -> None:
@@ -116,13 +115,13 @@ def recipe_number(recipe: Recipe, data: bytes, direction: str) -> int:
     """Return the number that the controller gave a recipe.
 
     Args:
-        recipe: as asked for.
+        recipe: as requested.
         data: of the reply: the number (UINT8), then the types, separated by commas.
         direction: "output" or "input", for the error.
 
     Raises:
         LinkError: a name is not known or in use, a type is not ours, or the number is 0, which no
-            valid recipe has: one line with the remedy.
+            valid recipe has; one line with the remedy.
     """
     types = data[1:].decode("ascii", "replace").split(",")
     if not data or len(types) != len(recipe.names):
@@ -133,8 +132,9 @@ def recipe_number(recipe: Recipe, data: bytes, direction: str) -> int:
     for name, wanted, found in zip(recipe.names, recipe.types, types, strict=True):
         if found == "IN_USE":
             raise LinkError(
-                f"input '{name}' is in use: another RTDE client writes it, and only one may; stop "
-                "that client (a ROS driver, another node, a fieldbus), or name another register"
+                f"input '{name}' is in use: another RTDE client writes it, and only one client "
+                "may; stop that client (a ROS driver, another node, a fieldbus), or name another "
+                "register"
             )
         if found == "NOT_FOUND":
             raise LinkError(
@@ -148,24 +148,24 @@ def recipe_number(recipe: Recipe, data: bytes, direction: str) -> int:
             )
     if not data[0]:
         raise LinkError(
-            f"the controller gives the {direction} recipe the number 0, so it takes none of it; "
-            "restart its RTDE interface"
+            f"the controller gives the {direction} recipe the number 0, so it accepts none of its "
+            f"fields; restart its RTDE interface"
         )
     return data[0]
 
 
 def text_of(data: bytes) -> str:
-    """Return the text of a message of the controller, as one printable line."""
+    """Return the text of a message from the controller as one printable line."""
     length = data[0] if data else 0
     text = data[1 : 1 + length].decode("utf-8", "replace")
     return "".join(c if c.isprintable() else " " for c in text).strip()
 
 
 def number_of(data: bytes) -> int:
-    """The first byte of a reply: 1 if the controller accepts; 0 of an empty one."""
+    """The first byte of a reply: 1 if the controller accepts; 0 for an empty reply."""
     return data[0] if data else 0
 
 
 def versions_of(data: bytes) -> Sequence[int]:
-    """Major, minor, bugfix and build number of the controller; empty if they are not there."""
+    """Major, minor, bugfix and build number of the controller; empty if they are missing."""
     return struct.unpack(">4I", data) if len(data) == 16 else ()

@@ -1,4 +1,4 @@
-"""The state that the controller reports, as a RobotState."""
+"""Converts the state that the controller reports to a RobotState."""
 
 import math
 
@@ -30,10 +30,9 @@ _IN_PROGRAM = frozenset((_STOPPING, _PLAYING, _PAUSING, _PAUSED, _RESUMING))
 
 
 def mode_of(robot_mode: int, safety_mode: int, runtime_state: int) -> RobotMode:
-    """Return the operating mode; only a robot that its program moves is *automatic*.
-
-    A protective, safeguard or emergency stop, a fault and everything that is not known are
-    *unknown*: the node has no better word for them, and the robot stands.
+    """Return the operating mode; only a robot that is moved by its program is *automatic*. A
+    protective, safeguard or emergency stop, a fault and all other states are *unknown*: the node
+    has no better mode for them, and the robot is stopped.
     """
     if robot_mode in (_POWER_OFF, _POWER_ON, _IDLE):
         return RobotMode.DRIVES_OFF
@@ -45,10 +44,9 @@ def mode_of(robot_mode: int, safety_mode: int, runtime_state: int) -> RobotMode:
 
 
 class StateReader:
-    """Makes RobotStates of data packages; the counter advances with the controller's time stamp.
-
-    A stamp that stops or goes back repeats the counter, so that the node finds a controller
-    that hangs or sends old states again.
+    """Makes RobotStates from data packages; the counter advances with the controller's time stamp.
+    If the stamp stops or goes back, the counter is repeated, so that the node detects a controller
+    that hangs or repeats old states.
     """
 
     def __init__(self) -> None:
@@ -56,14 +54,14 @@ class StateReader:
         self._stamp = -math.inf
 
     def restart(self) -> None:
-        """Begin a new connection: a controller that was restarted counts its time from 0."""
+        """Start a new connection: a restarted controller counts its time from 0."""
         self._stamp = -math.inf
 
     def read(self, robot: int, data: bytes) -> RobotState | None:
         """Return the state of a data package; ``None`` if it is not one of ``OUTPUTS``.
 
-        Positions and velocities that are not numbers are passed on, and refused by the node with
-        the joint's name.
+        Positions and velocities that are not numbers are passed on; the node refuses them and names
+        the joint.
         """
         if len(data) != _LAYOUT.size:
             return None

@@ -1,8 +1,8 @@
-"""The speed slider: from advice to what is written into the robot's registers.
+"""The speed slider: converts advice to values for the robot's registers.
 
 A slider that jumps up from 0 puts some robots into a protective stop (Universal_Robots_Client_
-Library, issue 58), and their drivers therefore send no fraction between 0 and 0.01. So a fraction
-of 0 is held for a while, and the slider rises with a slope. It falls at once.
+Library, issue 58), and their drivers therefore send no fraction between 0 and 0.01. Therefore the
+slider stays at 0 for a minimum time and rises with a limited slope. It falls immediately.
 """
 
 import math
@@ -13,18 +13,19 @@ from hri_predict.protocol.messages import Advice, Level
 LEAST = 0.01
 """The smallest fraction above 0 that is written."""
 LONGEST_STEP_S = 0.02
-"""A link that was held up for longer rises no further than in this time: it must not jump."""
+"""After a longer delay of the link, the slider rises only as far as in this time: it must not
+jump."""
 COUNTS = 2**31
 """The watchdog's register is an INT32; it counts from 0 to 2147483647."""
 
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """Values written into the robot's registers at once.
+    """Values written into the robot's registers together.
 
     Attributes:
         fraction: of the speed slider, 0 to 1.
-        watchdog: counts fresh Advice; if it stands still, the robot must stop.
+        watchdog: counts fresh Advice; if it does not change, the robot must stop.
         level: the Advice's; 0 (*unknown*) without a fresh one.
     """
 
@@ -42,9 +43,9 @@ class SpeedSlider:
     Args:
         full_speed_m_s: speed of the robot's fastest point with the slider at 1.
         rise_per_s: slope at which the slider rises, per second.
-        hold_s: how long 0 is held at least.
-        silence_s: an Advice counts for this long.
-        max_age_s: and no longer than until its capture is this old.
+        hold_s: minimum time at 0.
+        silence_s: time for which an Advice is valid.
+        max_age_s: maximum age of its capture, after which it is no longer valid.
     """
 
     def __init__(
@@ -69,12 +70,12 @@ class SpeedSlider:
         self._stopped_ns: int | None = None
 
     def restart(self) -> None:
-        """Begin again at 0: where the robot's slider is, is not known."""
+        """Restart at 0: the position of the robot's slider is not known."""
         self._until_ns = self._at_ns = self._stopped_ns = None
         self._slope = 0.0
 
     def take(self, advice: Advice, now_ns: int) -> None:
-        """Take a fresh Advice; one without an age, or of an old capture, permits nothing."""
+        """Process a fresh Advice; without an age, or from an old capture, it permits nothing."""
         limit = advice.speed_limit_m_s
         permits = advice.level.may_move and limit is not None and math.isfinite(limit)
         self._wanted = max(0.0, min(1.0, (limit or 0.0) / self._full_speed)) if permits else 0.0
@@ -86,7 +87,7 @@ class SpeedSlider:
         self._watchdog = (self._watchdog + 1) % COUNTS
 
     def at(self, now_ns: int) -> Written:
-        """Return what to write now; times never go back."""
+        """Return the values to write now; times never go back."""
         silent = self._until_ns is None or now_ns >= self._until_ns
         wanted = 0.0 if silent else self._wanted
         step_s = 0.0 if self._at_ns is None else (now_ns - self._at_ns) * 1e-9
@@ -103,7 +104,7 @@ class SpeedSlider:
         return Written(fraction, self._watchdog, Level.UNKNOWN if silent else self._level)
 
     def _may_rise(self, now_ns: int) -> bool:
-        """Whether 0 was held for long enough; at the start it counts from the first call."""
+        """Whether 0 was held for long enough; at the start, it is timed from the first call."""
         if self._stopped_ns is None:
             self._stopped_ns = now_ns
         return now_ns - self._stopped_ns >= self._hold_ns

@@ -26,11 +26,11 @@ from hri_predict.base.errors import LinkError
 log = logging.getLogger(__name__)
 
 REPLY_S = 2.0
-"""A controller answers each step of the setup within this time."""
+"""Maximum time for a controller's answer to each step of the setup."""
 SILENT_S = 0.5
 """Without a data package for this long the connection counts as lost."""
 WRITE_S = 0.1
-"""A write that takes longer has cut a packet: the connection counts as lost."""
+"""A write that takes longer was cut within a packet: the connection counts as lost."""
 CHUNK = 65_536
 
 
@@ -40,10 +40,10 @@ class RtdeTransport:
     Args:
         address: host and port of the controller.
         outputs, inputs: the recipes.
-        rate_hz: at which the controller sends its outputs.
+        rate_hz: rate at which the controller sends its outputs.
 
     Attributes:
-        malformed: packets that no controller sends, or that break the stream.
+        malformed: number of packets that no controller sends, or that break the stream.
         controller: version of the controller's software; empty before the first connection.
     """
 
@@ -109,7 +109,7 @@ class RtdeTransport:
             raise LinkError(f"{self._named}: connection lost ({_why(error)})") from error
 
     def read(self, timeout_s: float) -> list[Packet]:
-        """Return the packets that have come; the data packages without their recipe's number.
+        """Return the packets that have arrived; data packages without their recipe's number.
 
         Raises:
             LinkError: the connection is lost, silent, or out of step.
@@ -163,7 +163,9 @@ class RtdeTransport:
             return []
         data = opened.recv(CHUNK)
         if not data:
-            raise LinkError("the controller closed the connection; is another program its master?")
+            raise LinkError(
+                "the controller closed the connection; is another program controlling it?"
+            )
         try:
             return list(self._splitter.feed(data))
         except LinkError:

@@ -26,7 +26,8 @@ class SerialLinkSettings(FramedLinkSettings):
         description="device path or pyserial URL; not needed with 'usb' or 'simulate'",
     )
     usb: UsbDevice | None = Field(
-        None, description="instead of 'port': a USB adapter, found under any port name"
+        None,
+        description="instead of 'port': a USB adapter, identified independently of its port name",
     )
     baudrate: int = Field(
         115_200,
@@ -38,7 +39,7 @@ class SerialLinkSettings(FramedLinkSettings):
     stop_bits: StopBits = Field(1, description="stop bits, same as the controller's")
     rtscts: bool = Field(False, description="hardware handshake")
     xonxoff: bool = Field(False, description="not possible: frames contain the XON and XOFF bytes")
-    rs485: bool = Field(False, description="the driver switches the transmitter by RTS (Linux)")
+    rs485: bool = Field(False, description="the driver switches the transmitter with RTS (Linux)")
 
     safety: ClassVar[Safety] = harmless("baudrate", "stop_bits", "rtscts", "xonxoff", "rs485")
 
@@ -117,11 +118,11 @@ class SerialLink(FramedLink[SerialLinkSettings]):
         """Refuse two links on one port.
 
         Raises:
-            ConfigError: names both, and what to change.
+            ConfigError: the message names both and the necessary change.
         """
         for a, b in combinations([link for link in links if link.simulate is None], 2):
             if (a.port, a.usb) == (b.port, b.usb):
                 raise ConfigError(
                     f"links '{a.name}' and '{b.name}' both use {a.port or 'one USB adapter'}, "
-                    "which serves one; put their robots on one link, or correct 'port'"
+                    f"which serves one link; put their robots on one link, or correct 'port'"
                 )

@@ -20,11 +20,11 @@ from hri_predict.protocol.own_frames import OwnFrames
 from hri_predict.protocol.wire import SIX_JOINTS, StateShape, wire_bits
 
 OVERHEAD_BITS = 8 * 160
-"""Largest overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap
-and timestamps), the rest for zenoh's own header and the key."""
+"""Maximum overhead of a message on Ethernet: 38 + 52 bytes of Ethernet, IPv6 and TCP (with gap and
+timestamps), the rest for zenoh's own header and the key."""
 MBIT = 1_000_000
 OF_A_NODE = ("status", "advice/*", "schema")
-"""Keys that a cell's node alone sends to; the link hears whether a second node does so."""
+"""Keys under which only a cell's node sends; the link detects a second node that uses them."""
 
 
 class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
@@ -41,7 +41,7 @@ class ZenohLinkSettings(CellSettings, ConfiguredLinkSettings):
         description="network bandwidth that this link may use, bit/s",
     )
     wait_for_device: bool = Field(
-        True, description="start without a connection: no cell waits for a router"
+        True, description="start without a connection, so that no cell waits for a router"
     )
 
     safety: ClassVar[Safety] = harmless("take", "bitrate")
@@ -90,7 +90,7 @@ class ZenohCodec(FrameCodec[Keyed]):
 def worst_bits(
     message: type[Message], items: int | None = None, shape: StateShape = SIX_JOINTS
 ) -> int:
-    """Worst-case bits of one message: its bytes as on a serial line, plus the overhead."""
+    """Worst-case bits of one message: the same bytes as on a serial line, plus the overhead."""
     return OVERHEAD_BITS + wire_bits(message, "serial", items=items, shape=shape).nominal * 8 // 10
 
 

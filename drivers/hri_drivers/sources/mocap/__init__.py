@@ -1,1 +1,1 @@
-"""The common part of sources of motion capture over UDP."""
+"""Common part of sources of motion capture over UDP."""

@@ -1,4 +1,4 @@
-"""From captures to scenes: the same for every kind of motion capture."""
+"""Turns captures into scenes, for every kind of motion capture."""
 
 from collections.abc import Callable
 
@@ -15,26 +15,26 @@ from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.source import SourceCounters
 
 PAUSE_NS = 300_000_000
-"""After a longer silence a sender may have started again."""
+"""Minimum silence after which a sender may have restarted."""
 REFUSED_NS = 1_000_000_000
-"""For this long, a person who is only in captures that do not advance keeps the room unseen."""
+"""Time for which a person found only in captures that do not advance keeps the room unseen."""
 ELSEWHERE_M = 0.5
-"""A body farther than this from where the newest capture has its id is another person."""
+"""A body farther than this from its id's position in the newest capture is another person."""
 
 
 class MocapDecoder:
     """See ``hri_drivers.sources.live.Decoder``.
 
     A capture without people does not by itself mean that the room is empty: ``sees_room`` of the
-    settings says whether every person who can come near is tracked.
+    settings states whether every person who can approach is tracked.
 
     Args:
-        reader: finds captures in datagrams.
+        reader: extracts captures from datagrams.
         settings: the source's.
         joint_map: the sender's joints and axes.
-        counters: counts packets and what is refused.
-        root: joint that carries the body, if the sender may send positions relative to it.
-        contradicted: whether a second sender was heard a moment ago.
+        counters: counts packets and refusals.
+        root: root joint of the body, if the sender may send positions relative to it.
+        contradicted: returns whether a second sender was heard recently.
 
     Raises:
         ConfigError: the joint map has no such joint.
@@ -52,8 +52,8 @@ class MocapDecoder:
     ) -> None:
         if root is not None and root not in joint_map.source_joints:
             raise ConfigError(
-                f"source.joint_map: {joint_map.name} has no joint '{root}', which carries the "
-                f"body in '{settings.kind}'; add it to 'joints'"
+                f"source.joint_map: {joint_map.name} has no joint '{root}', the root of the body "
+                f"in '{settings.kind}'; add it to 'joints'"
             )
         self._reader = reader
         self._settings = settings
@@ -70,7 +70,7 @@ class MocapDecoder:
         self._refused_ns: int | None = None
 
     def reset(self) -> None:
-        """Forget incomplete captures."""
+        """Discard incomplete captures."""
         self._reader.reset()
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
@@ -113,23 +113,24 @@ class MocapDecoder:
         return frame.stamp_ns
 
     def _look_at_refused(self, frame: Frame, received_ns: int) -> None:
-        """A person who is only in captures that do not advance is perhaps a second program's.
+        """Detect a person found only in captures that do not advance: a second program may send it.
 
-        Two programs behind one address look like one whose captures overtake each other: those of
-        the one that is ahead count, and the people of the other would not be seen.
+        Two programs behind one address look like one program with captures out of order: only the
+        captures of the program that is ahead are used, and the people of the other would not be
+        seen.
         """
         if any(self._is_elsewhere(person) for person in frame.people):
             self._refused_ns = received_ns
             self._counters.note(
-                f"{self._settings.kind}: a person is only in captures that do not advance: two "
-                "programs send to this port; stop one of them"
+                f"{self._settings.kind}: a person appears only in captures that do not advance: "
+                "two programs send to this port; stop one of them"
             )
 
     def _refused_lately(self, received_ns: int) -> bool:
         return self._refused_ns is not None and received_ns - self._refused_ns < REFUSED_NS
 
     def _is_elsewhere(self, person: SentPerson) -> bool:
-        """Whether the newest capture does not show this person, or not here."""
+        """Whether the newest capture lacks this person, or shows the person elsewhere."""
         if not person.observed.any():
             return False
         newest = self._newest.get(person.id)
@@ -139,7 +140,7 @@ class MocapDecoder:
         return float(np.linalg.norm(apart)) * self._scale_to_m > ELSEWHERE_M
 
     def _placed(self, frame: Frame) -> tuple[SentPerson, ...]:
-        """The people whose place in the room is known."""
+        """The people with a known position in the room."""
         if not frame.tracks or self._root is None:
             return frame.people if frame.tracks else ()
         known, self._rooted = self._rooted, {}
@@ -152,12 +153,12 @@ class MocapDecoder:
             elif rooted.still:
                 self._counters.note(
                     f"{self._settings.kind}: a relative stream: '{self._root}' stays at one point "
-                    "while the body moves; let the sender stream positions in the room"
+                    "while the body moves; let the sender stream room coordinates"
                 )
         return tuple(placed)
 
 
 def _middle(person: SentPerson) -> Floats:
-    """(3,) mean of the observed joints, of which there is one at least."""
+    """(3,) mean of the observed joints; at least one must be observed."""
     middle: Floats = person.positions[person.observed].mean(axis=0)
     return middle

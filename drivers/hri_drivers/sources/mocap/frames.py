@@ -1,4 +1,4 @@
-"""One capture of a motion capture system, as its reader finds it in the bytes."""
+"""One capture of a motion capture system, as extracted from its bytes."""
 
 import json
 import math
@@ -17,7 +17,7 @@ _SHOWN = 80
 
 
 class FrameError(ValueError):
-    """The bytes are not what the source expects; one line with the remedy."""
+    """The bytes are not in the expected format; one line with the remedy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -25,11 +25,11 @@ class Frame:
     """One capture.
 
     Attributes:
-        stamp_ns: time of the capture on the sender's clock; ``None`` if it sends none.
-        number: the sender's count of captures; ``None`` if it sends none.
+        stamp_ns: time of the capture on the sender's clock; ``None`` if it sends no time.
+        number: the sender's count of captures; ``None`` if it sends no count.
         people: every person, in the units and axes of the joint map.
-        tracks: whether the sender says that it tracks; if not, no person is seen.
-        complete: false if the sender names a person without saying where.
+        tracks: whether the sender reports that it tracks; if not, no person is seen.
+        complete: false if the sender names a person without a position.
     """
 
     stamp_ns: int | None
@@ -40,20 +40,20 @@ class Frame:
 
 
 class Reader(Protocol):
-    """Turns untrusted bytes into captures; it may keep parts of one between calls."""
+    """Turns untrusted bytes into captures; it may keep parts of a capture between calls."""
 
     def read(self, data: bytes) -> Frame | None:
         """The capture that one datagram completes, if any.
 
         Raises:
-            FrameError: the datagram is not valid. No bytes raise anything else.
+            FrameError: the datagram is not valid. No input raises any other exception.
         """
 
     def reset(self) -> None:
-        """Forget incomplete captures, and what the sender has said of itself."""
+        """Discard incomplete captures, and what the sender reported about itself."""
 
     def pause(self) -> None:
-        """Forget incomplete captures: the sender was silent, and may have started again."""
+        """Discard incomplete captures: the sender was silent, and may have restarted."""
 
 
 def person(number: int, positions: Floats, *, origin_seen: bool = True) -> SentPerson:
@@ -62,7 +62,7 @@ def person(number: int, positions: Floats, *, origin_seen: bool = True) -> SentP
     Args:
         number: the sender's id.
         positions: (J_source, 3).
-        origin_seen: false if the sender writes zeros for what it did not measure.
+        origin_seen: false if the sender writes zeros for joints that it did not measure.
     """
     if not origin_seen:
         positions = np.where((positions == 0).all(axis=1, keepdims=True), np.nan, positions)
@@ -124,7 +124,7 @@ def number_of(value: Any) -> float:
 
 
 def place_of(found: Any) -> tuple[float, float, float]:
-    """The place in an object with ``x``, ``y`` and ``z``.
+    """The position in an object with ``x``, ``y`` and ``z``.
 
     Raises:
         FrameError: one of them is missing or not a finite number.
@@ -147,6 +147,6 @@ def stamp_of_s(value: Any) -> int:
 
 
 def shown(text: str) -> str:
-    """Text of the sender's, made safe for a log: short, one line, ASCII."""
+    """Text from the sender, made safe for a log: short, one line, ASCII."""
     line = " ".join(text.split())[:_SHOWN]
     return line.encode("ascii", "backslashreplace").decode("ascii")

@@ -7,14 +7,15 @@ from hri_drivers.sources.udp_receiver import LARGEST, UdpReceiver
 from hri_predict.contracts.source import SourceCounters
 
 SILENT_S = 1.0
-"""A sender that was silent for this long gives way to another."""
+"""Silence after which another sender may replace the current one."""
 
 
 class OneSender(UdpReceiver):
     """See ``UdpReceiver``; datagrams of a second sender are refused and counted.
 
-    The formats of motion capture do not name their sender: the bones of two would become one body,
-    and one of two people would not be seen. While a second one sends, ``contradicted`` is true.
+    The formats of motion capture do not identify the sender: the bones from two senders would be
+    merged into one body, and one of two people would not be seen. While a second sender sends,
+    ``contradicted`` is true.
 
     Args:
         host, port, multicast_group, largest: see ``UdpReceiver``.
@@ -40,11 +41,11 @@ class OneSender(UdpReceiver):
 
     @property
     def contradicted(self) -> bool:
-        """Whether a second sender was heard a moment ago."""
+        """Whether a second sender was heard recently."""
         return self._now_s() - self._other_s < SILENT_S
 
     def accepts(self, sender: object) -> bool:
-        """Whether a datagram of this address is taken."""
+        """Whether a datagram from this address is accepted."""
         now_s = self._now_s()
         if sender != self._sender:
             if now_s - self._heard_s < SILENT_S:

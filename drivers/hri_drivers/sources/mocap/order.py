@@ -1,15 +1,15 @@
-"""Which captures count: repeated, late and lost ones, and restarts of the sender."""
+"""Decides which captures are used: detects repeated, late and lost ones, and sender restarts."""
 
 from hri_predict.contracts.source import SourceCounters
 
 LATE_NS = 500_000_000
-"""A stamp that is earlier by at most this came out of order; an even earlier one is a restart."""
+"""A stamp earlier by at most this arrived out of order; an even earlier stamp means a restart."""
 LATE_RUN = 10
-"""This many late captures in a row are a restart, too."""
+"""This many late captures in a row also mean a restart."""
 MAX_LOST = 100_000
-"""Captures; a number ahead by more than this is not a loss: the sender restarted."""
+"""Maximum number of lost captures; a larger jump ahead means that the sender restarted."""
 LATE_NUMBERS = 30
-"""The same as ``LATE_NS`` where captures are counted."""
+"""The equivalent of ``LATE_NS`` for capture numbers."""
 
 
 class Order:
@@ -19,8 +19,8 @@ class Order:
         counters: counts ``lost``, ``replayed`` and ``out_of_order``.
 
     Attributes:
-        session: rises when the sender restarts.
-        sequence: number of the newest capture; rises by one, and by more if captures are lost.
+        session: increases when the sender restarts.
+        sequence: number of the newest capture; increases by one, or by more if captures are lost.
     """
 
     def __init__(self, counters: SourceCounters) -> None:
@@ -32,7 +32,7 @@ class Order:
         self._late = 0
 
     def advances(self, stamp_ns: int, number: int | None) -> bool:
-        """Take the next capture; return whether it is to be used."""
+        """Process the next capture; return whether to use it."""
         if stamp_ns == self._stamp_ns:
             self._repeats()
             return False

@@ -1,4 +1,4 @@
-"""Finds streams whose positions are relative to the body: they do not say where a person is."""
+"""Detects streams with positions relative to the body, which do not locate people in the room."""
 
 import numpy as np
 
@@ -6,18 +6,18 @@ from hri_drivers.sources.sent import SentPerson
 from hri_predict.base.arrays import Floats
 
 STILL = 30
-"""Captures in a row in which the body moves and its root does not, to the last bit."""
+"""Number of captures in a row in which the body moves but its root is bit-identical."""
 
 
 class Rooted:
     """Whether a person's root moves in the room.
 
-    Programs that track limbs alone put the body at one place. A measured root is never at the same
-    horizontal place, to the last bit, while the body moves. A root that is not measured says
-    nothing: two measured ones are compared across the captures between them.
+    Programs that track only limbs put the body at one place. While the body moves, a measured root
+    never keeps a bit-identical horizontal position. Captures without a measured root are skipped:
+    the comparison uses the measured roots before and after them.
 
     Args:
-        root: index of the joint that carries the body (the pelvis).
+        root: index of the root joint of the body (the pelvis).
         up: index of the vertical coordinate.
 
     Attributes:
@@ -33,7 +33,7 @@ class Rooted:
         self._moved = False
 
     def sees(self, person: SentPerson) -> bool:
-        """Take the next capture; return whether its place can be believed."""
+        """Process the next capture; return whether its position is credible."""
         newest, self._newest = self._newest, person.positions
         now = person.positions[self._root, self._level]
         if not np.isfinite(now).all():

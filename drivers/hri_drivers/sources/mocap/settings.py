@@ -22,11 +22,12 @@ class MocapSettings(LiveSettings):
     )
     stamp: Literal["sender", "arrival"] = Field(
         "sender",
-        description="time of a capture; arrival: state the delay until then as min_latency_s",
+        description="source of the capture time; with arrival, give the delay before arrival as "
+        "min_latency_s",
     )
 
     safety: ClassVar[Safety] = harmless("port") | {
-        "stamp": LessSafe(other="a capture that is late on the network counts as fresh"),
+        "stamp": LessSafe(other="a capture that the network delays is treated as fresh"),
     }
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""The source of every kind of motion capture over UDP; each kind adds its settings and a reader."""
+"""The source of every kind of motion capture over UDP; each kind adds settings and a reader."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -17,8 +17,8 @@ class MocapSource(LiveSource, ABC):
     """See ``hri_predict.contracts.source.Source``.
 
     Attributes:
-        root: joint that carries the body, if the sender may send positions relative to it.
-        largest: bytes of the longest datagram of this kind.
+        root: root joint of the body, if the sender may send positions relative to it.
+        largest: size in bytes of the longest datagram of this kind.
 
     Raises:
         ConfigError: the joint map is wrong.
@@ -61,8 +61,8 @@ class MocapSource(LiveSource, ABC):
 
     @abstractmethod
     def _make_reader(self, settings: Any, joint_map: JointMap, counters: SourceCounters) -> Reader:
-        """Return what finds captures in datagrams."""
+        """Return the reader that extracts captures from datagrams."""
 
     def _joints(self, joint_map: JointMap) -> JointMap:
-        """The joint map as the reader gives its people."""
+        """The joint map of the people that the reader returns."""
         return joint_map

@@ -1,4 +1,4 @@
-"""Datagrams of the Xsens MVN network stream: their bytes, and how they form samples.
+"""Datagrams of the Xsens MVN network stream: their layout, and their assembly into samples.
 
 Source: Xsens, "MVN real-time network streaming, Protocol Specification", MV0305P revision N,
 September 2018; numbers in brackets are its clauses. Everything is big-endian. A datagram is a
@@ -19,7 +19,7 @@ Two types are decoded; they hold one item for each segment [2.5.2, 2.5.3]:
 Rotations are only checked, not used: the segments' origins place a person.
 
 All other types (03 markers, 05 Unity3D, 12 meta data, 13 scale, 20 to 24 kinematics, 25 time code)
-are counted and skipped: none of them places segments in the room.
+are counted and skipped: none of them gives positions of segments in the room.
 """
 
 from collections.abc import Iterator
@@ -44,17 +44,17 @@ NORM_TOLERANCE = 0.01  # "always normalized" [2.5.8], in 32-bit floats
 MAX_DEGREES = 360.5
 
 LATE_SAMPLES = 64
-"""A sample older by at most this many arrived late; if older, the sender restarted."""
+"""A sample behind by at most this many arrived late; if further behind, the sender restarted."""
 LATE_RUN = 10
 """This many late datagrams in a row mean that the sender restarted soon after its start."""
 GONE_AFTER = 3
 """A character missing from this many samples in a row has left the stream."""
 MAX_LOST = 100_000
-"""A sample ahead by more than this is not a loss: the sender restarted."""
+"""Maximum number of lost samples; a larger jump ahead means that the sender restarted."""
 
 
 class MalformedDatagram(ValueError):
-    """These bytes are not a datagram of the specification."""
+    """The bytes are not a datagram according to the specification."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,7 +148,7 @@ def _rotations(number: int, rotations: Floats) -> Bools:
 class StreamSplitter:
     """Finds datagrams in a stream of bytes (TCP); buffers at most one.
 
-    Bytes between datagrams come out too, so that the decoder can refuse and count them.
+    Bytes between datagrams are also returned, so that the decoder can refuse and count them.
     """
 
     def __init__(self) -> None:
@@ -180,7 +180,7 @@ class StreamSplitter:
 
 @dataclass(slots=True)
 class _Part:
-    """The datagrams of one character's sample so far."""
+    """The datagrams received so far for one character's sample."""
 
     pose: MvnPose = field(default_factory=MvnPose)
     indices: set[int] = field(default_factory=set)
@@ -196,17 +196,17 @@ class Assembler:
 
     Each character has its own datagrams [2.4.1.6], several if one would be too long [2.4.1.3]. A
     sample is whole when all datagrams of all characters in the stream have arrived. If the next
-    sample begins earlier, the sample is dropped and counted, so one lost datagram makes no person
-    vanish. A character missing from ``GONE_AFTER`` samples in a row has left.
+    sample starts before that, the sample is dropped and counted, so that a lost datagram does not
+    make a person vanish. A character missing from ``GONE_AFTER`` samples in a row has left.
 
     Args:
         number: the type to decode, 1 or 2; other types are only counted.
-        samples_per_scene: increment of the sample counter from one sent sample to the next; more
-            than 1 if MVN streams fewer samples than it takes.
+        samples_per_scene: increment of the sample counter between two sent samples; above 1 if MVN
+            streams fewer samples than it captures.
         counters: counts ``ignored``, ``lost``, ``incomplete``, ``out_of_order``, ``replayed``.
 
     Attributes:
-        session: rises when the sample counter restarts.
+        session: increases when the sample counter restarts.
     """
 
     def __init__(self, number: int, samples_per_scene: float, counters: SourceCounters) -> None:
@@ -221,7 +221,7 @@ class Assembler:
         self._late = 0  # datagrams in a row
 
     def reset(self) -> None:
-        """Forget everything but the counters, as after a reconnection."""
+        """Discard everything except the counters, as after a reconnection."""
         self._known.clear()
         self._sample, self._parts, self._given = None, {}, False
 
@@ -258,7 +258,7 @@ class Assembler:
         )
 
     def _reach(self, sample: int) -> bool:
-        """Move on to ``sample``; return false if that sample is over."""
+        """Move on to ``sample``; return false if that sample has already ended."""
         if self._sample is not None and sample != self._sample:
             ahead = (sample - self._sample) & 0xFFFFFFFF
             if ahead <= MAX_LOST * self._step:

@@ -1,10 +1,10 @@
 """``kind: mvn``: the network stream of Xsens MVN; ``codec`` defines its datagrams.
 
-A segment's position is that of its proximal joint (MVN User Manual MV0319P, 19.6.1 and 19.7); the
-pelvis' is the middle of the hips. Joint map ``xsens23`` names them. Type 02 is in metres with z up,
-according to MVN's manual; type 01 is in centimetres with y up, z forward and x left. (Clause 2.5.6
-of the protocol says centimetres for both.) A body of inhuman size means wrong units: the source
-then reports that it does not see the room.
+A segment's position is that of its proximal joint (MVN User Manual MV0319P, 19.6.1 and 19.7); that
+of the pelvis is the middle of the hips. Joint map ``xsens23`` names them. Type 02 is in metres with
+z up, according to MVN's manual; type 01 is in centimetres with y up, z forward and x left. (Clause
+2.5.6 of the protocol says centimetres for both.) A body of inhuman size means wrong units: the
+source then reports that it does not see the room.
 
 MVN reports only people who wear its sensors. ``sees_room`` states whether all people nearby wear
 them.
@@ -54,10 +54,8 @@ class MvnSettings(LiveSettings):
     """``source:`` of ``kind: mvn``."""
 
     kind: Literal["mvn"]
-    joint_map: str = Field("xsens23", description="the segments of MVN, or a map of your own")
-    keeps_ids: bool = Field(
-        True, description="a suit that comes back is the same person"
-    )  # a suit's
+    joint_map: str = Field("xsens23", description="joint map of MVN's segments, or your own map")
+    keeps_ids: bool = Field(True, description="a suit that returns is the same person")  # a suit's
     host: str = Field("127.0.0.1", description="address to listen on; default: this machine only")
     port: int = Field(DEFAULT_PORT, ge=0, le=65535, description="port that MVN sends to")
     protocol: Literal["udp", "tcp"] = Field("udp", description="as set in MVN's network streamer")
@@ -90,7 +88,7 @@ class MvnSettings(LiveSettings):
         check_exposure(self.host, self.allow_unauthenticated)
         if self.sample_rate_hz is not None and self.sample_rate_hz < self.rate_hz:
             raise ValueError(
-                "sample_rate_hz is less than rate_hz; MVN streams no more than it samples"
+                "sample_rate_hz is less than rate_hz; MVN cannot stream more often than it samples"
             )
         return self
 
@@ -116,7 +114,7 @@ class MvnDecoder:
         self._counter = self._sequence = 0
 
     def reset(self) -> None:
-        """Forget the current sample."""
+        """Discard the current sample."""
         self._assembler.reset()
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
@@ -157,7 +155,7 @@ class MvnDecoder:
         )
 
     def _count(self, counter: int) -> int:
-        """A number that rises by one from scene to scene, and by more if scenes are missing."""
+        """A number that increases by one from scene to scene, and by more if scenes are missing."""
         if self._session != self._assembler.session:
             self._session, self._sequence = self._assembler.session, 0
         else:
@@ -173,7 +171,7 @@ class MvnDecoder:
             if not LIMB_M[0] <= length <= LIMB_M[1]:
                 self._counters.malformed += 1
                 if math.isnan(length):
-                    why = f"MVN sends no limb of character {number}; check the suit in MVN"
+                    why = f"MVN sends no limbs for character {number}; check the suit in MVN"
                 else:
                     why = f"MVN character {number} has limbs {length:.3g} m long; correct 'units'"
                 self._counters.note(why)
@@ -196,7 +194,7 @@ class MvnSource(LiveSource):
     def __init__(
         self, settings: MvnSettings, base_dir: Path | None = None, clock: Clock | None = None
     ) -> None:
-        """Nothing is opened yet.
+        """Build the source without opening it.
 
         Raises:
             ConfigError: the joint map or the axes are wrong.

@@ -1,4 +1,4 @@
-"""NatNet's packets, as far as skeletons need them: 4.1 and later 4.x (Motive 3.1 and later).
+"""NatNet's packets for skeletons: versions 4.1 and later 4.x (Motive 3.1 and later).
 
 Source: the NatNet SDK's documentation (docs.optitrack.com, "NatNet: Data Types") and the packets
 that its samples decode. Little-endian. A packet is u16 message, u16 bytes that follow.
@@ -15,8 +15,8 @@ skeleton            i32 id, i32 count, each bone: i32 id (its low 16 bits), f32[
                     f32[4] quaternion x, y, z, w, f32 error, i16 parameters (bit 0: tracked)
 ==================  ============================================================================
 
-The package ``natnet`` reads these packets as well; it takes counts from the network as sizes of
-memory, so it is the tests' oracle and not used here.
+The package ``natnet`` reads these packets as well; it uses counts from the network as memory sizes,
+so it serves only as the tests' reference.
 """
 
 import struct
@@ -44,7 +44,8 @@ class Bone:
 
     Attributes:
         name: without the skeleton's.
-        parent: id of the parent; 0 of the root.
+        parent: id
+    of the parent; 0 of the root.
         offset: from the parent, metres.
     """
 
@@ -55,7 +56,7 @@ class Bone:
 
 @dataclass(slots=True)
 class Pose:
-    """A skeleton in a frame: by bone id, (3,) positions, and which were tracked."""
+    """A skeleton in a frame: positions (3,) by bone id, and the ids of tracked bones."""
 
     positions: dict[int, Floats] = field(default_factory=dict)
     tracked: set[int] = field(default_factory=set)
@@ -72,7 +73,7 @@ class MocapFrame:
 
 
 class Cursor:
-    """Reads values from bytes, which may end anywhere."""
+    """Reads values from bytes that may end anywhere."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -87,7 +88,7 @@ class Cursor:
         """The next values.
 
         Raises:
-            FrameError: the data end before.
+            FrameError: the data end too early.
         """
         self.skip(layout.size)
         return layout.unpack_from(self._data, self.at - layout.size)
@@ -97,14 +98,14 @@ class Cursor:
         return int(self.take(_I32)[0])
 
     def count(self, each: int) -> int:
-        """The next i32 as a number of things, each at least ``each`` bytes long."""
+        """The next i32 as a number of items, each at least ``each`` bytes long."""
         count = self.whole()
         if not 0 <= count * each <= self.left:
-            raise FrameError(f"{count} things where {self.left} bytes are left")
+            raise FrameError(f"{count} items where {self.left} bytes are left")
         return count
 
     def skip(self, size: int) -> None:
-        """Pass over bytes."""
+        """Skip bytes."""
         if not 0 <= size <= self.left:
             raise FrameError(f"a packet that ends {size - self.left} bytes too soon")
         self.at += size
@@ -130,7 +131,7 @@ def payload(packet: bytes) -> tuple[int, bytes]:
         FrameError: it is cut short.
     """
     if len(packet) < 4:
-        raise FrameError("a packet without its head")
+        raise FrameError("a packet without its header")
     message, size = struct.unpack_from("<HH", packet)
     if len(packet) - 4 < size:
         raise FrameError(f"a packet of {len(packet) - 4} of {size} bytes")
@@ -147,7 +148,7 @@ def version(data: bytes) -> tuple[int, int]:
     """NatNet's version in the server's information.
 
     Raises:
-        FrameError: the data end before, or this version is not read.
+        FrameError: the data end too early, or this version is not supported.
     """
     cursor = Cursor(data)
     cursor.skip(260)
@@ -194,7 +195,7 @@ def _skeleton(cursor: Cursor, natnet: tuple[int, int]) -> tuple[int, dict[int, B
 
 
 def _plain(bone: str, skeleton: str) -> str:
-    """A bone's name without the skeleton's, which Motive may put before it."""
+    """A bone's name without the skeleton's name, which Motive may put before it."""
     for mark in ("_", ":"):
         bone = bone.removeprefix(f"{skeleton}{mark}")
     return bone
@@ -217,7 +218,7 @@ def frame(data: bytes) -> MocapFrame:
         raise FrameError(f"{count} skeletons; at most {MAX_PEOPLE}")
     skeletons = dict(_pose(cursor) for _ in range(count))
     if len(skeletons) < count:
-        raise FrameError("a skeleton comes twice in one frame")
+        raise FrameError("a skeleton occurs twice in one frame")
     cursor.skip(end - cursor.at)
     for _ in range(SECTIONS_AFTER):
         _, size = (cursor.whole(), cursor.whole())
@@ -233,7 +234,7 @@ def _pose(cursor: Cursor) -> tuple[int, Pose]:
     skeleton, pose = cursor.whole(), Pose()
     for number, place, tracked in _bones(cursor):
         if number in pose.positions:
-            raise FrameError("a bone comes twice in one skeleton")
+            raise FrameError("a bone occurs twice in one skeleton")
         pose.positions[number] = place
         if tracked:
             pose.tracked.add(number)

@@ -1,4 +1,4 @@
-"""Reads captures from NatNet's frames, and requests from Motive what that needs."""
+"""Reads captures from NatNet's frames, and requests the necessary information from Motive."""
 
 from collections.abc import Mapping, Sequence
 
@@ -12,9 +12,10 @@ from hri_predict.base.arrays import Floats
 from hri_predict.contracts.source import SourceCounters
 
 DAMAGED = 10
-"""Damaged frames in a row after which the version is asked for again: Motive was updated."""
+"""Number of damaged frames in a row after which the version is requested again, because Motive may
+have been updated."""
 LOCAL_M = 0.02
-"""Bones within this of their offsets from their parents are streamed in local coordinates."""
+"""If all bones are this close to their offsets from their parents, coordinates are local."""
 
 
 class NatNetReader:
@@ -40,12 +41,12 @@ class NatNetReader:
         return packets.REQUEST_MODELS if self._models is None else packets.KEEP_ALIVE
 
     def reset(self) -> None:
-        """Ask for everything again: Motive may be another one."""
+        """Request everything again: another Motive may have started."""
         self._version = self._models = None
         self._damaged = 0
 
     def pause(self) -> None:
-        """Nothing to forget: each frame is whole."""
+        """Do nothing: each frame is complete."""
 
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
@@ -84,7 +85,9 @@ class NatNetReader:
     def _frame(self, frame: MocapFrame, models: Mapping[int, Mapping[int, Bone]]) -> Frame:
         if not frame.skeletons.keys() <= models.keys():
             self._models = None
-            raise FrameError("a skeleton that no model definition has; asking for them again")
+            raise FrameError(
+                "a skeleton without a model definition; requesting the definitions again"
+            )
         people = [self._person(k, pose, models[k]) for k, pose in frame.skeletons.items()]
         return Frame(stamp_ns=stamp_of_s(frame.time_s), number=frame.number, people=tuple(people))
 
@@ -108,7 +111,7 @@ class NatNetReader:
 
 
 def _is_local(pose: Pose, bones: Mapping[int, Bone]) -> bool:
-    """Whether every bone but the root is where its offset from its parent says."""
+    """Whether every bone except the root is at its offset from its parent."""
     children = [k for k in pose.positions if k in bones and bones[k].parent != 0]
     return bool(children) and all(
         float(np.abs(pose.positions[k] - bones[k].offset).max(initial=0.0)) < LOCAL_M

@@ -11,15 +11,16 @@ from hri_drivers.sources.udp_receiver import UdpReceiver
 from hri_predict.base.errors import SourceError
 
 ASK_S = 0.5
-"""Interval of requests, and of the signs of life that unicast needs."""
+"""Interval of requests, and of the keep-alive messages that unicast needs."""
 NEXT_S = 0.05
-"""The same where something else is needed than before, as the models once the version is known."""
+"""Interval if the needed information changes, for example to the models once the version is
+known."""
 LARGEST = 65_507
 AT_ONCE = 64
 
 
 class NatNetReceiver:
-    """See ``hri_drivers.sources.live.Receiver``; hears only the server.
+    """See ``hri_drivers.sources.live.Receiver``; receives only from the server.
 
     Args:
         server: address of the machine that runs Motive.
@@ -69,7 +70,7 @@ class NatNetReceiver:
             self._group.open()
 
     def read(self, timeout_s: float) -> list[bytes]:
-        """Return what has arrived; ask Motive for what is needed."""
+        """Return the datagrams that have arrived; send the next request to Motive."""
         if self._socket is None:
             raise SourceError("natnet: the socket is closed; open it first")
         self._ask(self._socket)
@@ -107,7 +108,7 @@ class NatNetReceiver:
 
 
 class _Group(UdpReceiver):
-    """The multicast group, of which only the server is heard."""
+    """The multicast group, in which only the server's datagrams are accepted."""
 
     def __init__(self, server: str, host: str, port: int, group: str) -> None:
         super().__init__(host, port, group, LARGEST)
@@ -119,5 +120,5 @@ class _Group(UdpReceiver):
         return self._socket
 
     def accepts(self, sender: object) -> bool:
-        """Whether it is the server's."""
+        """Whether this address is the server's."""
         return isinstance(sender, tuple) and sender[0] == self._only

@@ -1,7 +1,7 @@
 """``kind: natnet``: the skeletons of OptiTrack Motive; see ``packets``.
 
-Motive's frame is right-handed with metres, y up by default. Each skeleton is a person. A bone that
-Motive does not track now is unobserved.
+Motive's frame is right-handed in metres, with y up by default. Each skeleton is a person. A bone
+that Motive does not track is unobserved.
 """
 
 import ipaddress
@@ -23,18 +23,20 @@ from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.contracts.source import SourceCounters
 
 AXES = {"y": ("z", "x", "y"), "z": ("x", "y", "z")}
-"""Axes forward, left and up, by the axis that is up; ``room_from_source`` turns about it."""
+"""Axes forward, left and up for each up axis; ``room_from_source`` rotates about it."""
 
 
 class NatNetSettings(GroupSettings):
     """``source:`` of ``kind: natnet``."""
 
     kind: Literal["natnet"]
-    joint_map: str = Field("motive21", description="bones of Motive, or a map of your own")
-    keeps_ids: bool = Field(True, description="a skeleton that comes back is the same person")
+    joint_map: str = Field("motive21", description="joint map of Motive's bones, or your own map")
+    keeps_ids: bool = Field(True, description="a skeleton that returns is the same person")
     server: str = Field("127.0.0.1", description="address of the machine that runs Motive")
     command_port: int = Field(1510, ge=1, le=65535, description="Motive's command port")
-    port: int = Field(1511, ge=1, le=65535, description="Motive's data port, with a group")
+    port: int = Field(
+        1511, ge=1, le=65535, description="Motive's data port, used with a multicast group"
+    )
     multicast_group: MulticastGroup = Field(
         None, description="Motive's multicast group, 239.255.42.99; default: unicast"
     )
@@ -71,7 +73,7 @@ class NatNetSource(LiveSource):
     def __init__(
         self, settings: NatNetSettings, base_dir: Path | None = None, clock: Clock | None = None
     ) -> None:
-        """Nothing is opened yet.
+        """Build the source without opening it.
 
         Raises:
             ConfigError: the joint map is wrong.

@@ -1,10 +1,10 @@
 """Packets of the QTM RT protocol, version 1.25, little-endian.
 
 Source: Qualisys, "QTM Real-time Server Protocol Documentation" (docs.qualisys.com/qtm-rt-protocol),
-and the layouts of the maker's package qtm-rt, which is the tests' oracle. A packet is u32 bytes in
-all, u32 type, content. Of data (3): i64 time in microseconds, u32 frame, u32 components, each u32
-bytes in all, u32 type; of skeletons (18): u32 skeletons, each u32 segments, each u32 id, f32[3]
-position in millimetres, f32[4] quaternion x, y, z, w. NaN: not measured.
+and the layouts of the maker's package qtm-rt, which the tests use as a reference. A packet is u32
+total bytes, u32 type, content. Of data (3): i64 time in microseconds, u32 frame, u32 components,
+each u32 total bytes, u32 type; of skeletons (18): u32 skeletons, each u32 segments, each u32 id,
+f32[3] position in millimetres, f32[4] quaternion x, y, z, w. NaN: not measured.
 """
 
 import struct
@@ -26,7 +26,7 @@ _COUNT = struct.Struct("<I")
 _MAX_US = int(MAX_STAMP_S * 1e6)
 
 Segments = dict[int, Floats]
-"""By segment id, (3,) positions in millimetres."""
+"""Positions (3,) in millimetres, by segment id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class PacketSplitter:
 
     @property
     def waits(self) -> bool:
-        """Whether a packet has begun that is not whole."""
+        """Whether an incomplete packet is buffered."""
         return bool(self._buffer)
 
     def feed(self, data: bytes) -> Iterator[bytes]:
@@ -104,7 +104,7 @@ def names(data: bytes) -> list[tuple[str, dict[int, str]]]:
             for each in root.iter("Skeleton")
         ]
     except (ET.ParseError, ValueError, RecursionError):
-        raise FrameError("parameters that are not those of skeletons") from None
+        raise FrameError("parameters without valid skeletons") from None
     if len(found) > MAX_PEOPLE:
         raise FrameError(f"more than {MAX_PEOPLE} skeletons")
     return found
@@ -130,7 +130,7 @@ def frame(data: bytes) -> QtmFrame:
                 return QtmFrame(time_us, number, list(_skeletons(part)))
             at += size
     except struct.error:
-        raise FrameError("data that are cut short") from None
+        raise FrameError("data cut short") from None
     raise FrameError("data without skeletons; solve skeletons in QTM's real-time actions")
 
 
@@ -148,7 +148,7 @@ def _skeletons(data: bytes) -> Iterator[Segments]:
         for _ in range(segments):
             number, x, y, z, *_ = _SEGMENT.unpack_from(data, at)
             if number in found:
-                raise FrameError("a segment comes twice in one skeleton")
+                raise FrameError("a segment occurs twice in one skeleton")
             found[number] = np.array([x, y, z])
             at += _SEGMENT.size
         yield found

@@ -1,4 +1,4 @@
-"""Captures in QTM's data; what is needed to read them is asked of QTM, one command at a time."""
+"""Reads captures from QTM's data, and requests the necessary information one command at a time."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,12 +17,12 @@ STREAM = "StreamFrames AllFrames Skeleton:global"
 ROOT = "Hips"
 MOST_NAMES = 1000
 LOCAL_MM = 700.0
-"""If all segments but the root are within this of the origin, they are relative to their parents:
-no body of that length fits into such a ball."""
+"""If all segments except the root are within this distance of the origin, they are relative to
+their parents: no body fits into such a small sphere."""
 
 
 class QtmReader:
-    """See ``hri_drivers.sources.mocap.frames.Reader``; takes whole packets.
+    """See ``hri_drivers.sources.mocap.frames.Reader``; expects whole packets.
 
     Args:
         joints: names of segments, the joints of the source.
@@ -40,11 +40,11 @@ class QtmReader:
         self._ids: dict[str, int] = {}
 
     def reset(self) -> None:
-        """Begin the exchange again: the connection is new."""
+        """Restart the exchange: the connection is new."""
         self.wanted = VERSION
 
     def pause(self) -> None:
-        """Nothing to forget: each packet is whole."""
+        """Do nothing: each packet is complete."""
 
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
@@ -64,7 +64,7 @@ class QtmReader:
         else:
             self._counters.ignored += 1
             if kind == packets.COMMAND and not text.startswith("QTM RT Interface"):
-                self._counters.note(f"qualisys: QTM answers: {shown(text)}")
+                self._counters.note(f"qualisys: QTM's answer: {shown(text)}")
         return None
 
     def _frame(self, frame: packets.QtmFrame) -> Frame | None:
@@ -74,7 +74,9 @@ class QtmReader:
         known = [segments.keys() for _, segments in self._names]
         if [segments.keys() for segments in frame.skeletons] != known:
             self.wanted = PARAMETERS
-            raise FrameError("other skeletons than in the parameters; asking for them again")
+            raise FrameError(
+                "the skeletons differ from the parameters; requesting the parameters again"
+            )
         self.wanted = None
         people = [
             self._person(name, parts, segments)

@@ -1,7 +1,7 @@
 """``kind: qualisys``: the skeletons of Qualisys Track Manager, over TCP; see ``packets``.
 
-QTM's frame is right-handed with millimetres, z up. A skeleton's name is the person. A segment that
-was not measured is unobserved.
+QTM's frame is right-handed in millimetres, with z up. A skeleton's name identifies the person. A
+segment that was not measured is unobserved.
 """
 
 import contextlib
@@ -24,15 +24,15 @@ from hri_predict.contracts.source import SourceCounters
 
 DEFAULT_PORT = 22223
 ASK_S = 1.0
-"""Interval at which a command without an answer is repeated."""
+"""Interval at which an unanswered command is repeated."""
 
 
 class QualisysSettings(MocapSettings):
     """``source:`` of ``kind: qualisys``."""
 
     kind: Literal["qualisys"]
-    joint_map: str = Field("qualisys24", description="segments of QTM, or a map of your own")
-    keeps_ids: bool = Field(True, description="a skeleton that comes back is the same person")
+    joint_map: str = Field("qualisys24", description="joint map of QTM's segments, or your own map")
+    keeps_ids: bool = Field(True, description="a skeleton that returns is the same person")
     host: str = Field("127.0.0.1", description="address of the machine that runs QTM")
     port: int = Field(
         DEFAULT_PORT, ge=1, le=65535, description="QTM's port for little-endian clients"
@@ -40,11 +40,11 @@ class QualisysSettings(MocapSettings):
 
 
 WHOLE_S = 0.5
-"""A packet that is not whole after this long has a wrong size."""
+"""Time after which an incomplete packet is considered to have a wrong size."""
 
 
 class QtmClient(StreamClient):
-    """A connection to QTM, which asks for what is wanted; see ``StreamClient``."""
+    """A connection to QTM that sends the reader's commands; see ``StreamClient``."""
 
     def __init__(
         self,
@@ -61,16 +61,16 @@ class QtmClient(StreamClient):
         self._whole_s: float | None = None  # since when a packet has not become whole
 
     def open(self) -> None:
-        """Connect; the exchange begins with the next ``read``."""
+        """Connect; the exchange starts with the next ``read``."""
         super().open()
         self._asked = self._whole_s = None
 
     def read(self, timeout_s: float) -> list[bytes]:
-        """Return the packets that arrive; send the command that is wanted now.
+        """Return the packets that arrive; send the command that is due.
 
         Raises:
-            SourceError: the connection is lost, or a packet does not become whole: its size is
-                wrong, and all that follow would be taken for its content.
+            SourceError: the connection is lost, or a packet stays incomplete because its size is
+                wrong; all later packets would be read as its content.
         """
         wanted, now_s = self._wanted(), self._monotonic_s()
         if wanted is None:
@@ -88,7 +88,7 @@ class QtmClient(StreamClient):
             self._whole_s = now_s
         elif now_s - self._whole_s > WHOLE_S:
             host, port = self._address
-            raise SourceError(f"{host}:{port}: a packet that does not end; connecting again")
+            raise SourceError(f"{host}:{port}: a packet stayed incomplete; connecting again")
         return packets
 
 
@@ -100,7 +100,7 @@ class QualisysSource(LiveSource):
     def __init__(
         self, settings: QualisysSettings, base_dir: Path | None = None, clock: Clock | None = None
     ) -> None:
-        """Nothing is opened yet.
+        """Build the source without opening it.
 
         Raises:
             ConfigError: the joint map is wrong.

@@ -1,7 +1,7 @@
 """Captures in Rokoko Studio's JSON v3.
 
 Source: Rokoko, "Custom Streaming", JSON v3 (support.rokoko.com, article 4410416376977 and its
-sample), and the maker's plug-in for Unity, which uses every number as it is in Unity's frame::
+sample), and the maker's plug-in for Unity, which uses all numbers unchanged in Unity's frame::
 
     {"version": 3, "fps": 60,
      "scene": {"timestamp": 14.62,                seconds
@@ -38,7 +38,7 @@ from hri_predict.contracts.source import SourceCounters
 
 LZ4_MAGIC = b"\x04\x22\x4d\x18"
 MAX_JSON = 1 << 20
-"""Bytes of a decompressed capture; five actors with faces and fingers have about 100 kB."""
+"""Maximum bytes of a decompressed capture; five actors with faces and fingers need about 100 kB."""
 NEEDS_LZ4 = (
     "LZ4 needs a package that is not installed; run: pip install 'hri-predict[rokoko]', or select "
     "JSON v3 without compression in Rokoko Studio"
@@ -49,7 +49,7 @@ _VERSION = re.compile(r"[34]([.,]\d+)?$", re.ASCII)
 class RokokoReader:
     """See ``hri_drivers.sources.mocap.frames.Reader``; each datagram is a capture.
 
-    An actor's name is the person; each new name takes the next id.
+    An actor's name identifies the person; each new name gets the next id.
 
     Args:
         joints: names of body parts, the joints of the source.
@@ -62,10 +62,10 @@ class RokokoReader:
         self._ids: dict[str, int] = {}
 
     def reset(self) -> None:
-        """Nothing to forget: each datagram is whole."""
+        """Do nothing: each datagram is complete."""
 
     def pause(self) -> None:
-        """Nothing to forget: each datagram is whole."""
+        """Do nothing: each datagram is complete."""
 
     def read(self, data: bytes) -> Frame | None:
         """See ``Reader``."""
@@ -91,7 +91,7 @@ class RokokoReader:
         )
 
     def _person(self, name: str, actor: Mapping[str, Any]) -> SentPerson | None:
-        """The actor's body; ``None`` of one that wears no suit."""
+        """The actor's body; ``None`` for an actor without a suit."""
         if not member(member(actor, "meta", dict), "hasBody", bool):
             return None
         body = member(actor, "body", dict)
@@ -101,7 +101,7 @@ class RokokoReader:
             if part is not None:
                 positions[index] = place_of(member(body[joint], "position", dict))
         if not np.isfinite(positions).any():
-            raise FrameError("an actor without any part of the joint map; correct 'joint_map'")
+            raise FrameError("an actor without any joint of the joint map; correct 'joint_map'")
         return person(self._id(name), positions, origin_seen=False)
 
     def _id(self, name: str) -> int:

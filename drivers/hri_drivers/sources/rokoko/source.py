@@ -1,4 +1,4 @@
-"""``kind: rokoko``: the actors of Rokoko Studio, by its custom streaming; see ``reader``."""
+"""``kind: rokoko``: the actors of Rokoko Studio, through its custom streaming; see ``reader``."""
 
 from typing import Literal
 
@@ -17,15 +17,17 @@ class RokokoSettings(MocapSettings):
     """``source:`` of ``kind: rokoko``."""
 
     kind: Literal["rokoko"]
-    joint_map: str = Field("rokoko23", description="body parts of an actor, or a map of your own")
-    keeps_ids: bool = Field(True, description="an actor who comes back is the same person")
+    joint_map: str = Field(
+        "rokoko23", description="joint map of an actor's body parts, or your own map"
+    )
+    keeps_ids: bool = Field(True, description="an actor who returns is the same person")
     port: int = Field(
         DEFAULT_PORT, ge=0, le=65535, description="UDP port that Rokoko Studio sends to"
     )
 
     @property
     def notes(self) -> list[str]:
-        """Notes for ``check``: the exposure, and a package that compressed streams need."""
+        """Notes for ``check``: network exposure, and the package that compressed streams need."""
         return [*super().notes, *([] if has_lz4() else [NEEDS_LZ4])]
 
 

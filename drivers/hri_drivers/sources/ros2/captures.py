@@ -7,9 +7,9 @@ from hri_predict.protocol.ros.bodies import MessageError
 from hri_predict.protocol.ros.stamps import CLOCK_TEXTS, StampClock, clock_of
 
 LATE_NS = 500_000_000
-"""A stamp that is earlier by at most this came out of order; an even earlier one is a restart."""
+"""A stamp earlier by at most this arrived out of order; an even earlier stamp means a restart."""
 LATE_RUN = 10
-"""This many of them in a row are a restart, too."""
+"""This many of them in a row also mean a restart."""
 
 
 class Captures:
@@ -17,13 +17,13 @@ class Captures:
 
     Args:
         counters: counts ``replayed`` and ``out_of_order``.
-        by_arrival: ignore stamps: a capture is when its message arrives.
+        by_arrival: ignore stamps; the capture time is the message's arrival.
         utc_ns: this machine's UTC clock, ns.
         boot_ns: time since this machine started, ns.
 
     Attributes:
-        session: rises when the publisher's clock goes back.
-        clock: which clock the newest session's stamps are of; ``None`` before the first.
+        session: increases when the publisher's clock goes back.
+        clock: the clock of the newest session's stamps; ``None`` before the first.
     """
 
     def __init__(
@@ -47,8 +47,8 @@ class Captures:
         """The capture's time on the publisher's clock; ``None``: the message is not used.
 
         Args:
-            stamp_ns: the header's; ``None`` for a message without a header: its capture is placed
-                after the previous one by the time between the two arrivals.
+            stamp_ns: the header's; ``None`` for a message without a header, whose capture time is
+                the previous one plus the time between the two arrivals.
             received_ns: arrival on the node's clock.
 
         Raises:
@@ -89,7 +89,7 @@ class Captures:
             return True
         if stamp_ns == newest_ns:
             self._counters.replayed += 1
-            self._counters.note("a message with the same stamp as the one before it")
+            self._counters.note("a message with the same stamp as the previous one")
             return False
         self._late += 1
         if newest_ns - stamp_ns <= LATE_NS and self._late < LATE_RUN:

@@ -1,4 +1,4 @@
-"""From received messages to scenes; without rclpy."""
+"""Turns received messages into scenes; needs no rclpy."""
 
 import logging
 import time
@@ -21,11 +21,11 @@ from hri_predict.protocol.ros.messages import TF_MESSAGE, of_cdr, typestore
 from hri_predict.protocol.ros.placing import NotYet, PeopleReader
 
 MAX_BYTES = 1 << 20
-"""Maximum size of one message: 64 people of 38 markers have 400 kB."""
+"""Maximum size of one message: 64 people with 38 markers each need 400 kB."""
 WAIT_NS = 200_000_000
-"""A message waits this long for transforms that are published after it."""
+"""Maximum time that a message waits for transforms that are published after it."""
 MAX_WAITING = 16
-"""Number of messages that may wait."""
+"""Maximum number of waiting messages."""
 
 log = logging.getLogger(__name__)
 
@@ -37,13 +37,13 @@ def _boot_ns() -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Waiting:
-    """A message that was parsed, and is not yet placed.
+    """A message that was parsed but not yet placed in the room.
 
     Attributes:
         topic: index of its topic.
         bodies: its people, in its own frame.
         sequence: number of the scene that it makes.
-        contradicted: whether another publisher was heard lately.
+        contradicted: whether another publisher was heard recently.
         received_ns: its arrival on the node's clock.
     """
 
@@ -55,17 +55,17 @@ class _Waiting:
 
 
 class Ros2Decoder:
-    """See ``hri_drivers.sources.live.Decoder``; of units by ``Heard.packed``.
+    """See ``hri_drivers.sources.live.Decoder``; decodes units made by ``Heard.packed``.
 
-    Of several topics, each has one person, and a scene has the messages with the same stamp. A
-    message whose transforms are on their way waits for them, and those after it with it.
+    With several topics, each topic has one person, and a scene combines the messages with the same
+    stamp. A message waits for its transforms, and later messages wait behind it.
 
     Args:
         kind: type of the messages, a key of ``protocol.ros.placing.READERS``.
         topics: their topics.
         reader: places people; its frames come from ``tree``.
-        tree: takes the transforms that are heard.
-        counters: counts packets and what is refused.
+        tree: stores the received transforms.
+        counters: counts packets and refusals.
         sees_room: whether a scene without people means that the room was seen.
         by_arrival: ignore stamps.
         utc_ns, boot_ns: this machine's clocks, ns.
@@ -99,7 +99,7 @@ class Ros2Decoder:
         self.captures = Captures(counters, by_arrival=by_arrival, utc_ns=utc_ns, boot_ns=boot_ns)
 
     def reset(self) -> None:
-        """Forget incomplete captures."""
+        """Discard incomplete captures."""
         self._parts = {}
         self._waiting.clear()
 
@@ -166,7 +166,7 @@ class Ros2Decoder:
         """The scene that a message completes, if any.
 
         Raises:
-            NotYet: its transforms may still come.
+            NotYet: its transforms may still arrive.
             MessageError: it cannot be used.
         """
         waits = now_ns - waiting.received_ns < WAIT_NS and len(self._waiting) <= MAX_WAITING
@@ -198,11 +198,11 @@ class Ros2Decoder:
             raise MessageError(f"not a {kind}: damaged, or of another release of ROS") from error
 
     def _completed(self, topic: int, bodies: Bodies) -> Bodies | None:
-        """All people of one capture, once every topic has said who it sees."""
+        """All people of one capture, once a message of every topic has arrived."""
         if len(self._topics) == 1:
             return bodies
         if len(bodies.people) > 1:
-            raise MessageError("more than one person; with several 'topics', each has one")
+            raise MessageError("more than one person; with several 'topics', each must have one")
         if any(part.stamp_ns != bodies.stamp_ns for part in self._parts.values()):
             self._counters.incomplete += 1
             self._parts = {}

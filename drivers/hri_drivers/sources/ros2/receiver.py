@@ -1,4 +1,4 @@
-"""Subscribes to the topics, and hands over messages as bytes."""
+"""Subscribes to the topics, and returns messages as bytes."""
 
 import importlib
 import threading
@@ -25,13 +25,13 @@ from hri_predict.protocol.ros.messages import TF_MESSAGE
 from hri_predict.protocol.ros.placing import READERS
 
 WAITING = 64
-"""Messages of people that may wait; the oldest are dropped."""
+"""Maximum number of waiting messages with people; the oldest are dropped."""
 TRANSFORMS = 512
-"""Transforms that may wait: each body of ROS4HRI has a publisher of its own."""
+"""Maximum number of waiting transforms: each body of ROS4HRI has its own publisher."""
 SILENT_S = 3.0
-"""After this long without a message, the reason is looked for,"""
+"""Time without a message after which the reason is sought,"""
 LOOK_AGAIN_S = 10.0
-"""and again after this long."""
+"""and interval at which it is sought again."""
 
 
 class Ros2Receiver:
@@ -39,7 +39,7 @@ class Ros2Receiver:
 
     Args:
         settings: the source's.
-        counters: keeps a line about publishers that cannot be heard.
+        counters: keeps a line about publishers that cannot be received.
 
     Raises:
         ImportError: the package of the messages is not installed.
@@ -80,7 +80,7 @@ class Ros2Receiver:
         self._spinning.spin()
 
     def read(self, timeout_s: float) -> list[bytes]:
-        """Return what has arrived, transforms first; wait at most ``timeout_s``.
+        """Return the units that have arrived, transforms first; wait at most ``timeout_s``.
 
         Raises:
             SourceError: the node is closed.
@@ -110,7 +110,7 @@ class Ros2Receiver:
             self._transforms.clear()
 
     def _qos(self, depth: int) -> QoSProfile:
-        """As rclpy's sensor data, unless ``reliability`` asks for more."""
+        """The same as rclpy's sensor data, unless ``reliability`` requires more."""
         return QoSProfile(
             depth=depth,
             reliability=ReliabilityPolicy[self._settings.reliability.upper()],
@@ -153,7 +153,8 @@ class Ros2Receiver:
         return note
 
     def _say_who_is_missing(self, node: Node) -> None:
-        """Note the first topic that no node publishes as configured, and what there is instead."""
+        """Note the first topic that no node publishes as configured, and those that exist
+        instead."""
         wanted = KINDS[self._settings.message]
         for topic in self._settings.topics:
             kinds = {info.topic_type for info in node.get_publishers_info_by_topic(topic)}
@@ -179,7 +180,7 @@ class Ros2Receiver:
 
 
 def _imported(kind: str) -> Any:
-    """The class of a type of messages.
+    """The class of a message type.
 
     Raises:
         ImportError: its package is not installed.
@@ -189,7 +190,7 @@ def _imported(kind: str) -> Any:
 
 
 def _transforms_type(*, needed: bool) -> Any:
-    """The class of ``/tf``'s messages, which the extra does not bring; ``None``: not installed.
+    """The class of ``/tf``'s messages, which the extra does not include; ``None``: not installed.
 
     Raises:
         ImportError: likewise, and it is needed.

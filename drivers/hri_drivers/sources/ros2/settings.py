@@ -35,27 +35,29 @@ class Ros2SourceSettings(Ros2Settings, LiveSettings):
     frame: str = Field(
         min_length=1,
         max_length=200,
-        description="frame_id whose pose is room_from_source; other frames are found by /tf",
+        description="frame_id whose pose is room_from_source; other frames are resolved through "
+        "/tf",
     )
     units: Literal["m", "cm", "mm"] = Field("m", description="unit of the positions")
     axes: Annotated[list[str], Field(min_length=3, max_length=3)] = Field(
         ["x", "y", "z"],
-        description="axes of 'frame' that point forward, left and up; [z, -x, -y] of an optical "
+        description="axes of 'frame' that point forward, left and up; [z, -x, -y] for an optical "
         "frame",
     )
     stamp: Literal["header", "arrival"] = Field(
         "header",
-        description="time of a capture; arrival: state the delay until then as min_latency_s",
+        description="source of the capture time; with arrival, give the delay before arrival as "
+        "min_latency_s",
     )
     reliability: Literal["best_effort", "reliable"] = Field(
-        "best_effort", description="QoS asked for; best_effort receives from every publisher"
+        "best_effort", description="requested QoS; best_effort receives from every publisher"
     )
     sees_room: bool = Field(
         description="true only if a message without people means that the sensor sees the room; "
         "required"
     )
     allow_unauthenticated: bool = Field(
-        False, description="with discovery: subnet: believe any node in the network"
+        False, description="with discovery: subnet, believe any node in the network"
     )
 
     safety: ClassVar[Safety] = {}
@@ -65,20 +67,20 @@ class Ros2SourceSettings(Ros2Settings, LiveSettings):
         if self.discovery != "localhost" and not self.allow_unauthenticated:
             raise ValueError(
                 "ROS 2 accepts network input, and any node could claim an empty room: set "
-                "'allow_unauthenticated: true' if the network keeps strangers out"
+                "'allow_unauthenticated: true' if no strangers can access the network"
             )
         if len({topic.removeprefix("/") for topic in self.topics}) < len(self.topics):
-            raise ValueError("topics: one is named twice; name each once")
+            raise ValueError("topics: a topic is named twice; name each once")
         if len(self.topics) > 1 and self.message != "pose_array":
             raise ValueError("several topics need 'message: pose_array', with one person each")
         if self.message == "ros4hri" and (self.joint_map == "canonical" or self.units != "m"):
             raise ValueError(
-                "message: ros4hri needs 'joint_map: ros4hri', or a map of your own whose joints "
-                "are frames of REP-155, and 'units: m'"
+                "message: ros4hri needs 'joint_map: ros4hri', or your own map whose joints are "
+                "frames of REP-155, and 'units: m'"
             )
         return self
 
     @property
     def needs_tf(self) -> bool:
-        """Whether ``/tf`` alone places people."""
+        """Whether people are placed by ``/tf`` alone."""
         return self.message == "ros4hri"

@@ -1,7 +1,7 @@
 """``kind: ros2``: people in the messages of a ROS 2 node; see ``docs/guides/ros2.md``.
 
-The joint map gives the number of joints, and which are which; positions are metres (REP-103)
-unless ``units`` says otherwise. Messages in other frames than ``frame`` need ``/tf``.
+The joint map defines the number and order of the joints; positions are metres (REP-103) unless
+``units`` states otherwise. Messages in frames other than ``frame`` need ``/tf``.
 """
 
 import time
@@ -31,7 +31,7 @@ class Ros2Source(LiveSource):
         clock: Clock | None = None,
         utc_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Nothing is opened yet.
+        """Build the source without opening it.
 
         Raises:
             ConfigError: the joint map or the axes are wrong, or a package is missing.
@@ -63,12 +63,12 @@ class Ros2Source(LiveSource):
 
     @property
     def stamps_utc(self) -> bool:  # type: ignore[override]
-        """See ``hri_predict.contracts.source.Live``; as far as the newest stamps show."""
+        """See ``hri_predict.contracts.source.Live``; determined from the newest stamps."""
         return self.decoder.captures.clock == "utc"
 
 
 def _receiver(settings: Ros2SourceSettings, counters: SourceCounters) -> Receiver:
-    """Import ROS 2 only where a source is built: its settings are checked and documented without.
+    """Import ROS 2 only when a source is built: settings are checked and documented without it.
 
     Raises:
         ConfigError: ROS 2 is not installed, or cannot be loaded.

@@ -1,4 +1,4 @@
-"""A scene as a JSON object: for programs that have no better way to send what they see.
+"""A scene as a JSON object, for programs without a better way to send their observations.
 
 One object is one scene, with everything needed to read it::
 
@@ -40,9 +40,9 @@ from hri_predict.contracts.scene import MAX_ERROR_M
 from hri_predict.contracts.source import SourceCounters
 
 MOST_NAMED = 8
-"""Number of unknown joints that are named."""
+"""Maximum number of unknown joints that a message names."""
 MAX_BYTES = 65_536
-"""Largest scene; ten people with a hundred joints each take half of it."""
+"""Maximum size of a scene in bytes; ten people with a hundred joints each need half of it."""
 MAX_PEOPLE = 64
 MAX_STAMP_S = 1e10  # the year 2286; nanoseconds of it fit in 64 bits
 _MESSAGE_LENGTH = 200
@@ -101,7 +101,7 @@ class SceneReader:
 
     Args:
         joints: names of the source's joints, in order.
-        min_confidence: a joint with less is unobserved.
+        min_confidence: minimum confidence of an observed joint.
         counters: counts ``unknown_joints`` and ``unsure_joints``.
 
     Attributes:
@@ -118,7 +118,7 @@ class SceneReader:
         """Return the scene in one object, in metres: x forward, y left, z up.
 
         Raises:
-            SceneJsonError: the data are not a valid scene. No data raise anything else.
+            SceneJsonError: the data are not a valid scene. No input raises any other exception.
         """
         message = _parsed(data)
         ids = [person.id for person in message.people]
@@ -147,7 +147,7 @@ class SceneReader:
         return SentPerson(person.id, metres, observed, person.error_m)
 
     def _places(self, names: Collection[str]) -> dict[str, int]:
-        """Which joint each name is: in another spelling only where nothing else can be meant."""
+        """Map each name to a joint; another spelling is accepted only if it is unambiguous."""
         places = {name: k for k, name in enumerate(self.joints)}
         if all(name in places for name in names):
             return places
@@ -158,7 +158,7 @@ class SceneReader:
         return places | found
 
     def _count_unknown(self, name: str) -> None:
-        """Name what the joint map lacks: a typo costs a joint, and nothing else shows which."""
+        """Report the names that the joint map lacks: nothing else shows a joint lost to a typo."""
         self.counters.unknown_joints += 1
         shown = ascii(name[:40])[1:-1]
         if shown not in self.unknown and len(self.unknown) < MOST_NAMED:
@@ -175,7 +175,7 @@ class SceneReader:
 
 
 def _spelled(name: str) -> str:
-    """A name without case and separators."""
+    """A name in lower case without separators."""
     return re.sub(r"[\W_]", "", name.lower())
 
 
@@ -206,7 +206,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def plain(error: Exception) -> str:
-    """An error's text made safe for a log from any content: one short line of ASCII."""
+    """An error's text made safe for a log: one short line of ASCII."""
     line = " ".join(str(error).split())[:_MESSAGE_LENGTH]
     return line.encode("ascii", "backslashreplace").decode("ascii")
 
@@ -214,7 +214,7 @@ def plain(error: Exception) -> str:
 class LineSplitter:
     """Finds lines in a stream of bytes; buffers at most one of ``MAX_BYTES``.
 
-    Of a longer line, only the start comes out; it is too long, so the reader refuses it.
+    Only the start of a longer line is returned, which the reader refuses as too long.
     """
 
     def __init__(self) -> None:

@@ -1,7 +1,7 @@
 """``kind: json``: one scene per line over TCP; ``codec`` defines the lines.
 
 Each scene states its units and axes; the joint map gives only the names. TCP keeps the order, so a
-sequence lower than the one before means that the sender restarted.
+sequence lower than the previous one means that the sender restarted.
 """
 
 from abc import ABC, abstractmethod
@@ -29,7 +29,7 @@ from hri_predict.protocol.discovery.services import ServiceSettings
 
 DEFAULT_PORT = 9871
 MAX_LOST = 100_000
-"""A scene ahead by more than this is not a loss: the sender restarted."""
+"""Maximum number of lost scenes; a larger jump ahead means that the sender restarted."""
 
 
 class SceneJsonSettings(LiveSettings):
@@ -40,7 +40,7 @@ class SceneJsonSettings(LiveSettings):
     )
 
     safety: ClassVar[Safety] = {
-        "min_confidence": LessSafe(below="joints of a confidence of {value:g} count as seen")
+        "min_confidence": LessSafe(below="joints with a confidence of {value:g} count as seen")
     }
 
 
@@ -83,7 +83,7 @@ class JsonDecoder:
         self._sequence: int | None = None
 
     def reset(self) -> None:
-        """Nothing to forget: each text is a whole scene."""
+        """Do nothing: each text is a whole scene."""
 
     def feed(self, data: bytes, received_ns: int) -> list[SentScene]:
         """Return the scene in ``data``, if it is valid."""
@@ -138,7 +138,7 @@ class SceneJsonSource(LiveSource, ABC):
     @staticmethod
     @abstractmethod
     def _make_receiver(settings: Any, counters: SourceCounters) -> Receiver:
-        """Return what brings the texts, not yet open."""
+        """Return the receiver of the texts, not yet open."""
 
 
 class JsonSource(SceneJsonSource):

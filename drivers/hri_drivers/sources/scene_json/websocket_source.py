@@ -1,8 +1,8 @@
 """``kind: websocket``: one scene per message over WebSocket (RFC 6455), text or binary UTF-8.
 
 ``codec`` defines the messages. A web page can open a WebSocket to any address that its browser
-reaches, this machine included, but it states its origin. As a server we accept only pages from the
-configured ``origins``, and programs, which state no origin.
+reaches, including this machine, but the browser sends its origin. The server accepts only pages
+from the configured ``origins``, and programs, which send no origin.
 """
 
 import contextlib
@@ -79,7 +79,7 @@ class WebSocketSettings(SceneJsonSettings):
 
 
 class WebSocketSplitter:
-    """The server's side of one connection: finds messages and prepares answers.
+    """The server's side of one connection: extracts messages and prepares answers.
 
     Attributes:
         trouble: protocol error of the other side; ``None`` if none.
@@ -216,7 +216,7 @@ class WebSocketSource(SceneJsonSource):
 
 
 def _why(error: Exception) -> str:
-    """Why there is no connection, in one line."""
+    """Reason for a missing connection, in one line."""
     if isinstance(error, TimeoutError):  # of the connection, of TLS, or of the handshake
         return f"no WebSocket server answers within {CONNECT_TIMEOUT_S:g} s"
     return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -32,7 +32,8 @@ _PART = slice(6, 7)  # the only header byte in which the parts of one scene diff
 MAX_PEOPLE, MAX_JOINTS = 16, 128
 MAX_SEQUENCE = 2**63 - 1
 MAX_DATAGRAM = 1400
-"""Fits an Ethernet frame of 1500 bytes under IPv6, with room for a VLAN or a tunnel."""
+"""Maximum size that fits an Ethernet frame of 1500 bytes over IPv6, with room for a VLAN or
+tunnel."""
 CHUNK = MAX_DATAGRAM - HEADER.size - TAG_BYTES
 CRC_BYTES = 4
 
@@ -40,7 +41,7 @@ Refusal = Literal["malformed", "crc_errors", "unauthenticated"]
 
 
 class Refused(ValueError):
-    """A refused datagram; ``counter`` names the counter of ``SourceCounters`` for it."""
+    """A refused datagram; ``counter`` is the name of its counter in ``SourceCounters``."""
 
     def __init__(self, counter: Refusal, why: str) -> None:
         super().__init__(why)
@@ -49,10 +50,10 @@ class Refused(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
-    """The header of each part; ``part`` of ``parts``, counted from 0.
+    """The header of each part; ``part`` counts from 0 to ``parts`` - 1.
 
-    ``session`` and ``stamp_ns`` are nanoseconds of UTC since 1970: start of the sender, and time of
-    the capture. ``body_bytes`` is the length of all parts together.
+    ``session`` and ``stamp_ns`` are nanoseconds of UTC since 1970: the start of the sender, and the
+    time of the capture. ``body_bytes`` is the length of all parts together.
     """
 
     flags: int
@@ -85,7 +86,7 @@ def body_bytes(people: int, joints: int, has_errors: bool = False) -> int:
 
 
 def encode(scene: SentScene, joints: Sequence[str], key: Key | None = None) -> list[bytes]:
-    """Datagrams of a scene; older nodes refuse those that state a position error.
+    """Datagrams of a scene; older nodes refuse datagrams with a position error.
 
     Raises:
         ValueError: too many people or joints, or arrays that do not fit the joints.
@@ -131,7 +132,7 @@ def open_datagram(data: bytes, key: Key | None = None) -> tuple[Header, bytes]:
         key: if given, only datagrams tagged with it are accepted.
 
     Raises:
-        Refused: it is incomplete, of another version, not authentic, or contradicts itself.
+        Refused: it is incomplete, of another version, not authentic, or inconsistent.
     """
     if not HEADER.size + CRC_BYTES <= len(data) <= MAX_DATAGRAM or data[:4] != MAGIC:
         raise Refused("malformed", f"{len(data)} bytes that are not a datagram of a scene stream")
@@ -151,7 +152,8 @@ def decode_body(header: Header, body: bytes) -> SentScene:
 
     Raises:
         Refused: the body marks joints that do not exist, an observed joint is not a number, or an
-            error is absurd. A partly NaN body does not pass as partly hidden.
+            error is absurd. A body with some NaN positions is refused, not treated as partly
+            hidden.
     """
     count, has_errors = header.joints, bool(header.flags & HAS_ERRORS)
     people = []

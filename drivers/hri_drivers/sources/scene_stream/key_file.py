@@ -14,14 +14,14 @@ from hri_predict.base.files import refuse_named_pipe
 log = logging.getLogger(__name__)
 
 MIN_BYTES, MAX_BYTES = 32, 1024
-"""Length of the key; RFC 2104 clause 3: a key shorter than the hash is weaker."""
+"""Minimum length of the key in bytes; RFC 2104 clause 3: a key shorter than the hash is weaker."""
 TAG_BYTES = 16
-"""RFC 2104 clause 5: at least half of the hash, and at least 80 bits."""
+"""Length of a tag; RFC 2104 clause 5: at least half of the hash, and at least 80 bits."""
 _MAKE = '(umask 077; python -c "import secrets; print(secrets.token_hex(32))" > {})'
 
 
 class Key:
-    """A secret that can only make tags; printing it shows only its file."""
+    """A secret that is used only to compute tags; printing it shows only its file."""
 
     def __init__(self, secret: bytes, name: str) -> None:
         self._secret = secret

@@ -1,14 +1,14 @@
 """The receiver of the node's own scene stream: sessions, replays, parts, counters.
 
-These rules refuse replays (``drivers/SCENE_STREAM.md`` says what they protect from and what not):
+These rules refuse replays (``drivers/SCENE_STREAM.md`` describes their limits):
 
 - Within a session the sequence must advance.
-- The start time of a session is its name. A new session must start later than all sessions before.
-  With a key, its first stamp must also be within ``max_skew_s`` of this machine's UTC clock: so
-  even a node that has just started refuses a recording of an older session.
-- Two senders at once contradict each other. For one second after a fresh datagram of an older
+- A session is identified by its start time. A new session must start later than all sessions
+  before. With a key, its first stamp must also be within ``max_skew_s`` of this machine's UTC
+  clock: so even a newly started node refuses a recording of an older session.
+- Two simultaneous senders contradict each other. For one second after a fresh datagram of an older
   session, the scenes of the newer one count as *room not seen*.
-- Without a key nothing keeps strangers out, and the rules only catch mistakes: an earlier session
+- Without a key, strangers are not excluded, and the rules catch only mistakes: an earlier session
   (the sender's clock was set back) is accepted once the later one is silent.
 """
 
@@ -32,7 +32,7 @@ from hri_predict.contracts.source import SourceCounters
 
 SILENT_NS = 1_000_000_000
 CONTRADICTED_NS = 1_000_000_000
-"""For this long after a second sender was heard, neither is believed."""
+"""Time for which neither sender is believed after a second one was heard."""
 WINDOW = 64
 """Number of newest sequences remembered (the window of RFC 4303 clause 3.4.3)."""
 
@@ -42,8 +42,8 @@ class SceneStream:
 
     Args:
         joint_map: the joints that the sender must have, in this order.
-        counters: counts packets and what is refused.
-        key: the stream must be authentic; ``None``: only undamaged.
+        counters: counts packets and refusals.
+        key: checks the stream's authenticity; ``None``: only damage is checked.
         max_skew_s: largest error of the sender's UTC clock when its session starts.
         utc_ns: this machine's UTC clock, nanoseconds since 1970.
 
@@ -97,7 +97,7 @@ class SceneStream:
             return []
 
     def reset(self) -> None:
-        """Forget incomplete scenes; sessions stay, or a recording could be replayed."""
+        """Discard incomplete scenes; keep the sessions, or a recording could be replayed."""
         self._give_up()
 
     def _check_joints(self, header: Header) -> None:
@@ -142,7 +142,7 @@ class SceneStream:
         self._came = 1 | (self._came << by if by < WINDOW else 0) & (1 << WINDOW) - 1
 
     def _note_late(self, sequence: int) -> None:
-        """Count a scene older than the newest: a replay if it came before, else out of order."""
+        """Count a scene older than the newest: a replay if already received, else out of order."""
         back = self._sequence - sequence
         bit = 1 << back if back < WINDOW else 0
         if not bit or self._came & bit:
@@ -168,17 +168,17 @@ class SceneStream:
             return False
         if abs(skew_ns) > self._max_skew_ns:
             self._replayed(
-                f"stamped {skew_ns * 1e-9:+.1f} s off this machine's UTC clock: a recording, or "
-                "a wrong clock; set both clocks by NTP, or raise max_skew_s"
+                f"stamped {skew_ns * 1e-9:+.1f} s off this machine's UTC clock: a recording, or a "
+                "wrong clock; synchronize both clocks with NTP, or raise max_skew_s"
             )
             return False
         if header.session > self._utc_ns() + self._max_skew_ns:
-            self._replayed("the session begins in the future; set the sender's UTC clock")
+            self._replayed("the session starts in the future; set the sender's UTC clock")
             return False
         return True
 
     def _join(self, header: Header, payload: bytes) -> bytes | None:
-        """Return the body once all its parts are there."""
+        """Return the body once all its parts have arrived."""
         self._parts[header.part] = payload
         parts = [part for part in self._parts if part is not None]
         if len(parts) < header.parts:
@@ -187,7 +187,7 @@ class SceneStream:
         return b"".join(parts)
 
     def _give_up(self) -> None:
-        """Drop the parts of a scene that will not be complete."""
+        """Drop the parts of a scene that will stay incomplete."""
         self.counters.incomplete += bool(self._parts)
         self._parts = []
 

@@ -1,8 +1,8 @@
 """``kind: serial_skeleton``: the node's own scene stream over a serial line.
 
-The datagrams are those of the UDP stream (``drivers/SCENE_STREAM.md``), with their CRC or tag. COBS
-frames each one and a zero byte ends it, as on the links: garbage costs at most the frame that it
-touches.
+The datagrams are those of the UDP stream (``drivers/SCENE_STREAM.md``), with their CRC or tag. Each
+datagram is COBS-encoded and ends with a zero byte, as on the links: corrupt bytes affect only their
+own frame.
 """
 
 from pathlib import Path
@@ -31,7 +31,8 @@ class SerialSkeletonSettings(StreamSettings):
         None, min_length=1, description="device path or pyserial URL; not with 'usb'"
     )
     usb: UsbDevice | None = Field(
-        None, description="instead of 'port': a USB adapter, found under any port name"
+        None,
+        description="instead of 'port': a USB adapter, identified independently of its port name",
     )
     baudrate: int = Field(
         921_600, ge=1200, le=12_000_000, description="bit rate of the line, same as the sender's"
@@ -71,7 +72,7 @@ class FramedStream:
         self._skipping = False
 
     def reset(self) -> None:
-        """Forget the current frame and scene."""
+        """Discard the current frame and scene."""
         self._stream.reset()
         self._buffer, self._skipping = b"", False
 
@@ -132,5 +133,5 @@ class SerialSkeletonSource(StreamSource):
 
 
 def framed(datagram: bytes) -> bytes:
-    """Return a datagram as it goes over the line."""
+    """Return a datagram in its form on the line."""
     return bytes(cobs.encode(datagram)) + b"\0"

@@ -30,7 +30,7 @@ class StreamSettings(LiveSettings):
 
     safety: ClassVar[Safety] = {
         "max_skew_s": LessSafe(
-            above="scenes that were recorded up to {value:g} s before may be sent again, once"
+            above="scenes recorded up to {value:g} s earlier may be sent again, once"
         )
     }
 
@@ -38,7 +38,7 @@ class StreamSettings(LiveSettings):
         """Refuse network input without a key, unless the configuration allows it.
 
         Raises:
-            ValueError: ``where`` and ``remedy`` say what is wrong, and what helps.
+            ValueError: the message consists of ``where`` and ``remedy``.
         """
         open_to_all = getattr(self, "allow_unauthenticated", False)
         if not (local or self.key_file is not None or open_to_all):
@@ -53,7 +53,7 @@ class StreamSource(LiveSource, ABC):
 
     Args:
         settings: the source's.
-        base_dir: start of relative paths of the key and the joint map.
+        base_dir: base of relative paths of the key and the joint map.
         clock: the node's.
         utc_ns: this machine's UTC clock.
 
@@ -96,9 +96,9 @@ class StreamSource(LiveSource, ABC):
     @staticmethod
     @abstractmethod
     def _make_receiver(settings: Any, base_dir: Path) -> Receiver:
-        """Return what brings the bytes, not yet open."""
+        """Return the receiver of the bytes, not yet open."""
 
     @staticmethod
     def _make_decoder(stream: SceneStream) -> Decoder:
-        """Return what turns the bytes into scenes: of whole datagrams the stream itself."""
+        """Return the decoder of the bytes: for whole datagrams, the stream itself."""
         return stream

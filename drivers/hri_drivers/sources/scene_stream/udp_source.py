@@ -1,6 +1,6 @@
 """The node's own scene stream over UDP (``kind: udp``), specified in ``drivers/SCENE_STREAM.md``.
 
-The user's program sends it; ``drivers/python/hri_sender.py`` is all that it needs.
+The user's program sends it, and needs only ``drivers/python/hri_sender.py``.
 """
 
 import ipaddress
@@ -64,5 +64,5 @@ class UdpSource(StreamSource):
 
     @property
     def port(self) -> int:
-        """Port that it listens on; 0 until it is open."""
+        """Port to which the source listens; 0 until it is open."""
         return self._receiver.port

@@ -28,7 +28,7 @@ class ZenohSourceSettings(CellSettings, StreamSettings):
     def _protected(self) -> Self:
         ends = [*(self.connect or []), *(self.listen or [])]
         local = self.zenoh_config is None and all(is_local(end) for end in ends)
-        self.demand_key(local, "zenoh", "zenoh_config keeps strangers out")
+        self.demand_key(local, "zenoh", "zenoh_config excludes strangers")
         return self
 
 

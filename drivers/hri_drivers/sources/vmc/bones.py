@@ -1,4 +1,4 @@
-"""Positions of an avatar's bones: from local poses to global ones.
+"""Converts the local poses of an avatar's bones to global positions.
 
 Names and hierarchy are those of Unity's ``HumanBodyBones``, which VMC uses. A bone's local pose is
 in its parent's frame; the parent is the nearest of these bones that the avatar has (UpperChest,
@@ -33,11 +33,11 @@ for _side in ("Left", "Right"):
     PARENTS |= _limb(_side, "UpperChest", "Shoulder", "UpperArm", "LowerArm", "Hand")
     PARENTS |= _limb(_side, HIPS, "UpperLeg", "LowerLeg", "Foot", "Toes")
 NAMES = (HIPS, *PARENTS)
-"""All bones that place joints, parents before children."""
+"""All bones needed for joint positions, parents before children."""
 
 
 def needed(joints: Iterable[str]) -> frozenset[str]:
-    """The bones that place these: themselves and all that may be their ancestors."""
+    """The bones that determine the positions of these: themselves and all possible ancestors."""
     found = set()
     for joint in joints:
         bone: str | None = joint if joint in NAMES else None

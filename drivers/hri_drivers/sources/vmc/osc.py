@@ -1,10 +1,10 @@
-"""Open Sound Control 1.0: the messages of one packet, with arguments that VMC has.
+"""Open Sound Control 1.0: the messages of one packet, with the argument types that VMC uses.
 
 Source: "The Open Sound Control 1.0 Specification" (opensoundcontrol.org): big-endian, texts end
 with zeros up to a multiple of 4 bytes, a bundle is ``#bundle``, 8 bytes of time and elements, each
-after its size. Elements may be bundles. The package ``python-osc`` writes a line to the log for
-each unknown type tag and nests calls with bundles, which bytes from a network must not cause; it
-is the independent sender of the tests.
+after its size. Elements may be bundles. The package ``python-osc`` logs a line for each unknown
+type tag and recurses into nested bundles, which network input must not cause; the tests use it as
+an independent sender.
 """
 
 import struct
@@ -23,7 +23,7 @@ _CONSTANTS: dict[str, Argument] = {"T": True, "F": False, "N": None}
 
 
 class OscError(ValueError):
-    """The bytes are not a packet; one line says why."""
+    """The bytes are not a packet; one line gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ def messages(packet: bytes) -> list[Message]:
     """All messages of a packet, in order; times of bundles are ignored.
 
     Raises:
-        OscError: the bytes are not a packet. No bytes raise anything else.
+        OscError: the bytes are not a packet. No input raises any other exception.
     """
     found: list[Message] = []
     for element in _elements(packet, 0):

@@ -1,4 +1,4 @@
-"""Captures of one performer in VMC messages.
+"""Reads the captures of one performer from VMC messages.
 
 Source: VMC Protocol, "Marionette" specification V2.7 (protocol.vmc.info/marionette-spec):
 
@@ -7,8 +7,8 @@ Source: VMC Protocol, "Marionette" specification V2.7 (protocol.vmc.info/marione
 - ``/VMC/Ext/Root/Pos "root" p.x p.y p.z q.x q.y q.z q.w [s.x s.y s.z o.x o.y o.z]``
 - ``/VMC/Ext/Bone/Pos name p.x p.y p.z q.x q.y q.z q.w``, local, metres
 
-A capture's time is the newest one that was heard. Performers that send it after the bones thus
-stamp each capture one period early, always.
+A capture's time is the newest time received. If a performer sends the time after the bones, each
+capture is always stamped one period early.
 """
 
 import math
@@ -24,7 +24,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.contracts.source import SourceCounters
 
 PERFORMER = 1
-"""Id of the only person of a port."""
+"""Id of the only person on a port."""
 CALIBRATED = 3
 NORMAL_MODE = 0
 _POSE = 7
@@ -37,7 +37,7 @@ class VmcReader:
 
     Args:
         joints: names of bones, the joints of the source.
-        normal_mode: whether the normal calibration mode is believed, in which the avatar keeps its
+        normal_mode: whether to accept the normal calibration mode, in which the avatar keeps its
             own size.
         counters: counts ``incomplete`` and ``ignored``.
     """
@@ -56,16 +56,16 @@ class VmcReader:
         self._segments = Segments(counters)
 
     def reset(self) -> None:
-        """Forget the capture that is arriving, and the time: it is none of the next capture's."""
+        """Discard the capture in progress and its time, which is not that of the next capture."""
         self._segments.reset()
         self._stamp_ns = None
 
     def pause(self) -> None:
-        """Forget the capture that is arriving, and the time."""
+        """Discard the capture in progress and its time."""
         self.reset()
 
     def read(self, data: bytes) -> Frame | None:
-        """See ``Reader``; a datagram that the network has doubled counts once."""
+        """See ``Reader``; a datagram that the network duplicated counts once."""
         if data == self._newest:
             self._counters.ignored += 1
             return None
@@ -83,7 +83,7 @@ class VmcReader:
         return self._captured() or frame
 
     def _take(self, message: Message, pose: Pose) -> Frame | None:
-        """Take one message; return the capture that ends with it, if that is not whole later."""
+        """Process one message; return the capture that ends with it, unless completed later."""
         if message.address == "/VMC/Ext/OK":
             self._why_not = _why_not(message.arguments, self._normal_mode)
         elif message.address == "/VMC/Ext/Root/Pos":
@@ -104,7 +104,7 @@ class VmcReader:
         return None
 
     def _captured(self) -> Frame | None:
-        """The capture that is whole by now, of a performer that tracks."""
+        """The capture that is now complete, if the performer is tracking."""
         if self._why_not is not None or self._stamp_ns is None or not self._segments.whole():
             return None
         bones = self._segments.bones
@@ -118,9 +118,8 @@ class VmcReader:
         return Frame(stamp_ns=self._stamp_ns, people=people)
 
     def _positions(self, root: Pose, bones: dict[str, Pose]) -> Floats:
-        """(J, 3) in Unity's frame; true to the wearer's size where the performer sends a scale.
-
-        The avatar is larger than the wearer by ``s``, and moved by ``o``.
+        """(J, 3) in Unity's frame; in the wearer's size if the performer sends a scale. The avatar
+        is larger than the wearer by the factor ``s``, and shifted by ``o``.
         """
         places = global_positions(root, bones)
         found = np.array([places.get(joint, np.full(3, np.nan)) for joint in self._joints])
@@ -166,7 +165,7 @@ def _pose(address: str, numbers: Sequence[Argument]) -> Pose:
 
 
 def _why_not(arguments: Sequence[Argument], normal_mode: bool) -> str | None:
-    """Why the performer's bones are not those of a person; ``None`` if they are."""
+    """The reason why the bones do not represent a person; ``None`` if they do."""
     given: list[Argument] = [*arguments[:4], None, None, None]
     loaded, state, mode, tracking = given[:4]
     if loaded != 1:

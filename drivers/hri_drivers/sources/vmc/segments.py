@@ -1,16 +1,16 @@
-"""Which bones make one capture: those between two times of the performer.
+"""Collects the bones of one capture: those between two times of the performer.
 
-Nothing in VMC says where a capture ends, and it may take several datagrams. A performer sends its
-time with every capture, before the bones or after them. A capture is whole when every bone that
-the avatar has came since the newest time. Bones of a lost datagram are missing: the capture is
-dropped and counted, so no body is put together from two captures, or with a parent left out.
+VMC does not mark the end of a capture, which may need several datagrams. A performer sends its time
+with every capture, before the bones or after them. A capture is complete when every bone of the
+avatar has arrived since the newest time. If a datagram is lost, its bones are missing, and the
+capture is dropped and counted. Thus no body combines two captures or lacks a parent bone.
 """
 
 from hri_drivers.sources.vmc.bones import Pose
 from hri_predict.contracts.source import SourceCounters
 
 GONE_AFTER = 10
-"""Captures in a row without one of its bones: another avatar was loaded."""
+"""Number of captures in a row without one of the bones after which another avatar is assumed."""
 
 
 class Segments:
@@ -32,19 +32,19 @@ class Segments:
         self._short = 0
 
     def reset(self) -> None:
-        """Forget the capture that is arriving."""
+        """Discard the capture in progress."""
         self.bones, self._given = {}, True
 
     def add(self, bone: str, pose: Pose) -> None:
-        """Take a bone; one that comes twice belongs to a capture whose time was lost."""
+        """Add a bone; a bone that arrives twice belongs to a capture whose time was lost."""
         if bone in self.bones and not self._given:
             self._counters.incomplete += 1
-            self._counters.note("vmc: bones come twice without a new /VMC/Ext/T between them")
+            self._counters.note("vmc: bones arrive twice without a new /VMC/Ext/T between them")
             self._given = True
         self.bones[bone] = pose
 
     def end(self) -> None:
-        """Take a time: the bones that follow are another capture's."""
+        """Process a time: the bones that follow belong to another capture."""
         seen = frozenset(self.bones)
         if not seen:
             self._given = False
@@ -63,7 +63,7 @@ class Segments:
         self.bones, self._given = {}, False
 
     def whole(self) -> bool:
-        """Whether the capture is whole; true only once for each."""
+        """Whether the capture is complete; true only once for each capture."""
         if self._given or self._avatar is None or not self._avatar <= self.bones.keys():
             return False
         self._given = True

@@ -1,6 +1,6 @@
-"""``kind: vmc``: the bones of one performer, by the VMC protocol; see ``reader``.
+"""``kind: vmc``: the bones of one performer, over the VMC protocol; see ``reader``.
 
-A port has one performer, who is person 1: VMC has no ids. The bones are those of an avatar.
+A port has one performer, who is person 1, because VMC has no ids. The bones belong to an avatar.
 """
 
 from typing import ClassVar, Literal
@@ -22,20 +22,20 @@ class VmcSettings(MocapSettings):
     """``source:`` of ``kind: vmc``."""
 
     kind: Literal["vmc"]
-    joint_map: str = Field("unity22", description="bones of Unity's humanoid, or a map of your own")
+    joint_map: str = Field("unity22", description="joint map of Unity's humanoid, or your own map")
     keeps_ids: bool = Field(True, description="the performer of a port is always the same person")
     port: int = Field(
         DEFAULT_PORT, ge=0, le=65535, description="UDP port that the performer sends to"
     )
     normal_mode: bool = Field(
         False,
-        description="believe bones of the normal calibration mode: the avatar has the wearer's "
+        description="accept bones of the normal calibration mode: the avatar has the wearer's "
         "size; true for a performer that has no MR mode",
     )
 
     safety: ClassVar[Safety] = {
         "normal_mode": LessSafe(
-            other="joints are where an avatar has them, which may be smaller than its wearer"
+            other="joints are those of an avatar, which may be smaller than its wearer"
         )
     }
 

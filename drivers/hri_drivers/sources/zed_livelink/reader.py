@@ -1,6 +1,6 @@
 """Captures in the JSON of Stereolabs' Live Link senders.
 
-Source: the senders' own text, github.com/stereolabs/zed-livelink (``sender-mono`` and
+Source: the senders' source code, github.com/stereolabs/zed-livelink (``sender-mono`` and
 ``sender-multi-camera``, for Unreal) and github.com/stereolabs/zed-unity-livelink. A datagram has
 one body of several, or all; the total is in ``nb_bodies`` or ``nb_object``.
 
@@ -9,7 +9,7 @@ one body of several, or all; the total is in ``nb_bodies`` or ``nb_object``.
 - For Unity: ``bodies`` with ``timestamp``, ``nb_object`` and ``body_list``; always metres in
   Unity's frame.
 
-Senders write 0 for what they did not measure. Confidences are 0 to 100.
+Senders write 0 for values that they did not measure. Confidences are 0 to 100.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,7 +54,7 @@ class ZedReader:
 
     Args:
         joints: names of the keypoints, the joints of the source.
-        min_confidence: a joint with less (0 to 1) is unobserved.
+        min_confidence: minimum confidence (0 to 1) of an observed joint.
         counters: counts ``incomplete``, ``ignored`` and ``unsure_joints``.
 
     Attributes:
@@ -72,11 +72,11 @@ class ZedReader:
         self._people: dict[int, SentPerson] = {}
 
     def reset(self) -> None:
-        """Forget the capture that is arriving."""
+        """Discard the capture in progress."""
         self._capture, self._people = None, {}
 
     def pause(self) -> None:
-        """Forget the capture that is arriving."""
+        """Discard the capture in progress."""
         self.reset()
 
     def read(self, data: bytes) -> Frame | None:
@@ -106,14 +106,14 @@ class ZedReader:
     def _add(
         self, capture: tuple[int, int | None], people: list[SentPerson], total: int
     ) -> Frame | None:
-        """Take bodies of one capture; return it once it is whole."""
+        """Add bodies of one capture; return the capture once it is complete."""
         if capture != self._capture:
             self._counters.incomplete += self._capture is not None
             self._capture, self._people = capture, {}
         if any(each.id in self._people for each in people) or len(
             {each.id for each in people}
         ) < len(people):
-            raise FrameError("an id comes twice in one capture")
+            raise FrameError("an id occurs twice in one capture")
         self._people |= {each.id: each for each in people}
         if len(self._people) < total:
             return None
@@ -130,7 +130,7 @@ class ZedReader:
             )
         state = member(body, "tracking_state", int)
         if state == TRACKING_OFF:
-            raise FrameError("ids are not kept; enable tracking in the sender")
+            raise FrameError("ids do not persist; enable tracking in the sender")
         places = np.array([place_of(each) for each in keypoints])
         places[(places == 0).all(axis=1)] = np.nan
         sure = np.array([number_of(each) for each in member(body, "keypoint_confidence", list)])

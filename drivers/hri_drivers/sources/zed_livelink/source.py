@@ -1,4 +1,4 @@
-"""``kind: zed_livelink``: people seen by ZED cameras, by Stereolabs' Live Link senders.
+"""``kind: zed_livelink``: people seen by ZED cameras, from Stereolabs' Live Link senders.
 
 Each datagram states its units and axes, or has Unity's; the joint map gives only the names.
 """
@@ -29,7 +29,7 @@ class ZedLiveLinkSettings(GroupSettings):
     )
 
     safety: ClassVar[Safety] = {
-        "min_confidence": LessSafe(below="joints of a confidence of {value:g} count as seen")
+        "min_confidence": LessSafe(below="joints with a confidence of {value:g} count as seen")
     }
 
 

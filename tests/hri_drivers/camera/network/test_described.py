@@ -154,7 +154,7 @@ def test_fractions_in_another_order_as_movenet_has_them(tmp_path):
         ({"people": {"output": "boxes"}}, "no output 'boxes'"),
         ({"people": {"first": 6}}, "a person has 56 values, expected 57 or more"),
         ({"input": {"order": "nhwc"}}, "set the other order"),
-        ({"input": NCHW | {"side": 128}}, "input.side must agree"),
+        ({"input": NCHW | {"side": 128}}, "match input.side"),
         ({"joints": {"values": ["x", "score"]}}, "must name x and y"),
         ({"joints": {"values": ["x", "y"]}}, "give people.score"),
         ({"joints": {"heatmaps": True}}, "expected 17 maps"),

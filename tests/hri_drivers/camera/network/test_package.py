@@ -47,12 +47,12 @@ def test_the_networks_are_read_from_the_package(tmp_path):
     ("text", "message"),
     [
         ("nothing", "no list"),
-        (LOADER % "{}", "another form"),
+        (LOADER % "{}", "an unexpected form"),
         (loader(), "no pose_detection.tflite"),
         (loader(("pose_detection.tflite", 3, 99)), "exceeds"),
         (loader(("pose_detection.tflite", 5, 5)), "exceeds"),
-        (loader(("pose_detection.tflite", None, 5)), "another form"),
-        ('loadPackage({"files": 7});', "another form"),
+        (loader(("pose_detection.tflite", None, 5)), "an unexpected form"),
+        ('loadPackage({"files": 7});', "an unexpected form"),
         ("loadPackage({not json});", "Expecting property name"),
     ],
 )
@@ -76,7 +76,7 @@ def test_a_damaged_package_is_one_line(content, tmp_path):
 
 def test_a_missing_model_names_the_command(tmp_path, monkeypatch):
     monkeypatch.setenv("HRI_PREDICT_DATA", str(tmp_path))
-    with pytest.raises(ConfigError, match="no model yet; fetch it by: hri-predict camera --fetch"):
+    with pytest.raises(ConfigError, match="no model yet; fetch it with: hri-predict camera --f"):
         package.read(package.kept_at(), "full")
 
 

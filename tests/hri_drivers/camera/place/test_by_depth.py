@@ -122,7 +122,7 @@ def test_depth_files_are_millimetres(tmp_path):
     np.testing.assert_allclose(read_depth(path), [[np.nan, 1.5], [65.535, 0.002]], rtol=1e-6)
     for bad in (np.zeros((2, 2), np.uint8), np.zeros((2, 2, 3), np.uint16)):
         cv2.imwrite(str(path), bad)
-        with pytest.raises(ConfigError, match="16 bits"):
+        with pytest.raises(ConfigError, match="16-bit PNG"):
             read_depth(path)
     path.write_bytes(b"not a picture")
     with pytest.raises(ConfigError, match="not a picture"):

@@ -114,7 +114,7 @@ def test_a_silent_peer_costs_one_frame_a_second_and_no_advice():
     counters = pair.link.counters
     assert counters.messages_sent == 50
     assert counters.write_errors == 1
-    assert "ISO-TP peer 0x6c7: it did not let the message pass within a second" in str(
+    assert "ISO-TP peer 0x6c7: it did not accept the whole message within a second" in str(
         pair.link.last_error
     )
     waiting = len(pair.link._slots) + 1

@@ -16,7 +16,7 @@ from hri_predict.base.errors import LinkError
         ("pcan", OSError("pcanbasic library not found."), "PEAK's library PCAN-Basic"),
         ("kvaser", NameError("name 'canGetNumberOfChannels' is not defined"), "library CANlib"),
         ("gs_usb", ModuleNotFoundError("No module named 'usb'"), "python-can[gs-usb]"),
-        ("vector", can.CanInterfaceNotImplementedError("only on Windows"), "for Windows alone"),
+        ("vector", can.CanInterfaceNotImplementedError("only on Windows"), "for Windows only"),
         ("ixxat", ImportError("cannot import name 'HRESULT'"), "HMS's VCI driver"),
         ("neovi", ImportError("Please install python-ics"), "python-can[neovi]"),
     ],

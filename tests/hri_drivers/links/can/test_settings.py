@@ -103,7 +103,7 @@ def test_links_that_do_not_meet_are_fine(second):
 def test_options_do_not_undo_the_links_own_keys(option):
     with pytest.raises(ValidationError, match=f"options.{option}: set the link's own"):
         link("a", options={option: 1})
-    with pytest.raises(ValidationError, match="a link must not hear itself"):
+    with pytest.raises(ValidationError, match="a link must not receive its own frames"):
         link("a", options={"receive_own_messages": True})
 
 
@@ -122,7 +122,7 @@ def test_check_refuses_such_a_configuration_and_explains_links(tmp_path):
     path.write_text(yaml.safe_dump(data), encoding="utf-8")
     notes = "\n".join(examine(configuration.load(path))["notes"])
     assert "link a: classic CAN without 'isotp': this link does not send zones and poses" in notes
-    assert "link b: listen_only: it receives RobotState" in notes
+    assert "link b: listen_only: the link receives RobotState" in notes
     assert "ip link set can0 up type can bitrate 500000 listen-only on" in notes
 
 

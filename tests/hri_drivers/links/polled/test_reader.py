@@ -161,7 +161,7 @@ def test_any_reading_gives_a_state_or_none_and_what_is_short_is_counted(readings
     [
         ({"joints": [{"position": 10}]}, "tick_s"),
         ({"joints": [{"position": 10, "velocity": 12}], "tick_s": 0.1}, "remove it"),
-        ({"joints": [{"position": 10, "velocity": 12}, {"position": 14}]}, "of each, or of none"),
+        ({"joints": [{"position": 10, "velocity": 12}, {"position": 14}]}, "of all or of none"),
         ({"mode": 5}, "automatic_values"),
         ({"automatic_values": [1]}, "automatic_values"),
         ({"mode": 5, "automatic_values": [1], "automatic": True}, "remove it"),

@@ -92,7 +92,7 @@ def test_a_stamp_of_another_clock_or_too_old_is_refused(at_ns):
     robot = Robot()
     assert robot.feed(message(at_ns)) is None
     assert robot.counters.malformed == 1
-    assert "delayed, or stamped by another clock" in robot.reader.refused
+    assert "delayed, or stamped with another clock" in robot.reader.refused
     assert "\n" not in robot.reader.refused
 
 
@@ -100,7 +100,7 @@ def test_a_stamp_earlier_than_before_is_refused():
     robot = Robot()
     robot.hear(UTC + 5 * MS, late_ns=0)
     assert robot.hear(UTC + 4 * MS, late_ns=0) is None
-    assert robot.reader.refused == "/joint_states: a stamp earlier than the one before it"
+    assert robot.reader.refused == "/joint_states: a stamp earlier than the previous one"
 
 
 def test_when_this_machines_clock_was_set_back_states_go_on():
@@ -199,7 +199,7 @@ def test_a_robot_that_does_not_fit_is_refused(more, of, words):
     ("shape", "words"),
     [
         (StateShape(6, False), "has 2 names, and the robot 6 joints"),
-        (StateShape(2, True), "has no place of a moving base"),
+        (StateShape(2, True), "cannot give the pose of a moving base"),
     ],
 )
 def test_names_are_as_many_as_joints(shape, words):

@@ -193,7 +193,7 @@ def test_a_qos_mismatch_is_said_in_one_line(link, program, caplog, qos, policy):
     posted_until(ours, [ADVICE], lambda: listener.heard("/hri/robot_0/speed_ovr"))
     posted_until(ours, [ADVICE], lambda: ours.last_error)
     assert ours.last_error.startswith(
-        "/hri/robot_0/advice: a subscriber does not receive it, because it asks for another "
+        "/hri/robot_0/advice: a subscriber does not receive it, because it requests another "
         f"{policy}; offered is"
     )
     assert "\n" not in ours.last_error

@@ -250,7 +250,7 @@ def test_full_speed_is_the_robots_and_never_below_it():
 
 
 def test_a_robot_of_seven_joints_is_refused():
-    with pytest.raises(LinkError, match="six joints on a base that stands"):
+    with pytest.raises(LinkError, match="six joints on a fixed base"):
         RtdeLink.load(settings(), 25.0, (0,), (StateShape(7),))
 
 

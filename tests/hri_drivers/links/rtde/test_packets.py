@@ -119,7 +119,7 @@ def test_a_time_that_goes_back_repeats_the_counter_until_a_new_connection():
 
 
 def test_a_recipe_with_the_number_0_is_refused():
-    with pytest.raises(LinkError, match="number 0, so it takes none"):
+    with pytest.raises(LinkError, match="number 0, so it accepts none"):
         recipe_number(TWO, b"\0UINT32,DOUBLE", "input")
 
 

@@ -252,7 +252,7 @@ def test_spy_shows_what_passes_on_a_device(tmp_path):
         ("rfc2217://127.0.0.1:1", "connection refused; start the server there"),
         ("spy:///dev/no_such_port", "not found; plug it in or correct 'port'"),
         ("socket://127.0.0.1:80?no_such=1", "cannot be opened"),
-        ("hwgrep://x&n=0", "pyserial does not know this port or setting"),
+        ("hwgrep://x&n=0", "pyserial does not support this port or setting"),
     ],
 )
 def test_a_url_that_does_not_open_gets_one_line_with_the_remedy(port, words):

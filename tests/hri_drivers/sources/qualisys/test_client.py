@@ -32,7 +32,7 @@ def test_a_packet_that_does_not_end_ends_the_connection(qtm):
     assert client.read(PATIENCE_S) == []
     now[0] += WHOLE_S + 0.01
     far.sendall(WHOLE)
-    with pytest.raises(SourceError, match="a packet that does not end; connecting again"):
+    with pytest.raises(SourceError, match="a packet stayed incomplete; connecting again"):
         client.read(PATIENCE_S)
 
 

@@ -101,7 +101,7 @@ def test_segments_in_local_coordinates_are_refused_by_name() -> None:
 
 def test_other_skeletons_are_asked_for_again() -> None:
     client = Client()
-    with pytest.raises(FrameError, match="asking for them again"):
+    with pytest.raises(FrameError, match="requesting the parameters again"):
         client.read(qualisys.data(1, 1, {"Ann": JOINTS}))
     assert client.reader.wanted == PARAMETERS
 
@@ -132,7 +132,7 @@ def test_names_are_remembered_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> 
         (qualisys.packet(3, b"\0" * 16), "solve skeletons"),
         (qualisys.data(1, 2**63 - 1, {"Ann": JOINTS, "Bob": JOINTS}), "a time that is not"),
         (qualisys.data(1, -1, {"Ann": JOINTS, "Bob": JOINTS}), "a time that is not"),
-        (twice(), "a segment comes twice"),
+        (twice(), "a segment occurs twice"),
     ],
 )
 def test_what_is_not_a_capture_is_refused(unit: bytes, says: str) -> None:

@@ -116,7 +116,7 @@ ACTOR = SAMPLE["scene"]["actors"][0]
         (changed(scene({"timestamp": 1e300})), "time stamp"),
         (changed(scene({"actors": [ACTOR, ACTOR]})), "same name"),
         (changed(scene({"actors": [ACTOR] * 65})), "more than 64"),
-        (changed(scene({"actors": [ACTOR | {"body": {}}]})), "without any part"),
+        (changed(scene({"actors": [ACTOR | {"body": {}}]})), "without any joint"),
         (changed(scene({"actors": [ACTOR | {"body": {"hip": 1}}]})), "position"),
         (b'{"version": 3, "scene": {"timestamp": 1, "actors": [NaN]}}', "NaN"),
     ],

@@ -133,7 +133,7 @@ def test_an_id_that_comes_twice_is_refused() -> None:
     cameras = Cameras()
     first, _ = one(1, people=2)
     cameras.read(first)
-    with pytest.raises(FrameError, match="an id comes twice"):
+    with pytest.raises(FrameError, match="an id occurs twice"):
         cameras.read(first)
 
 
