@@ -206,16 +206,16 @@ typedef struct {
     uint16_t speed_limit_mm_s;
     /* smallest distance between a body and the robot now; HRI_NO_I16: not available */
     int16_t separation_mm;
-    /* smallest distance by the time the robot can have stopped; HRI_NO_I16: not available */
+    /* smallest distance until the robot can have stopped; HRI_NO_I16: not available */
     int16_t predicted_separation_mm;
     /* STATE_COUNTER of the last RobotState that the node received; HRI_NO_U16: not available */
     uint16_t echo;
     /* age of the underlying capture when the frame was encoded; add the time since receipt;
      * HRI_NO_U16: not available */
     uint16_t age_ms;
-    /* number of what an Acknowledge would end now; 0: there is nothing to acknowledge */
+    /* id that an Acknowledge must carry now; 0: there is nothing to acknowledge */
     uint16_t latch_id;
-    uint8_t tool; /* number of the tool set that the node counts with; HRI_NO_U8: not available */
+    uint8_t tool; /* number of the tool set that the node assumes; HRI_NO_U8: not available */
     /* time until the separation may be violated; 0 if it already is; HRI_NO_U12: not available */
     uint16_t time_to_breach_ms;
     uint8_t body_part; /* index of the deciding body segment; HRI_NO_U6: not available */
@@ -253,7 +253,7 @@ typedef struct {
 /* One frame of a Zone (capsules) or of a Pose (joints): items first .. first + count - 1. */
 typedef struct {
     uint16_t person; /* id of the person, modulo 65536 */
-    uint8_t step; /* horizon step; 0 is the body at its capture */
+    uint8_t step; /* horizon step; 0 is the body as captured */
     uint16_t horizon_ms; /* time ahead of the capture */
     /* age of the underlying capture when the frame was encoded; add the time since receipt;
      * HRI_NO_U16: not available */
@@ -265,7 +265,7 @@ typedef struct {
     hri_joint joints[HRI_POSE_ITEMS];
 } hri_body;
 
-/* Each kind keeps its newest; no union (MISRA C:2012, rule 19.2). */
+/* The newest message of each kind; no union (MISRA C:2012, rule 19.2). */
 typedef struct {
     hri_advice advice;
     hri_status status;

@@ -1,1 +1,1 @@
-"""The messages and their encoding; DBC and documents are generated from the same definition."""
+"""The messages and their encoding; the DBC files and documents come from the same definition."""

@@ -42,7 +42,7 @@ class CanFrame:
 
 
 def check_base_id(base_id: int, extended: bool) -> None:
-    """Refuse a base id that leaves no room for all ids.
+    """Refuse a base id that is too high for all ids to fit.
 
     Raises:
         ConfigError: names the allowed range.
@@ -59,8 +59,8 @@ def check_base_id(base_id: int, extended: bool) -> None:
 def fd_length(definition: Definition, payload_bytes: int) -> int:
     """Length of the FD frame that carries a payload.
 
-    Zone and Pose always have the length of a full frame, however many items they hold, and so has
-    RobotState, whatever its robot needs: then each id has one length, as a DBC says.
+    A Zone, Pose or RobotState always has the length of a full frame, regardless of its content,
+    because a DBC gives each id one length.
     """
     if definition.item:
         payload_bytes = definition.max_bytes
@@ -77,7 +77,7 @@ class CanSender:
     """Encodes messages of one link and keeps their counters.
 
     Attributes:
-        own: remembers what is sent, where set.
+        own: remembers each frame sent; ``None``: not used.
     """
 
     def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
@@ -87,7 +87,7 @@ class CanSender:
         self._counters: dict[int, int] = {}
 
     def carries(self, message_type: type[Message]) -> bool:
-        """Whether this kind of CAN carries the message at all."""
+        """Whether this kind of CAN carries the message."""
         return self._fd or BY_TYPE[message_type].classic
 
     def encode(self, message: Message) -> list[CanFrame]:
@@ -158,14 +158,14 @@ class CanReceiver:
     """Decodes frames of one link; it counts errors and continues.
 
     A multi-frame message is complete when all the parts that its part 0 asks for have arrived with
-    the same counter. A part that comes twice before that makes it void, and so does one that part 0
-    does not ask for: the two may come from two senders.
+    the same counter. Until then, a repeated part or a part that part 0 does not ask for discards
+    the message, because the parts may come from two senders.
 
     Attributes:
         counters: see ``ReceiveCounters``.
-        refused: why the newest message with right CRC was refused; empty if none was.
-        own: judges whole frames that only a node sends, where set: then the receiver is a node's,
-            and hands none of them on.
+        refused: why the newest message with a correct CRC was refused; empty if it was accepted.
+        own: set if the receiver belongs to a node: checks complete frames that only a node sends;
+            these are not passed on.
     """
 
     def __init__(self, fd: bool = False, base_id: int = DEFAULT_BASE_ID, extended: bool = False):
@@ -178,11 +178,11 @@ class CanReceiver:
         self.refused = ""
 
     def reset(self) -> None:
-        """Forget sequences and incomplete messages, as after a reconnection; counters stay."""
+        """Forget sequences and incomplete messages, as after a reconnection; keep the counters."""
         self._streams.clear()
 
     def feed(self, frame: CanFrame) -> list[Message]:
-        """Take one frame from the bus; return the message that it completes, if it is fresh."""
+        """Process one frame; return the message that it completes, if the message is fresh."""
         known = self._table.get(frame.arbitration_id - self._base)
         if known is None or frame.extended != self._extended:
             self.counters.ignored += 1
@@ -217,7 +217,7 @@ class CanReceiver:
         return self._decoded(definition, robot, payload)
 
     def _judge(self, frame: CanFrame, own: OwnFrames) -> None:
-        """Count a frame with a node's id: an echo, another node's, or damaged.
+        """Count a frame with a node's id: an echo, a frame from another node, or a damaged one.
 
         Another node may send classic frames on an FD bus.
         """

@@ -1,4 +1,4 @@
-"""Messages to payloads and back; framing is up to the links."""
+"""Convert messages to payloads and back; the links do the framing."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ def _members(definition: Definition) -> tuple[str, ...]:
 
 
 def _values(members: tuple[str, ...]) -> list[str]:
-    """Return expressions by which a packing function finds the value of each field."""
+    """Return, for each field, the expression with which a packing function reads its value."""
     computed = count()
     return [f"m.{name}" if name else f"c[{next(computed)}]" for name in members]
 
@@ -62,8 +62,8 @@ def _robot_state_computed(m: RobotState) -> list[Any]:
     joints = len(m.positions)
     if joints > MAX_JOINTS or len(m.velocities) != joints:
         raise ValueError(
-            f"RobotState holds {joints} positions and {len(m.velocities)} velocities; "
-            f"give as many of each, at most {MAX_JOINTS}"
+            f"RobotState holds {joints} positions and {len(m.velocities)} velocities; give the "
+            f"same number of both, at most {MAX_JOINTS}"
         )
     absent = (None,) * (MAX_JOINTS - joints)
     positions, velocities = (*m.positions, *absent), (*m.velocities, *absent)
@@ -85,7 +85,8 @@ def _base_row(base: BaseMotion | None) -> list[float | None]:
 def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
     """Return the payloads of ``message``: one, or for Zone and Pose one per frame.
 
-    ``items`` is the number of items of a Zone or Pose in one payload; default: what fits a frame.
+    ``items`` is the number of items of a Zone or Pose in one payload; default: as many as fit in a
+    frame.
 
     Numbers saturate at the ends of their range; ``None`` and NaN become "not available".
 
@@ -104,7 +105,7 @@ def encode_payloads(message: Message, items: int | None = None) -> list[bytes]:
 
 
 def _split(message: Zone | Pose, items: Sequence[Sequence[Any]], room: int | None) -> list[bytes]:
-    """Distribute the items over as many payloads as needed, at least one."""
+    """Distribute the items over as many payloads as necessary, but at least one."""
     kind = type(message)
     pack, pack_item, room = _PACK[kind], _PACK_ITEM[kind], room or BY_TYPE[kind].items_per_frame
     if len(items) > MAX_ITEMS:
@@ -127,10 +128,10 @@ def decode_payload(
 ) -> Message:
     """Return the message in ``payload``; bytes after its end (padding) are ignored.
 
-    Extra parts that it does not need may be missing or hold anything.
+    Extra parts that the message does not need may be missing or have any content.
 
-    ``items`` is the largest number of items of a Zone or Pose; default: what fits a frame. Without
-    ``with_items`` they are left out.
+    ``items`` is the maximum number of items of a Zone or Pose; default: as many as fit in a frame.
+    Without ``with_items`` the items are not unpacked.
 
     Raises:
         Malformed: too short, or an impossible value.
@@ -148,7 +149,7 @@ def decode_payload(
 def _message(
     definition: Definition, row: tuple[Any, ...], robot: int, payload: bytes | None
 ) -> Message:
-    """Make the message; without ``payload``, a Zone or Pose without its items."""
+    """Create the message; without ``payload``, a Zone or Pose has no items."""
     members = _MEMBERS[definition.type]
     given = dict(zip(members, row, strict=True))
     if definition.per_robot:

@@ -1,9 +1,9 @@
-"""The one definition of every message on the wire; everything else is derived from it.
+"""The single definition of every message on the wire; everything else is derived from it.
 
-A message is a row of fields, packed without gaps, least significant bit first (Intel order), into
-a payload. A link that carries wide frames (CAN FD, serial) puts the payload into one frame; classic
-CAN sends it as consecutive parts of six bytes, and no field crosses from one part to the next.
-Codec, DBC, PROTOCOL.md and the schema hash all read this table.
+A message is a sequence of fields, packed into a payload without gaps, least significant bit first
+(Intel order). A link with wide frames (CAN FD, serial) sends the payload in one frame. Classic CAN
+sends it as consecutive parts of six bytes; no field extends over two parts. The codec, DBC,
+PROTOCOL.md and schema hash are all derived from this table.
 
 Rounding is conservative: separations, times and speeds round down, radii and ages round up.
 """
@@ -38,10 +38,10 @@ MAX_ITEMS = 255  # of a Zone or Pose, over all its frames
 
 
 def frame_table(classic: bool) -> dict[int, tuple[Definition, int, int]]:
-    """Return frame number -> (definition, robot, part) of every frame of a kind of link.
+    """Return a map from frame number to (definition, robot, part) for one kind of link.
 
     Raises:
-        ValueError: two frames share a number, because a message has outgrown its parts.
+        ValueError: two frames share a number because a message has too many parts.
     """
     table: dict[int, tuple[Definition, int, int]] = {}
     for d in DEFINITIONS:
@@ -83,7 +83,7 @@ _AGE = Field(
     optional=True,
 )
 _PERSON = Field(signal="PERSON", bits=16, text="id of the person, modulo 65536", wraps=True)
-_STEP = Field(signal="STEP", bits=8, text="horizon step; 0 is the body at its capture")
+_STEP = Field(signal="STEP", bits=8, text="horizon step; 0 is the body as captured")
 _HORIZON = Field(signal="HORIZON", bits=16, text="time ahead of the capture", unit="s", scale=1000)
 _RANGE = (
     Field(
@@ -95,14 +95,14 @@ _RANGE = (
     Field(signal="COUNT", bits=8, text="number of items in this frame"),
 )
 _OF_BODY = (_PERSON, _STEP, _HORIZON, _AGE, *_RANGE)
-"""Fields of Zone and of Pose; the C code keeps both in one structure."""
-_LATCH_ID = "number of what an Acknowledge would end now; 0: there is nothing to acknowledge"
+"""Fields that Zone and Pose share; the C code stores both in one structure."""
+_LATCH_ID = "id that an Acknowledge must carry now; 0: there is nothing to acknowledge"
 
 DEFINITIONS: tuple[Definition, ...] = (
     Definition(
         type=Advice,
         number=0x00,
-        text="what the node asks of one robot, and why",
+        text="request of the node to one robot, and its reason",
         sender="node",
         cycle_ms=40,
         priority=0,
@@ -143,7 +143,7 @@ DEFINITIONS: tuple[Definition, ...] = (
             ),
             _metres(
                 "PREDICTED_SEPARATION",
-                "smallest distance by the time the robot can have stopped",
+                "smallest distance until the robot can have stopped",
                 "down",
                 True,
             ),
@@ -155,7 +155,7 @@ DEFINITIONS: tuple[Definition, ...] = (
             ),
             _AGE,
             Field(signal="LATCH_ID", bits=16, text=_LATCH_ID),
-            index_of("TOOL", 8, "number of the tool set that the node counts with"),
+            index_of("TOOL", 8, "number of the tool set that the node assumes"),
             Field(
                 signal="TIME_TO_BREACH",
                 bits=12,
@@ -204,7 +204,7 @@ DEFINITIONS: tuple[Definition, ...] = (
     Definition(
         type=Acknowledge,
         number=0x41,
-        text="a person has acknowledged what the Advice showed",
+        text="a person has acknowledged the LATCH_ID of the Advice",
         sender="controller",
         cycle_ms=0,
         priority=1,
@@ -237,7 +237,7 @@ DEFINITIONS: tuple[Definition, ...] = (
     Definition(
         type=Zone,
         number=0x44,
-        text="where the body segments of one person may be at one horizon",
+        text="space that the body segments of one person may occupy at one horizon",
         sender="node",
         cycle_ms=0,
         priority=5,
@@ -287,9 +287,9 @@ BY_TYPE: dict[type[Message], Definition] = {d.type: d for d in DEFINITIONS}
 
 
 def schema_hash(definitions: tuple[Definition, ...] = DEFINITIONS) -> int:
-    """Return 32 bits that change whenever the wire or the meaning of its values changes.
+    """Return a 32-bit hash of the wire format and of the meaning of its values.
 
-    Texts are not part of it.
+    Descriptive texts are not included.
     """
 
     def shape(field: Field) -> tuple[object, ...]:
@@ -314,7 +314,7 @@ SCHEMA_HASH = schema_hash()
 
 
 def _asked(definition: Definition) -> tuple[tuple[int, int, int, int], ...]:
-    """(part, shift, mask, least) of each extra part; the field is in part 0."""
+    """(part, shift, mask, minimum) of each extra part; shift and mask select a field of part 0."""
     places: dict[str, tuple[int, int]] = {}
     shift = 0
     for field in definition.fields:
@@ -328,7 +328,7 @@ _ALWAYS = {d.type: frozenset(range(d.always)) for d in DEFINITIONS}
 
 
 def needed_parts(definition: Definition, head: bytes) -> frozenset[int]:
-    """Parts that a message has on classic CAN; ``head`` is its part 0 or its whole payload."""
+    """Parts of a message on classic CAN; ``head`` is its part 0 or its whole payload."""
     if not definition.extra:
         return _ALWAYS[definition.type]
     bits = int.from_bytes(head[:PART_BYTES], "little")
@@ -341,7 +341,7 @@ def needed_parts(definition: Definition, head: bytes) -> frozenset[int]:
 
 
 def needed_bytes(definition: Definition, payload: bytes) -> int:
-    """Minimum number of bytes that the fixed part of this payload must have."""
+    """Minimum length, in bytes, of the fixed part of this payload."""
     if not definition.extra:
         return definition.fixed_bytes
     return PART_BYTES * (1 + max(needed_parts(definition, payload)))

@@ -24,33 +24,33 @@ _PROFILE_4 = Struct(">HHI")
 
 
 def data_id_list(number: int) -> bytes:
-    """Profile 2's 16 data ids of the frame ``number``: all are ``number + 1``.
+    """The 16 data ids of profile 2 for the frame ``number``: all are ``number + 1``.
 
-    No two frames share one, so a frame under a wrong CAN id never passes the CRC. All 16 are
-    equal because a wrong bit in the counter would otherwise change the data id as well. Some errors
-    of two and three bits would then pass the CRC, although the polynomial alone detects them all.
+    Each frame has its own data id, so a frame under a wrong CAN id never passes the CRC. All 16 are
+    equal, because otherwise a wrong counter bit would change the data id as well. Some errors of
+    two and three bits would then pass the CRC, although the polynomial alone detects all of them.
     """
     return bytes((number + 1,)) * 16
 
 
 def data_id_16(number: int) -> int:
-    """Profile 5's data id, implicit in the CRC."""
+    """Data id for profile 5, implicit in the CRC."""
     return 0x4800 + number
 
 
 def data_id_32(number: int) -> int:
-    """Profile 4's data id, sent in the header."""
+    """Data id for profile 4, sent in the header."""
     return 0x48520000 + number
 
 
 def protect_profile2(counter: int, payload: bytes, ids: bytes) -> bytes:
-    """Return CRC, ``counter`` (0..255, its low nibble is the profile's) and ``payload``."""
+    """Return CRC, ``counter`` (0..255; the low nibble is the profile's counter) and ``payload``."""
     body = bytes((counter,)) + payload
     return bytes((crc8.autosar(body + ids[counter & 15 : (counter & 15) + 1]),)) + body
 
 
 def check_profile2(frame: bytes, ids: bytes) -> bool:
-    """Whether the CRC is right; false for frames that are too short to hold one."""
+    """Whether the CRC is correct; false for frames that are too short to contain one."""
     if len(frame) < PROFILE_2_HEADER:
         return False
     nibble = frame[1] & 15
@@ -64,7 +64,7 @@ def protect_profile5(counter: int, payload: bytes, data_id: int) -> bytes:
 
 
 def check_profile5(frame: bytes, data_id: int) -> bool:
-    """Whether the CRC is right; false for frames that are too short to hold one."""
+    """Whether the CRC is correct; false for frames that are too short to contain one."""
     if len(frame) < PROFILE_5_HEADER:
         return False
     crc = crc16.ibm_3740(frame[2:] + data_id.to_bytes(2, "little"))
@@ -78,14 +78,14 @@ def protect_profile4(counter: int, payload: bytes, data_id: int) -> bytes:
 
 
 def check_profile4(frame: bytes) -> bool:
-    """Whether CRC and length are right; the data id (bytes 4..7) says which message it is."""
+    """Whether CRC and length are correct; the data id (bytes 4..7) identifies the message."""
     if len(frame) < PROFILE_4_HEADER or int.from_bytes(frame[:2], "big") != len(frame):
         return False
     return crc32.autosar(frame[:8] + frame[12:]) == int.from_bytes(frame[8:12], "big")
 
 
 class Verdict(Enum):
-    """Verdict of a counter on its message; only OK and SOME_LOST are fresh."""
+    """Result of checking a message's counter; only OK and SOME_LOST are fresh."""
 
     OK = "ok"
     SOME_LOST = "some lost"
@@ -94,13 +94,13 @@ class Verdict(Enum):
 
 
 class CounterCheck:
-    """Judges the counters of one stream of messages.
+    """Checks the counters of one stream of messages.
 
-    The very first message is fresh, and so is any that advances the counter by 1..MAX_DELTA. After
-    a jump (the sender restarted, the wire was down) RESYNC messages must arrive in a row, each
-    following the one before by 1; the last of them is fresh again. The first message after the jump
-    is the first of the row. Anything else in between, a repeat too, ends the row. A single old
-    message is never fresh.
+    The first message is fresh, and so is each message that advances the counter by 1..MAX_DELTA.
+    After a jump (the sender restarted, the line was down) RESYNC messages with consecutive counters
+    must arrive, starting with the first message after the jump; the last of them is fresh again.
+    Any other message in between, including a repeated one, ends the sequence. A single old message
+    is never fresh.
     """
 
     __slots__ = ("_candidate", "_last", "_modulus", "_run", "lost")
@@ -110,18 +110,18 @@ class CounterCheck:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything: the next message is the first."""
+        """Forget everything; treat the next message as the first."""
         self._last: int | None = None
         self._candidate: int | None = None
         self._run = 0
         self.lost = 0  # messages that the last verdict found missing
 
     def repeated(self) -> None:
-        """End the row: something came again."""
+        """End the sequence after a repeated message."""
         self._run = 0
 
     def check(self, counter: int) -> Verdict:
-        """Judge the next ``counter``; if it is not fresh, only the resync state changes."""
+        """Check the next ``counter``; if it is not fresh, change only the resync state."""
         self.lost = 0
         if self._last is None:
             self._last = counter

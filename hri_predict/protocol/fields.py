@@ -1,4 +1,4 @@
-"""The parts of a message on the wire: its fields, their widths and scales."""
+"""Parts of a message on the wire: fields, with their widths and scales."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -23,18 +23,18 @@ class Field:
         bits: width.
         text: its meaning.
         unit: of the physical value.
-        scale: steps per unit; 0 for a plain integer or enumeration. A scaled number always keeps
+        scale: steps per unit; 0 for a plain integer or enumeration. A scaled number always reserves
             one code for "not available": all ones, or the most negative value if signed.
         signed: two's complement.
-        rounding: direction in which a value between two steps is rounded.
+        rounding: rounding direction for a value between two steps.
         enum: names of the values.
-        fallback: value that a receiver reads instead of one unknown to ``enum``.
+        fallback: value that a receiver uses instead of a value missing from ``enum``.
         optional: whether "not available" is a valid value (a plain integer then reserves the
-            all-ones code for it). If not, a receiver refuses a message that holds it.
-        bounded: a value beyond the range becomes "not available" instead of the nearest end,
-            because the end would name another place or another thing.
-        wraps: counts modulo 2^bits; every other number saturates.
-        flag: true if the raw value is 1; any other raw value means false.
+            all-ones code for it). If not, a receiver refuses a message that contains it.
+        bounded: a value out of range becomes "not available" instead of the nearest limit, because
+            the limit would mean a different place or object.
+        wraps: the value is taken modulo 2^bits; other numbers saturate.
+        flag: true if the raw value is 1, false for all other raw values.
         attribute: its name in the message's class; by default the signal's, with the unit.
     """
 
@@ -55,7 +55,7 @@ class Field:
 
     @property
     def member(self) -> str:
-        """Name of the attribute of the message's class that holds the value."""
+        """Name of the attribute of the message class that contains the value."""
         unit = f"_{self.unit.replace('/', '_')}" if self.unit else ""
         return self.attribute or self.signal.lower() + unit
 
@@ -76,21 +76,21 @@ class Field:
 
     @property
     def resolution(self) -> float:
-        """Physical value of one step."""
+        """Size of one step in physical units."""
         return 1.0 / self.scale if self.scale else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Extra:
-    """A part that a message has on classic CAN only where a field of its part 0 asks for it.
+    """A part that a message has on classic CAN only if a field of part 0 requires it.
 
     Attributes:
-        part: its place among the parts.
+        part: its index among the parts.
         number: number of its frame, for robot 0.
         stride: frame numbers per robot.
         robots: number of robots that have it, from robot 0 on.
-        signal: the field of part 0 that asks for it ...
-        least: ... from this raw value on.
+        signal: the field of part 0 that requires it.
+        least: minimum raw value of that field that requires the part.
     """
 
     part: int
@@ -108,18 +108,18 @@ class Definition:
     Attributes:
         type: its class in ``messages``.
         number: number of its first frame, for robot 0 (see ``frame_number``).
-        per_robot: whether each robot has its own.
+        per_robot: whether each robot has its own message.
         sender: "node" or "controller".
         cycle_ms: usual period, for the DBC; 0 if event-driven.
-        priority: order in which waiting messages are sent, 0 first; those with items are the last.
+        priority: order in which queued messages are sent, 0 first; messages with items come last.
         fields: fixed part of the payload.
         item: fields of one repeated item after the fixed part; empty if nothing repeats.
         items: the attribute that holds the items, in the plural.
         items_per_frame: maximum number of items in one frame.
         classic: whether classic CAN carries it.
-        extra: its last parts, as far as not every message has them.
+        extra: the last parts, if not every message has them.
         sequenced: whether its counter must advance. False for Schema, which never changes while the
-            node runs: a receiver takes the Schema of a restarted node at once, before its Advice.
+            node runs, so that a receiver accepts the Schema of a restarted node before its Advice.
     """
 
     type: type[Message]
@@ -144,27 +144,27 @@ class Definition:
 
     @cached_property
     def fixed_bytes(self) -> int:
-        """Bytes of payload before the items."""
+        """Payload length, in bytes, before the items."""
         return sum(f.bits for f in self.fields) // 8
 
     @cached_property
     def item_bytes(self) -> int:
-        """Bytes of one item."""
+        """Length of one item in bytes."""
         return sum(f.bits for f in self.item) // 8
 
     @cached_property
     def max_bytes(self) -> int:
-        """Longest payload of one frame on a wide link."""
+        """Maximum payload length of one frame on a wide link, in bytes."""
         return self.fixed_bytes + self.items_per_frame * self.item_bytes
 
     @cached_property
     def parts(self) -> int:
-        """Number of frames of the message on classic CAN, those included that few need."""
+        """Number of frames of the message on classic CAN, including the optional parts."""
         return self.fixed_bytes // PART_BYTES
 
     @cached_property
     def always(self) -> int:
-        """Number of the parts that every such message has."""
+        """Number of parts that every message of this type has."""
         return self.parts - len(self.extra)
 
     def robots_with(self, part: int) -> int:
@@ -175,10 +175,10 @@ class Definition:
 
 
 def frame_number(definition: Definition, robot: int = 0, part: int = 0) -> int:
-    """Number of a frame: CAN id minus base id; the E2E data ids follow from it.
+    """Number of a frame: CAN id minus base id; the E2E data ids are derived from it.
 
     Raises:
-        ValueError: this robot has no such part on classic CAN.
+        ValueError: this robot does not have this part on classic CAN.
     """
     if part < definition.always:
         return definition.number + robot * ROBOT_STRIDE * definition.per_robot + part
@@ -192,5 +192,5 @@ def frame_number(definition: Definition, robot: int = 0, part: int = 0) -> int:
 
 
 def index_of(signal: str, bits: int, text: str) -> Field:
-    """A number that names something: one too large for it names nothing."""
+    """Return the field of an index; a number that is too large becomes "not available"."""
     return Field(signal=signal, bits=bits, text=text, optional=True, bounded=True)

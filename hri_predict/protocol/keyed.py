@@ -1,8 +1,8 @@
-"""Messages under keys, for wires with named payloads (zenoh): ``hri/<site>/<cell>/<what>``.
+"""Messages under keys, for transports with named payloads (zenoh): ``hri/<site>/<cell>/<what>``.
 
-One message is one payload: its E2E profile 4 frames in a row, each starting with its length. The
-key states the message and the robot; a message under any other key is refused. So a client that
-access control limits to one key can send nothing else.
+One message is one payload: its E2E profile 4 frames one after another, each starting with its
+length. The key names the message and the robot; a message under any other key is refused. A client
+that is limited to one key by access control can therefore send nothing else.
 """
 
 import re
@@ -23,16 +23,16 @@ SCENE = "scene"  # the key of a source's scenes, which this protocol does not de
 MAX_PAYLOAD = 16_384  # bytes; a Pose of 255 joints in 37 frames takes 2600
 NAME = r"[A-Za-z0-9_-]{1,48}"
 Name = Annotated[str, StringConstraints(pattern=f"^{NAME}$")]
-"""Name of a site or cell: letters, digits, ``_`` and ``-``, so that it is one chunk of a key."""
+"""Name of a site or cell, one chunk of a key: letters, digits, ``_`` and ``-``."""
 
 _FULL = re.compile(f"{ROOT}/({NAME})/({NAME})/([a-z]+(?:/[0-9])?)")
 
 
 @dataclass(frozen=True, slots=True)
 class Keyed:
-    """A payload and its key: within the cell (``advice/0``), or whole.
+    """A payload and its key: the full key, or the part within the cell (``advice/0``).
 
-    ``heard_ns``: when it arrived here, on the machine's monotonic clock; ``None``: not recorded.
+    ``heard_ns``: time of arrival on this machine's monotonic clock; ``None``: not recorded.
     """
 
     key: str
@@ -41,7 +41,7 @@ class Keyed:
 
 
 class CellKey(NamedTuple):
-    """The parts of a whole key."""
+    """The parts of a full key."""
 
     site: str
     cell: str
@@ -49,18 +49,18 @@ class CellKey(NamedTuple):
 
 
 def prefix(site: str, cell: str) -> str:
-    """The part of a key that names the cell, with a slash at the end."""
+    """The prefix of a key that names the cell, with a trailing slash."""
     return f"{ROOT}/{site}/{cell}/"
 
 
 def split_key(key: str) -> CellKey | None:
-    """Site, cell and the rest; ``None`` if the key does not follow our scheme."""
+    """Return site, cell and the rest; ``None`` if the key does not follow this scheme."""
     found = _FULL.fullmatch(key)
     return CellKey(*found.groups()) if found else None
 
 
 def key_of(message: Message) -> str:
-    """The key of a message within its cell."""
+    """Return the key of a message within its cell."""
     return _key(type(message), robot_of(message))
 
 
@@ -84,7 +84,7 @@ class KeyedSender:
         self._frames = Profile4Sender()
 
     def watch(self, own: OwnFrames) -> None:
-        """Let ``own`` remember what is sent."""
+        """Let ``own`` remember the frames sent."""
         self._frames.own = own
 
     def encode(self, message: Message) -> Keyed:

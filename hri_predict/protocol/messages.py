@@ -1,6 +1,6 @@
 """The messages between node and controller, in physical units; ``None`` means "not available".
 
-``definition`` alone says how each field travels (bits, scaling, frames).
+Only ``definition`` defines the encoding of each field (bits, scaling, frames).
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ from hri_predict.protocol.reasons import Reason
 
 
 class Level(IntEnum):
-    """Demand on a robot; any value but CLEAR, WARN or SLOW means stop."""
+    """Request to a robot; any value except CLEAR, WARN and SLOW means stop."""
 
     UNKNOWN = 0
     CLEAR = 1
@@ -22,9 +22,9 @@ class Level(IntEnum):
 
     @property
     def rank(self) -> int:
-        """Severity for the robot: 0 at CLEAR, 3 at STOP, UNKNOWN and FAULT, which all stop it.
+        """Severity for the robot: 0 for CLEAR, 3 for STOP, UNKNOWN and FAULT, which all stop it.
 
-        Advice is decided, combined and compared by this order (docs/decisions/levels.md).
+        Advice is decided, combined and compared in this order (docs/decisions/levels.md).
         """
         return min(_URGENCY[self], _URGENCY[Level.STOP])
 
@@ -35,16 +35,16 @@ class Level(IntEnum):
 
     @property
     def urgency(self) -> int:
-        """Severity for people: as ``rank``, but UNKNOWN exceeds STOP, and FAULT exceeds both.
+        """Severity for people: like ``rank``, but UNKNOWN exceeds STOP, and FAULT exceeds both.
 
-        Screens and alerts pick the level to show by this order: a stop passes when people step
-        back; *unknown* and *fault* must be mended.
+        Screens and alerts use this order to choose the level to show: a stop clears when people
+        step back, but *unknown* and *fault* must be fixed.
         """
         return _URGENCY[self]
 
 
 LEVELS = (Level.CLEAR, Level.WARN, Level.SLOW, Level.STOP, Level.UNKNOWN, Level.FAULT)
-"""All levels, the least urgent first."""
+"""All levels, least urgent first."""
 _URGENCY = {level: urgency for urgency, level in enumerate(LEVELS)}
 _MAY_MOVE = frozenset((Level.CLEAR, Level.WARN, Level.SLOW))
 
@@ -61,7 +61,7 @@ class NodeState(IntEnum):
 
 
 class RobotMode(IntEnum):
-    """Operating mode, as the controller reports it."""
+    """Operating mode reported by the controller."""
 
     UNKNOWN = 0
     AUTOMATIC = 1
@@ -71,7 +71,7 @@ class RobotMode(IntEnum):
 
 
 class OperatingMode(IntEnum):
-    """Operating mode: requested (RobotState), or in force (Advice)."""
+    """Operating mode: as requested (RobotState), or in force (Advice)."""
 
     AUTOMATIC = 0
     TEACH = 1
@@ -84,9 +84,9 @@ class Status:
     """State of the node, sent every cycle even without input.
 
     ``reason`` is the worst active condition, ``predictor`` the predictor's index. ``capture_ns`` is
-    the newest good capture; it is not on the wire, but ``age_s`` is computed from it at encoding.
-    ``set_number`` and ``set_hash`` are the configuration set in force, for register maps alone: 0
-    if it is none, ``None`` if there are no sets.
+    the time of the newest good capture; it is not sent, but ``age_s`` is computed from it at
+    encoding. ``set_number`` and ``set_hash`` identify the configuration set in force, for register
+    maps only: 0 if no set is in force, ``None`` if no sets are configured.
     """
 
     node_state: NodeState
@@ -107,21 +107,22 @@ class Advice:
     Attributes:
         robot: the robot's index in the configuration.
         level, reason: the request, and the reason for it.
-        latch_id: number of what an Acknowledge would end now, a latch or lost people; it never
-            repeats. 0: there is nothing to acknowledge.
-        separation_m: smallest distance between a body and the robot now, less mode deductions.
-        predicted_separation_m: smallest distance by the time the robot can have stopped.
+        latch_id: id that an Acknowledge must carry now to end a latch or lost people; it is never
+            reused. 0: there is nothing to acknowledge.
+        separation_m: smallest distance between a body and the robot now, minus the deductions of
+            the mode.
+        predicted_separation_m: smallest distance until the robot can have stopped.
         time_to_breach_s: time until the separation may be violated; 0 if it already is.
         speed_limit_m_s: limit for the robot's fastest point; ``None`` means 0.
         body_part: index of the deciding body segment.
         robot_link: index of the deciding robot capsule.
-        echo: counter of the last RobotState received on the same link; the link fills it in.
+        echo: counter of the last RobotState received on the same link; filled in by the link.
         age_s: age of the capture at encoding; the link computes it from ``capture_ns``.
-        capture_ns: when the capture was made, node's clock; not on the wire.
+        capture_ns: time of the capture, node's clock; not sent.
         mode: the operating mode in force.
-        tool: number of the tool set that the node counts with; ``None``: none is named, or the
-            worst of all counts.
-        detail: a line for people, with names; not on the wire.
+        tool: number of the tool set that the node assumes; ``None``: no tool is named, or the worst
+            case over all tools is assumed.
+        detail: one line for people, with names; not sent.
     """
 
     robot: int
@@ -145,7 +146,8 @@ class Advice:
 class ZoneCapsule(NamedTuple):
     """The capsule of one body segment: ends ``a``, ``b`` and ``radius`` in metres, room frame.
 
-    A named tuple, because a tick with many people makes hundreds: a dataclass takes thrice as long.
+    A named tuple, because a tick with many people creates hundreds, and a dataclass takes three
+    times as long.
     """
 
     segment: int
@@ -180,7 +182,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """Protocol version and hash of the definitions; unless both match, discard all messages."""
+    """Protocol version and definition hash; receivers discard all messages unless both match."""
 
     version: int
     hash: int
@@ -209,9 +211,10 @@ class RobotState:
         positions, velocities: of at most 9 joints, rad and rad/s; m and m/s of prismatic ones.
         request: the operating mode that the operator asks for.
         enabling: whether the enabling device is held.
-        tool: number of the tool set in use; ``None``: not said.
-        tool_confirmed: whether the controller has checked it, by the tool changer's code say.
-        base: where the robot's base is, and how it moves; ``None``: it stands where configured.
+        tool: number of the tool set in use; ``None``: not reported.
+        tool_confirmed: whether the controller has checked the tool, for example with the tool
+            changer's code.
+        base: pose and velocity of the robot's base; ``None``: fixed at the configured pose.
     """
 
     robot: int
@@ -228,11 +231,11 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class Acknowledge:
-    """A person acknowledges what the Advice showed as ``latch_id``.
+    """A person acknowledges the ``latch_id`` of an Advice.
 
-    The sender chooses ``ack_id`` for each press, not 0; repeats of one number count once. With 0 as
-    ``latch_id`` the button of the press ``ack_id`` has been released, which acknowledges nothing
-    by itself (``node.presses``).
+    The sender chooses an ``ack_id`` other than 0 for each press; repeats of the same number count
+    once. A ``latch_id`` of 0 reports that the button of the press ``ack_id`` was released, which
+    acknowledges nothing by itself (``node.presses``).
     """
 
     latch_id: int
@@ -241,7 +244,7 @@ class Acknowledge:
 
 @dataclass(frozen=True, slots=True)
 class SetChoice:
-    """A PLC chooses a configuration set by its number; only register maps carry it."""
+    """A PLC's choice of a configuration set by number; only register maps carry it."""
 
     number: int
 
@@ -251,7 +254,7 @@ Message = Status | Advice | Zone | Pose | Schema | FromController
 
 
 def at_encoding(message: Message, now_ns: int, echo: int | None = None) -> Message:
-    """Fill in what is known only at sending: the age, and the echo of an Advice."""
+    """Fill in the values known only at sending: the age, and the echo of an Advice."""
     known: dict[str, Any] = {}
     if isinstance(message, Status | Advice | Zone | Pose) and message.capture_ns is not None:
         known["age_s"] = max(0.0, (now_ns - message.capture_ns) * 1e-9)

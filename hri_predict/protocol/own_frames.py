@@ -1,34 +1,35 @@
-"""Frames with a node's ids: an echo of its own, or a second sender's.
+"""Received frames with a node's ids: its own echoes, or frames from a second sender.
 
-Only one node may send with one set of ids. Two of them on one bus would contradict each other, and
-a controller that believes one of them may move while the other says *stop*.
+Only one node may use a set of ids. Two nodes with the same ids would contradict each other: a
+controller could follow one node and move while the other advises *stop*.
 """
 
 from collections import deque
 from collections.abc import Hashable
 
 KEPT = 4096
-"""Frames that are remembered: more than a second of what any link here sends. A later echo counts
-as another's frame, which is the safe mistake."""
+"""Number of frames remembered: more than any link here sends in a second. A later echo is treated
+as a frame from another sender, which errs on the safe side."""
 PAIR_NS = 500_000_000
-"""Two frames of another within this time prove a second sender. A node sends at least ten Status a
-second; a damaged frame whose CRC happens to be right (1 of 256 on classic CAN) comes alone."""
+"""Two foreign frames within this time prove a second sender. A node sends at least ten Status
+messages a second, whereas damaged frames with a matching CRC (1 in 256 on classic CAN) are
+isolated."""
 
 
 class OwnFrames:
-    """Remembers the newest frames that a node sent, and judges those that it hears.
+    """Remembers the newest frames that a node sent, and classifies the frames that it receives.
 
-    Some wires give a sender its own frames back (RS-485, udp_multicast, adapters set so). A frame
-    that equals one of the newest ``KEPT`` byte for byte is such an echo; it says nothing that the
-    node did not say. Every other whole frame with the node's ids comes from another sender. Callers
-    judge only frames whose CRC is right: a lost character on an slcan line can turn any id into one
-    of the node's.
+    On some transports a sender receives its own frames (RS-485, udp_multicast, adapters configured
+    to echo). A frame identical to one of the newest ``KEPT`` sent is an echo, and harmless. Every
+    other complete frame with the node's ids comes from another sender. Callers pass only frames
+    with a correct CRC, because a lost character on an slcan line can turn any id into one of the
+    node's.
 
     One thread may call ``sent`` while another calls ``hear``.
 
     Attributes:
-        echoes: our own frames that came back.
-        foreign: frames of another sender.
+        echoes: number of the node's own frames received.
+        foreign: number of frames from another sender.
     """
 
     def __init__(self) -> None:
@@ -39,7 +40,7 @@ class OwnFrames:
         self._foreign_ns: int | None = None
 
     def sent(self, frame: Hashable) -> None:
-        """Remember a frame; call it before the frame is written."""
+        """Remember a frame; to be called before the frame is written."""
         self._times[frame] = self._times.get(frame, 0) + 1
         self._newest.append(frame)
         if len(self._newest) > KEPT:
@@ -49,18 +50,18 @@ class OwnFrames:
                 del self._times[oldest]
 
     def came_back(self, frame: Hashable) -> bool:
-        """Whether a frame is an echo of our own; count it if so."""
+        """Return whether a frame is an echo of one of our own; count it if so."""
         echo = frame in self._times
         self.echoes += echo
         return echo
 
     def hear(self, frame: Hashable) -> None:
-        """Judge a whole frame with our ids, and count it."""
+        """Classify and count a complete frame with our ids."""
         if not self.came_back(frame):
             self.foreign += 1
 
     def prove_second(self, now_ns: int) -> bool:
-        """Whether the frames heard since the last call prove a second sender; see ``PAIR_NS``."""
+        """Return whether frames since the last call prove a second sender; see ``PAIR_NS``."""
         new, self._judged = self.foreign - self._judged, self.foreign
         if not new:
             return False

@@ -1,9 +1,9 @@
-"""A row of fields to bytes and back, by functions that are compiled at import.
+"""Convert a sequence of fields to bytes and back, with functions compiled at import.
 
-The bytes are one integer, in which each field has its bits. A loop over the fields that called a
-function for each would cost four times as much as the arithmetic itself, so the arithmetic of all
-fields of a row is written out as the text of one function, and compiled (as ``dataclasses`` does).
-The text is made of the definition alone, never of data.
+The bytes form one integer that contains the bits of all fields. Calling a function for each field
+would cost four times as much as the arithmetic itself. So the arithmetic for all fields is written
+as the source of one function and compiled, as in ``dataclasses``. The source is built from the
+definition only, never from data.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,33 +13,33 @@ from typing import Any
 from hri_predict.protocol.fields import Field
 
 EPSILON = 1e-6
-"""Tolerance in steps: a decimal fraction is inexact in binary, and must not round wrongly."""
+"""Tolerance in steps, against wrong rounding of decimal fractions, which are inexact in binary."""
 _ROUNDED = {"down": "floor(s + EPSILON)", "up": "ceil(s - EPSILON)", "nearest": "round(s)"}
 
 
 class Malformed(ValueError):
-    """A payload with the right CRC but an impossible length or value."""
+    """A payload with a correct CRC but an impossible length or value."""
 
 
 Pack = Callable[[Any, Sequence[Any]], bytes]
-"""From a message, and those values that it has no attributes for, to bytes."""
+"""Converts a message, and the values that are not attributes of it, to bytes."""
 Unpack = Callable[[bytes], tuple[Any, ...]]
-"""From bytes to the values of all fields; what is missing at the end reads as zeros.
+"""Converts bytes to the values of all fields; missing bytes at the end are read as zeros.
 
 Raises:
-    Malformed: a value is not available that must be.
+    Malformed: a mandatory value is not available.
 """
 
 
 def packer(fields: Sequence[Field], values: Sequence[str]) -> Pack:
-    """Return the function from values to bytes.
+    """Return a function that converts values to bytes.
 
     Numbers saturate at the ends of their range; ``None`` and NaN become "not available".
 
     Args:
-        fields: the row.
-        values: where the function finds each field's value, as an expression: ``m.NAME``, of the
-            message, or ``c[INDEX]``, of the other values.
+        fields: the fields, in order.
+        values: the expression that gives each field's value: ``m.NAME`` from the message, or
+            ``c[INDEX]`` from the other values.
     """
     lines = []
     for index, (field, value) in enumerate(zip(fields, values, strict=True)):
@@ -51,7 +51,7 @@ def packer(fields: Sequence[Field], values: Sequence[str]) -> Pack:
 
 
 def unpacker(fields: Sequence[Field]) -> Unpack:
-    """Return the function from bytes to values."""
+    """Return a function that converts bytes to values."""
     lines, known = ["bits = int.from_bytes(data, 'little')"], dict[str, Any]()
     for index, (field, shift) in enumerate(zip(fields, _shifts(fields), strict=True)):
         value = f"v{index}"
@@ -65,7 +65,7 @@ def unpacker(fields: Sequence[Field]) -> Unpack:
 
 
 def _packing(field: Field, raw: str) -> list[str]:
-    """Lines that set ``raw`` to the bits of ``v``."""
+    """Return the lines that set ``raw`` to the bits of ``v``."""
     mask, (low, high) = _mask(field), field.raw_range
     missing = None if field.not_available is None else field.not_available & mask
     if field.wraps:
@@ -94,7 +94,7 @@ def _packing(field: Field, raw: str) -> list[str]:
 
 
 def _unpacking(field: Field, value: str) -> list[str]:
-    """Lines that turn ``value`` from its bits into what they mean."""
+    """Return the lines that convert ``value`` from raw bits to the field's value."""
     if field.enum is not None:
         return [f"{value} = KNOWN_{value}.get({value}, FALLBACK_{value})"]
     if field.flag:
@@ -131,5 +131,5 @@ def _mask(field: Field) -> int:
 
 
 def _shifts(fields: Sequence[Field]) -> list[int]:
-    """Place of each field's first bit."""
+    """Return the position of each field's first bit."""
     return [sum(field.bits for field in fields[:index]) for index in range(len(fields))]

@@ -1,7 +1,7 @@
-"""Messages to frames of E2E profile 4 and back, for wires that separate frames themselves.
+"""Convert messages to E2E profile 4 frames and back, for transports with their own framing.
 
-A serial line adds COBS (``protocol.serial``). A zenoh message holds the frames as they are, and an
-ISO-TP transfer holds one whole Zone or Pose.
+A serial line adds COBS (``protocol.serial``). A zenoh message contains the frames unchanged; an
+ISO-TP transfer contains one complete Zone or Pose.
 """
 
 from hri_predict.protocol import e2e
@@ -26,12 +26,12 @@ MAX_WHOLE = e2e.PROFILE_4_HEADER + max(
 
 
 class Profile4Sender:
-    """Encodes messages of one wire and keeps their counters.
+    """Encodes messages of one connection and keeps their counters.
 
-    ``items``: how many items of a Zone or Pose fit one frame; default: as on a serial line.
+    ``items``: maximum number of items of a Zone or Pose in one frame; default: as on a serial line.
 
     Attributes:
-        own: remembers what is sent, where set.
+        own: remembers the frames sent; ``None``: not used.
     """
 
     def __init__(self, items: int | None = None) -> None:
@@ -64,13 +64,13 @@ class Profile4Sender:
 class Profile4Receiver:
     """Decodes frames; it counts errors and continues.
 
-    ``items``: how many items of a Zone or Pose one frame may hold; default: as on a serial line.
-    ``with_items``: whether to unpack them.
+    ``items``: maximum number of items of a Zone or Pose in one frame; default: as on a serial line.
+    ``with_items``: whether to unpack the items.
 
     Attributes:
         counters: see ``ReceiveCounters``.
-        own: judges frames that only a node sends, where set: then the receiver is a node's, and
-            hands none of them on.
+        own: set if the receiver belongs to a node: checks frames that only a node sends; these are
+            not passed on.
     """
 
     def __init__(self, items: int | None = None, *, with_items: bool = True) -> None:
@@ -82,11 +82,11 @@ class Profile4Receiver:
         self.refused = ""
 
     def reset(self) -> None:
-        """Forget sequences, as after a reconnection; counters stay."""
+        """Forget sequences, as after a reconnection; keep the counters."""
         self._sequences.clear()
 
     def take(self, frame: bytes) -> Message | None:
-        """Return the message of one frame if it is valid, ours and fresh."""
+        """Return the message in one frame if it is valid, fresh and uses our definitions."""
         if not e2e.check_profile4(frame):
             self.counters.crc_errors += 1
             return None
@@ -119,7 +119,7 @@ class Profile4Receiver:
 
 
 class Profile4Payloads:
-    """Base of the receivers of payloads that hold frames of profile 4."""
+    """Base class of receivers for payloads that contain profile 4 frames."""
 
     def __init__(self) -> None:
         self._frames = Profile4Receiver()
@@ -130,9 +130,9 @@ class Profile4Payloads:
         return self._frames.counters
 
     def watch(self, own: OwnFrames) -> None:
-        """Let ``own`` judge frames that only a node sends; they are not handed on."""
+        """Let ``own`` check frames that only a node sends; these are not passed on."""
         self._frames.own = own
 
     def reset(self) -> None:
-        """Forget sequences, as after a reconnection; counters stay."""
+        """Forget sequences, as after a reconnection; keep the counters."""
         self._frames.reset()

@@ -10,46 +10,47 @@ class Kind(Enum):
 
     NONE = auto()
     PEOPLE = auto()
-    """Places and motion of people."""
+    """Positions and motion of people."""
     WAITING = auto()
-    """Nothing but that an earlier reason is not over."""
+    """Only an earlier reason that has not cleared yet."""
     INPUT = auto()
-    """The source's scenes: none of them proves that a place is empty (``People``)."""
+    """The source's scenes; they do not prove that a place is empty (``People``)."""
     MEMORY = auto()
-    """People who may be present unseen, because the node does not know who was lost."""
+    """People who may be present unseen because the node does not know who was lost."""
     ROBOT = auto()
     PREDICTOR = auto()
-    """No forecast in time."""
+    """No forecast was available in time."""
     FORECAST = auto()
-    """Forecasts that do not hold, or do not reach far enough."""
+    """Forecasts that were wrong, or do not reach far enough."""
     NODE = auto()
     RUN = auto()
     """The start or the end of a run."""
     MODE = auto()
-    """An operating mode that a controller asked for."""
+    """An operating mode requested by a controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Everything that the node knows about one reason.
+    """Properties of one reason.
 
     Attributes:
         number: its number on the wire.
         text: what is wrong, for a person.
         clears_when: what clears it, for a person; "" for NONE.
         kind: its subject.
-        rank: place among the reasons that pass into each other without a step in between, mildest
-            first; noise must not make them alternate (``risk.levels.steady_reason``). ``None``:
-            given, and replaced, at once.
-        latches: the cause of a latch that it is: "blind" if the room is not seen, "lost" if a
-            person may be in it unseen; "" for none.
-        by_distance: whether the distance of a person decides the level.
-        in_view: whether people or zones in view stop the robot, so that recovery may back it out.
-        contradicts: whether RobotStates contradict themselves: the node's status names it, too.
-        widens_zones: whether zones are larger because of it, and so people nearer.
-        is_trouble: whether the node is DEGRADED while Status names it. Widened zones are the
-            self-check at work, and modes are asked for; but muting means trouble.
-        is_news: whether it raises an alert even where no level changes.
+        rank: order, mildest first, among reasons that change continuously into each other; noise
+            must not make them alternate (``risk.levels.steady_reason``). ``None``: set and replaced
+            without delay.
+        latches: latch cause of this reason: "blind" if the room is not seen, "lost" if a person may
+            be in it unseen; "" for none.
+        by_distance: whether the level depends on the distance of a person.
+        in_view: whether people or zones in view stop the robot; recovery may then back it out.
+        contradicts: whether RobotStates contradict each other; the node's Status also shows this
+            reason.
+        widens_zones: whether it enlarges zones, which makes people appear nearer.
+        is_trouble: whether the node is DEGRADED while Status shows it. Widened zones are normal
+            work of the self-check, and modes are requested; only muting means trouble.
+        is_news: whether it raises an alert even if no level changes.
     """
 
     number: int

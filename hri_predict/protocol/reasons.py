@@ -1,6 +1,7 @@
-"""The reasons for an advice, a row each: what is wrong, what clears it, and what follows from it.
+"""The reasons for an advice, one row each: the problem, the remedy and the consequences.
 
-The numbers are on the wire: never reuse one. Sets of reasons are derived from these rows.
+The numbers are sent on the wire and must never be reused. Sets of reasons are derived from these
+rows.
 """
 
 from enum import IntEnum, unique
@@ -11,13 +12,13 @@ from hri_predict.protocol.reason_row import Kind, Row
 
 @unique
 class Reason(IntEnum):
-    """Reason of an advice; most reasons are also conditions in Status."""
+    """Reason for an advice; most reasons are also conditions in Status."""
 
     _value_: int
     row: Row
 
     def __new__(cls, row: Any) -> Self:  # Any, or type checkers refuse ``Reason(number)``
-        """Create the member of this number; ``row`` keeps the rest."""
+        """Create the member with this number; ``row`` keeps the other properties."""
         member = int.__new__(cls, row.number)
         member._value_ = row.number
         member.row = row
@@ -43,7 +44,7 @@ class Reason(IntEnum):
         in_view=True,
     )
     ZONE_OCCUPIED = Row(
-        3, "a person is in a named zone", "the zone is seen empty", Kind.PEOPLE, in_view=True
+        3, "a person is in a named zone", "the zone is seen to be empty", Kind.PEOPLE, in_view=True
     )
     ZONE_ENTRY_PREDICTED = Row(
         4,
@@ -68,20 +69,20 @@ class Reason(IntEnum):
     )
     LATCHED = Row(
         7,
-        "motion must wait for an acknowledgement",
+        "motion requires an acknowledgement",
         "its cause clears, and then an Acknowledge of the advised latch id arrives",
         Kind.WAITING,
     )
     RELEASE_PENDING = Row(
         8,
         "the robot is released step by step",
-        "new captures confirm it, and the speed limit has risen to what people allow",
+        "new captures confirm it, and the speed limit has risen to the value that people allow",
         Kind.WAITING,
         rank=4,
     )
     PERSON_FAST = Row(
         9,
-        "a person moves faster than the standard assumes",
+        "a person moves faster than ISO 13855 assumes",
         "the person slows down",
         Kind.PEOPLE,
         rank=3,
@@ -89,13 +90,13 @@ class Reason(IntEnum):
     SPEED_UNKNOWN = Row(
         10,
         "the person's speed is not known yet; physical limits are used",
-        "the person's joints are seen for long enough",
+        "the person's joints have been seen for long enough",
         Kind.PEOPLE,
         by_distance=True,
     )
     CONTACT_POSSIBLE = Row(
         11,
-        "the robot may touch a person; the speed limit is what that part of the body bears",
+        "the robot may touch a person; the speed limit is the contact limit of that body part",
         "the person is farther away: the separation exceeds its limit by risk.band_m",
         Kind.PEOPLE,
         rank=5,
@@ -115,7 +116,8 @@ class Reason(IntEnum):
     INPUT_IMPOSSIBLE = Row(
         23,
         "a body moves impossibly fast, is not of human size (check the units), has joints that "
-        "are not numbers, shares its id, or is only in scenes that do not advance",
+        "are not numbers, shares its id with another body, or appears only in scenes that do not "
+        "advance",
         "plausible captures arrive",
         Kind.INPUT,
     )
@@ -126,11 +128,11 @@ class Reason(IntEnum):
         Kind.INPUT,
         latches="blind",
     )
-    CLOCK_JUMP = Row(25, "the source's clock jumped", "the clock runs evenly again", Kind.INPUT)
+    CLOCK_JUMP = Row(25, "the source's clock has jumped", "the clock runs evenly again", Kind.INPUT)
     ROOM_NOT_SEEN_EMPTY = Row(
         26,
-        "a person vanished whom the node did not track or could not keep, or it is unknown who "
-        "did: a person may be anywhere",
+        "a person vanished whom the node was not tracking or could not remember, or it is unknown "
+        "who vanished: a person may be anywhere",
         "an Acknowledge of the advised latch id arrives",
         Kind.MEMORY,
         latches="lost",
@@ -149,9 +151,9 @@ class Reason(IntEnum):
     )
     BODY_NOT_UPRIGHT = Row(
         29,
-        "a body lies in the air, is upside down or mirrored, or is not on the floor or in view "
-        "(check the axes)",
-        "bodies are seen as people stand, sit or lie on the floor",
+        "a body floats in the air, is upside down or mirrored, or is not on the floor or not in "
+        "view (check the axes)",
+        "bodies are standing, sitting or lying on the floor",
         Kind.INPUT,
     )
     ROBOT_STATE_STALE = Row(
@@ -168,8 +170,8 @@ class Reason(IntEnum):
     )
     ROBOT_STATE_INVALID = Row(
         32,
-        "RobotState is outside the robot's or its base's limits, reports a base that is "
-        "configured to stand, or its counter does not count",
+        "RobotState is outside the limits of the robot or its base, reports a moving base "
+        "although it is configured as fixed, or has a counter that does not advance",
         "the controller reports joints and base within their limits, and its counter advances by 1",
         Kind.ROBOT,
     )
@@ -182,42 +184,42 @@ class Reason(IntEnum):
     )
     ROBOT_STATE_JUMPED = Row(
         34,
-        "the positions in RobotState changed faster than the robot can move",
-        "the controller reports positions that follow from each other",
+        "the positions in RobotState change faster than the robot can move",
+        "the controller reports positions that change no faster than the robot can move",
         Kind.ROBOT,
         contradicts=True,
     )
     ROBOT_TOO_FAST = Row(
         35,
-        "the robot is faster than it was advised, after the time in which it should have obeyed",
+        "the robot still exceeds the advised speed limit after the time allowed for obeying it",
         "the robot keeps to the advised speed limit for 10 s",
         Kind.ROBOT,
     )
     ROBOT_STOPS_LATE = Row(
         36,
-        "the robot needed more way or time to stop than its stopping table says",
-        "the stopping table is corrected and the node is started again",
+        "the robot needed more distance or time to stop than its stopping table states",
+        "the stopping table is corrected and the node restarted",
         Kind.ROBOT,
     )
     ROBOT_BASE_UNKNOWN = Row(
         37,
-        "RobotState does not say where the robot's moving base is",
+        "RobotState does not report the pose of the robot's moving base",
         "the controller reports the base's pose and velocity",
         Kind.ROBOT,
     )
     ROBOT_STATE_FROZEN = Row(
         38,
-        "RobotState repeats an old place: it reports motion, but no new place, a stop that is "
-        "impossible, or none of the motion that is permitted",
-        "the positions in RobotState change again, or the controller is started again",
+        "RobotState repeats an old position: it reports motion without a new position, an "
+        "impossible stop, or no motion although motion is permitted",
+        "the positions in RobotState change again, or the controller is restarted",
         Kind.ROBOT,
         contradicts=True,
     )
     ROBOT_STATES_CONTRADICT = Row(
         39,
-        "two RobotStates, or RobotState and the configured trajectory, put the robot in "
-        "different places",
-        "all of them have agreed for 3 s",
+        "two RobotStates, or RobotState and the configured trajectory, report different positions "
+        "of the robot",
+        "they have all agreed for 3 s",
         Kind.ROBOT,
         contradicts=True,
     )
@@ -236,16 +238,19 @@ class Reason(IntEnum):
         widens_zones=True,
     )
     NODE_FAULT = Row(
-        42, "the node itself failed", "the node is restarted (its log says why)", Kind.NODE
+        42, "the node failed", "the node is restarted (see its log for the cause)", Kind.NODE
     )
     SHADOW_MODE = Row(
-        43, "shadow mode: the node gives no advice", "the node runs without --shadow", Kind.NODE
+        43,
+        "shadow mode: the node gives no advice",
+        "the node is restarted without --shadow",
+        Kind.NODE,
     )
     STARTING = Row(44, "the node is starting", "the node has started", Kind.RUN)
-    STOPPING = Row(45, "the node is stopping", "the node is started again", Kind.RUN)
+    STOPPING = Row(45, "the node is stopping", "the node is restarted", Kind.RUN)
     HORIZON_TOO_SHORT = Row(
         46,
-        "the delay is longer than the forecast's horizon",
+        "the delay exceeds the forecast horizon",
         "the delay falls, or predictor.horizon_s is raised",
         Kind.FORECAST,
     )
@@ -260,7 +265,7 @@ class Reason(IntEnum):
     )
     MOTION_UNLIKE = Row(
         48,
-        "a motion is unlike the calibration data; physical limits are used instead",
+        "a motion differs from the calibration data; physical limits are used instead",
         "motion resembles the calibration data for long enough",
         Kind.FORECAST,
         rank=2,
@@ -269,41 +274,42 @@ class Reason(IntEnum):
     SECOND_SENDER = Row(
         49,
         "another sender uses this node's ids",
-        "the other sender is switched off, or gets ids of its own",
+        "the other sender is switched off, or is given different ids",
         Kind.NODE,
     )
     CLOCK_DRIFT = Row(
         50,
-        "all scenes arrive later than a clock's drift explains: they are delayed, or the "
-        "source's clock was set back",
-        "scenes arrive as early as before, or the cause is mended and the node is started again",
+        "all scenes arrive later than clock drift can explain: they are delayed, or the source's "
+        "clock was set back",
+        "scenes arrive as early as before, or the cause is fixed and the node restarted",
         Kind.INPUT,
     )
     CALIBRATION_DRIFT = Row(
         51,
-        "for minutes forecasts missed more often than the calibration states",
-        "forecasts hold as stated for about an hour with people, or the node runs with a "
-        "calibration of this site",
+        "for several minutes forecasts were wrong more often than the calibration states",
+        "forecasts are as reliable as stated for about an hour with people, or the node runs with "
+        "a calibration from this site",
         Kind.FORECAST,
     )
     LOAD_SHED = Row(
         52,
-        "the node's cycles take too long: poses, and then zones, are not sent; the advice is whole",
+        "the node's cycles take too long: poses, and if necessary zones, are not sent; advice is "
+        "not affected",
         "cycles have been short enough for at least 5 s",
         Kind.NODE,
     )
     ACKNOWLEDGE_REPEATED = Row(
         53,
-        "Acknowledges come again and again, from a button that is held down or from a "
-        "controller that acknowledges by itself: none of them counts",
-        "no Acknowledge has come for 12 s; then one press counts again",
+        "Acknowledges arrive continually, from a button that is held down or a controller that "
+        "acknowledges automatically: all are ignored",
+        "no Acknowledge has arrived for 12 s; the next press is accepted",
         Kind.NODE,
         is_news=True,
     )
     STATE_UNTRUSTED = Row(
         54,
-        "the state file is missing, damaged, old or of another cell, or cannot be written: what "
-        "was latched and who was lost may be forgotten",
+        "the state file is missing, damaged, old, from another cell or not writable: latches and "
+        "lost people may have been forgotten",
         "an Acknowledge of the advised latch id arrives, and the state file can be written",
         Kind.MEMORY,
         latches="lost",
@@ -311,50 +317,50 @@ class Reason(IntEnum):
     )
     INPUT_REPEATS = Row(
         55,
-        "a body moves as a tracker makes it up: it froze in a step, glides without a change of "
-        "shape, or repeats what it did",
-        "the body's limbs move again as a person's do",
+        "a body moves like a tracker artefact: it froze during a step, glides without changing "
+        "shape, or repeats an earlier motion",
+        "the body's limbs move like a person's again",
         Kind.INPUT,
         latches="blind",
     )
     INPUT_RELATIVE = Row(
         56,
-        "coordinates are relative to the hips: no person's place is known",
-        "the source sends positions in the room",
+        "coordinates are relative to the hips, so the positions of people are unknown",
+        "the source sends positions in room coordinates",
         Kind.INPUT,
     )
     SENSOR_SILENT = Row(
         57,
-        "a sensor of several is silent: what it alone sees is not known",
+        "one of several sensors is silent: the area that only this sensor covers is not seen",
         "every sensor of the merged source delivers scenes",
         Kind.INPUT,
         latches="blind",
     )
     SENSORS_DISAGREE = Row(
         58,
-        "two sensors put the same person in different places: one was moved, or is registered "
-        "wrongly",
-        "the sensors have agreed for as long as it took to notice",
+        "two sensors place the same person differently: one was moved, or its registration is "
+        "wrong",
+        "the sensors have agreed for as long as it took to detect the difference",
         Kind.INPUT,
     )
     SET_UNKNOWN = Row(
         59,
-        "no configured set is chosen: the number is unknown, or a PLC that chose one is silent",
-        "a PLC chooses a set of risk.sets, and renews it",
+        "no configured set is chosen: the number is unknown, or the PLC that chose a set is silent",
+        "a PLC chooses a set in risk.sets and keeps renewing its choice",
         Kind.NODE,
         is_news=True,
     )
     TEACH = Row(
         60,
         "teach mode: reduced speed while the enabling device is held",
-        "the enabling device is let go, or the request is released",
+        "the enabling device or the request is released",
         Kind.MODE,
         is_trouble=False,
     )
     RECOVERY = Row(
         61,
         "recovery: the robot may back out slowly along its path, away from all people",
-        "the robot is out of people's way, or the request is released",
+        "the robot is clear of all people, or the request is released",
         Kind.MODE,
         is_trouble=False,
     )
@@ -366,23 +372,25 @@ class Reason(IntEnum):
     )
     SENSOR_MOVED = Row(
         63,
-        "the floor is not where it was in the first minutes: a sensor sank, tilted or was moved",
-        "people stand where the floor was; or register the sensor, and start the node again",
+        "the floor differs from its height in the first minutes: a sensor sank, tilted or was "
+        "moved",
+        "people stand at the earlier floor height again, or the sensor is registered and the node "
+        "restarted",
         Kind.INPUT,
     )
 
     @property
     def text(self) -> str:
-        """Text for a person: the trouble."""
+        """The problem, as text for people."""
         return self.row.text
 
     @property
     def clears_when(self) -> str:
-        """Text for a person: what clears it; "" for NONE."""
+        """The condition that clears it, as text for people; "" for NONE."""
         return self.row.clears_when
 
 
 CLEARED = "what stopped it has cleared"
 """In an advice's detail: new captures must still confirm it."""
 RISING = "it may move again, at first slowly"
-"""In an advice's detail: no person holds it back, and its limit has not risen as far as it may."""
+"""In an advice's detail: no person holds the robot back, and its speed limit is still rising."""

@@ -1,4 +1,4 @@
-"""The common part of all receivers: they check counters and the schema, and count errors."""
+"""Common part of all receivers: counter and schema checks, and error counts."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 FORGET_S = 1.0  # after this silence, another node may answer, even one of another version
 
 ERRORS = ("crc_errors", "counter_errors", "malformed", "incomplete")
-"""Fields of ``ReceiveCounters`` that must stop a controller if there are too many."""
+"""Fields of ``ReceiveCounters`` that must stop a controller if they grow too fast."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -18,12 +18,12 @@ class ReceiveCounters:
     """Counts of a receiver since it was created.
 
     Attributes:
-        received: messages handed on.
+        received: messages passed on.
         crc_errors: frames with a wrong CRC.
-        counter_errors: messages repeated, out of order, or missing between two received ones.
-        malformed: right CRC but wrong length or values, or bytes that form no frame.
-        incomplete: multi-frame messages with frames missing.
-        ignored: frames of other senders; they are not checked.
+        counter_errors: messages that were repeated, out of order or lost.
+        malformed: frames with a correct CRC but wrong length or values, and bytes outside a frame.
+        incomplete: multi-frame messages with missing frames.
+        ignored: frames from other senders, which are not checked.
     """
 
     received: int = 0
@@ -35,7 +35,7 @@ class ReceiveCounters:
 
 
 def fresh(check: CounterCheck, counter: int, counters: ReceiveCounters) -> bool:
-    """Return whether the counter is fresh, and count what is wrong with it."""
+    """Return whether the counter is fresh; count counter errors."""
     verdict = check.check(counter)
     if verdict is Verdict.OK:
         return True
@@ -47,20 +47,20 @@ def fresh(check: CounterCheck, counter: int, counters: ReceiveCounters) -> bool:
 
 
 class SchemaGate:
-    """Whether received messages use our definitions.
+    """Tracks whether received messages use our definitions.
 
     Closed until a Schema with our version and hash arrives, and closed again by any other Schema.
-    Bytes of other definitions would pass the CRC and mean something else.
+    Bytes encoded with other definitions would pass the CRC but be misread.
 
     Attributes:
-        heard: the newest Schema, ``None`` if there was none.
+        heard: the newest Schema; ``None`` if none was received.
     """
 
     def __init__(self) -> None:
         self.heard: Schema | None = None
 
     def take(self, schema: Schema) -> None:
-        """Take a received Schema."""
+        """Process a received Schema."""
         self.heard = schema
 
     def reset(self) -> None:
@@ -69,17 +69,17 @@ class SchemaGate:
 
     @property
     def open(self) -> bool:
-        """Whether messages may be believed."""
+        """Whether messages may be used."""
         return self.heard == OURS
 
     @property
     def why(self) -> str:
-        """Why the gate is closed: the version and hash received, and ours; "" if it is open."""
+        """Why the gate is closed: both versions and hashes; "" if it is open."""
         if self.open:
             return ""
         if self.heard is None:
-            return f"no Schema heard yet; this is built for {_named(OURS)}"
-        return f"heard Schema of {_named(self.heard)}; this is built for {_named(OURS)}"
+            return f"no Schema received yet; this receiver is built for {_named(OURS)}"
+        return f"received Schema of {_named(self.heard)}; this receiver is built for {_named(OURS)}"
 
 
 def _named(schema: Schema) -> str:

@@ -1,7 +1,7 @@
-"""The Modbus register map: the one definition of ``drivers/MODBUS.md``, server and PLC code.
+"""The Modbus register map: single definition for ``drivers/MODBUS.md``, server and PLC code.
 
-A register is a 16-bit word; a value of two words has the high word first (big-endian). The node's
-registers are read by function 3 or 4, those of the PLC are written by function 6 or 16.
+A register is a 16-bit word; a value of two words has the high word first (big-endian). A PLC reads
+the node's registers with function 3 or 4, and writes its own with function 6 or 16.
 """
 
 from collections.abc import Iterator, Mapping
@@ -11,13 +11,13 @@ from hri_predict.protocol.fields import MAX_ROBOTS
 from hri_predict.protocol.robot_state import MAX_JOINTS
 
 MAP_VERSION = 1
-"""Rises with every change that a PLC must follow."""
+"""Increases with every change that requires a change in the PLC."""
 NOT_AVAILABLE = 0xFFFF
 NO_PERSON = 0xFFFE
-"""Value of NEAREST_MM: the sensor sees the room, and it is empty of people."""
+"""Value of NEAREST_MM if the sensor sees the room and no person is in it."""
 NO_ANGLE = 0x8000
 NO_STATE = -(2**31)
-"""A position or velocity that the PLC does not know."""
+"""Value of a position or velocity that the PLC does not know."""
 ROBOT_BASE, ROBOT_STRIDE = 100, 40
 SETS_BASE = 20
 WRITE_BASE, CHOOSE_BASE = 1000, 1010
@@ -29,12 +29,12 @@ class Register:
     """One value of the map.
 
     Attributes:
-        name: in capitals, as PROTOCOL.md names the field where there is one.
+        name: in capitals; the field's name in PROTOCOL.md, if there is one.
         text: its meaning.
         unit: "" for a plain number.
         words: 1 or 2.
-        signed: whether the value is in two's complement.
-        stale: its value without fresh data; ``None``: it keeps its value.
+        signed: whether the value is two's complement.
+        stale: value without fresh data; ``None``: the last value is kept.
     """
 
     name: str
@@ -46,17 +46,20 @@ class Register:
 
 
 NODE = (
-    Register("MAP_VERSION", f"{MAP_VERSION}; a PLC of another version stops", stale=None),
+    Register("MAP_VERSION", f"{MAP_VERSION}; a PLC with a different version stops", stale=None),
     Register("HEARTBEAT", "advances with each Status of the node, modulo 65536", stale=None),
     Register("NODE_STATE", "see PROTOCOL.md, node states"),
     Register("NODE_REASON", "worst active condition; see PROTOCOL.md, reasons"),
-    Register("PEOPLE", "people in the room, lost ones included", stale=NOT_AVAILABLE),
+    Register("PEOPLE", "people in the room, including lost ones", stale=NOT_AVAILABLE),
     Register("NODE_AGE", "age of the newest capture, now", "ms", stale=NOT_AVAILABLE),
     Register(
-        "PROTOCOL_HASH", "hash of PROTOCOL.md's definition: numbers of reasons", words=2, stale=None
+        "PROTOCOL_HASH",
+        "hash of the definition in PROTOCOL.md, which numbers the reasons",
+        words=2,
+        stale=None,
     ),
     Register("ACK_TAKEN", "ACK_ID of the newest press that reached the node", words=2, stale=None),
-    Register("WRITES_REFUSED", "requests to write that were refused, modulo 65536", stale=None),
+    Register("WRITES_REFUSED", "refused write requests, modulo 65536", stale=None),
     Register("PLC_ALIVE", "1: PLC_HEARTBEAT has changed within plc_timeout_s"),
 )
 ROBOT = (
@@ -65,14 +68,26 @@ ROBOT = (
     Register("REASON", "see PROTOCOL.md, reasons; 65535: no fresh Advice", stale=NOT_AVAILABLE),
     Register("AGE", "age of the advice's capture, now", "ms", stale=NOT_AVAILABLE),
     Register("ADVICE_COUNTER", "advances with each Advice, modulo 65536", stale=None),
-    Register("LATCH_ID", "what an acknowledge would end now; 0: nothing"),
+    Register("LATCH_ID", "id that an Acknowledge must carry now; 0: nothing to acknowledge"),
     Register("OPERATING_MODE", "in force: 0 automatic, 1 teach, 2 recovery, 3 muted"),
-    Register("TOOL", "tool set that the node counts with; 65535: none is named", stale=65535),
-    Register("SEPARATION", "smallest distance now, less deductions", "mm", stale=65535),
-    Register("PREDICTED_SEPARATION", "by the time it can have stopped", "mm", stale=65535),
-    Register("TIME_TO_BREACH", "65535: none is expected", "ms", stale=NOT_AVAILABLE),
+    Register("TOOL", "tool set that the node assumes; 65535: none is named", stale=65535),
+    Register("SEPARATION", "smallest distance now, minus deductions", "mm", stale=65535),
+    Register(
+        "PREDICTED_SEPARATION",
+        "smallest distance until the robot can have stopped",
+        "mm",
+        stale=65535,
+    ),
+    Register(
+        "TIME_TO_BREACH",
+        "time until the separation may be violated; 65535: not expected",
+        "ms",
+        stale=NOT_AVAILABLE,
+    ),
     Register("BODY_PART", "index of the deciding segment", stale=NOT_AVAILABLE),
-    Register("POSTED", "when the node posted the advice, its own clock", "ms", words=2, stale=None),
+    Register(
+        "POSTED", "time when the node issued the advice, node's clock", "ms", words=2, stale=None
+    ),
 )
 NEAREST = (
     Register(
@@ -84,35 +99,43 @@ NEAREST = (
     ),
     Register(
         "NEAREST_ANGLE",
-        "where that point is: from the base's x axis towards its y axis; -32768: not available",
+        "direction of that point, from the base's x axis towards its y axis; -32768: not available",
         "0.1 deg",
         signed=True,
         stale=NO_ANGLE,
     ),
     Register("NEAREST_PERSON", "id of that person", stale=NOT_AVAILABLE),
-    Register("NEAREST_AGE", "age of the capture that shows it, now", "ms", stale=NOT_AVAILABLE),
+    Register(
+        "NEAREST_AGE", "age, now, of the capture that shows that person", "ms", stale=NOT_AVAILABLE
+    ),
 )
 WRITTEN = (
-    Register("PLC_HEARTBEAT", "any number that changes"),
-    Register("ACK_LATCH_ID", "LATCH_ID that was shown when the button went down; 0: it is up"),
-    Register("ACK_ID", "another number for each press, not 0; its release has the same", words=2),
+    Register("PLC_HEARTBEAT", "any changing number"),
+    Register(
+        "ACK_LATCH_ID", "LATCH_ID shown when the button was pressed; 0: the button is released"
+    ),
+    Register(
+        "ACK_ID", "a new number, not 0, for each press; the release uses the same number", words=2
+    ),
 )
 SETS = (
-    Register("SET_IN_FORCE", "number of the set in force; 0: none is, or it changes just now"),
-    Register("SET_HASH", "its hash, as `hri-predict check` prints it; 0: none", words=2),
+    Register("SET_IN_FORCE", "number of the set in force; 0: none, or it is changing"),
+    Register("SET_HASH", "hash of the set, as printed by `hri-predict check`; 0: none", words=2),
 )
 CHOSEN = (
     Register("SET_NUMBER", "number of the configuration set to use"),
-    Register("SET_COUNTER", "another number with each write: one that stays is an old choice"),
+    Register(
+        "SET_COUNTER", "a new number with each write; an unchanged number means an old choice"
+    ),
 )
 STATE = (
     Register("STATE_COUNTER", "advances by 1 with every state, modulo 65536"),
     Register("ROBOT_MODE", "see PROTOCOL.md, robot modes"),
     Register("JOINTS", f"number of joints, 1 to {MAX_JOINTS}"),
-    Register("REQUEST", "operating mode that the operator asks for"),
+    Register("REQUEST", "operating mode requested by the operator"),
     Register("ENABLING", "1: the enabling device is held"),
-    Register("STATE_TOOL", "number of the tool set in use; 65535: not said"),
-    Register("TOOL_CONFIRMED", "1: the controller has checked it"),
+    Register("STATE_TOOL", "number of the tool set in use; 65535: not reported"),
+    Register("TOOL_CONFIRMED", "1: the controller has checked the tool"),
     Register("RESERVED", "0"),
     *(
         Register(f"{name}_{joint}", text, unit, words=2, signed=True)
@@ -144,7 +167,7 @@ def offset_of(registers: tuple[Register, ...], name: str) -> int:
 
 
 def packed(registers: tuple[Register, ...], values: Mapping[str, int]) -> list[int]:
-    """Return the words of a block; what is not given is stale, what does not fit is limited."""
+    """Return the words of a block; missing values are stale, values out of range are limited."""
     words: list[int] = []
     for register in registers:
         value = values.get(register.name, register.stale or 0)
@@ -174,14 +197,14 @@ def robot_address(robot: int) -> int:
 
 
 def state_address(robot: int) -> int:
-    """Address of the first register into which a PLC writes the robot's state."""
+    """Address of the first register to which a PLC writes the robot's state."""
     return STATE_BASE + STATE_STRIDE * robot
 
 
 def nearest_address(robot: int) -> int:
-    """Address of the first register about the person nearest to a robot."""
+    """Address of the first register for the person nearest to a robot."""
     return robot_address(robot) + words_of(ROBOT)
 
 
 READ_WORDS = robot_address(MAX_ROBOTS)
-"""Registers 0 to this one less 1 are the node's; those without a name are 0."""
+"""Registers below this address belong to the node; unnamed ones are 0."""

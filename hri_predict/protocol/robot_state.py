@@ -1,14 +1,14 @@
-"""The definition of RobotState, and why not every RobotState has all parts.
+"""Definition of RobotState, whose number of parts depends on the robot.
 
-A RobotState of nine joints and a moving base has nine parts on classic CAN, and
-most robots need five. So a part that a robot does not need is neither sent nor awaited. Part 0
-alone decides which ones are needed: JOINTS and BASE. Not the receiver's configuration: sender and
-receiver could disagree about it. Part 0 has the CRC and counter of its message, so a receiver that
-has it knows what else must come with this counter; a part too many makes the message void as a
-repeated one does. On serial lines and zenoh the payload ends after the last needed part; on FD it
-is always whole, so that each id has one length. The numbers 0x46 and 0x47 are left out: by default
-ISO-TP uses these ids. The base of robots 4 to 7 has no numbers, because those that CANopen leaves
-free are used up; robots on several vehicles share no bus anyway.
+On classic CAN, RobotState has nine parts for nine joints and a moving base, but most robots need
+only five. Parts that a robot does not need are neither sent nor expected. Only part 0 (JOINTS and
+BASE) determines the required parts. The receiver's configuration does not, because it could differ
+from the sender's. Part 0 has the CRC and counter of its message, so it also determines which other
+parts must arrive with this counter. An extra part invalidates the message, as a repeated part does.
+On serial lines and zenoh the payload ends after the last needed part; on FD it is always whole, so
+that each id has one length. The numbers 0x46 and 0x47 are left out: by default ISO-TP uses these
+ids. The base of robots 4 to 7 has no numbers, because CANopen leaves no more ids free; robots on
+several vehicles do not share a bus anyway.
 """
 
 from hri_predict.protocol.fields import MAX_ROBOTS, Definition, Extra, Field, index_of
@@ -19,7 +19,7 @@ BASE_ROBOTS = 4  # robots 0 to 3 may have a moving base on classic CAN
 
 
 def _position(number: int) -> Field:
-    """Return a joint's position; "not available" where the robot has fewer joints."""
+    """Return the field of a joint's position; "not available" if the robot has fewer joints."""
     return Field(
         signal=f"POSITION_{number}",
         bits=16,
@@ -33,7 +33,7 @@ def _position(number: int) -> Field:
 
 
 def _velocity(number: int) -> Field:
-    """Return a joint's velocity; "not available" where the robot has fewer joints."""
+    """Return the field of a joint's velocity; "not available" if the robot has fewer joints."""
     return Field(
         signal=f"VELOCITY_{number}",
         bits=16,
@@ -46,7 +46,7 @@ def _velocity(number: int) -> Field:
 
 
 def _base(signal: str, text: str, unit: str, scale: int) -> Field:
-    """Return a field of a moving base; "not available" where it does not move."""
+    """Return a field of a moving base; "not available" if the base does not move."""
     return Field(
         signal=f"BASE_{signal}",
         bits=16,
@@ -60,7 +60,7 @@ def _base(signal: str, text: str, unit: str, scale: int) -> Field:
 
 
 def _extra(part: int, number: int, robots: int, asked: tuple[str, int]) -> Extra:
-    """Two of them follow each other for each robot."""
+    """Return an extra part; each robot has two consecutive frame numbers."""
     signal, least = asked
     return Extra(part=part, number=number, stride=2, robots=robots, signal=signal, least=least)
 
@@ -91,7 +91,7 @@ ROBOT_STATE = Definition(
         Field(
             signal="REQUEST",
             bits=8,
-            text="operating mode that the operator asks for",
+            text="operating mode requested by the operator",
             enum=OperatingMode,
             fallback=OperatingMode.AUTOMATIC,
         ),
@@ -99,30 +99,30 @@ ROBOT_STATE = Definition(
         Field(
             signal="ENABLING",
             bits=2,
-            text="1: the enabling device is held; any other value: it is not",
+            text="1: the enabling device is held; any other value: it is not held",
             flag=True,
         ),
         Field(
             signal="TOOL_CONFIRMED",
             bits=2,
-            text="1: the controller has checked TOOL; any other value: it has not",
+            text="1: the controller has checked TOOL; any other value: not checked",
             flag=True,
         ),
         Field(
             signal="BASE",
             bits=4,
-            text="0: the base does not move; 1: BASE_X to BASE_YAW_RATE say how it does",
+            text="0: the base does not move; 1: its motion is in BASE_X to BASE_YAW_RATE",
             attribute="base_moves",  # the class has the numbers as ``base``, or ``None``
         ),
         *(_position(i) for i in range(1, 7)),
         *(_velocity(i) for i in range(1, 7)),
         *(field(i) for i in range(7, MAX_JOINTS + 1) for field in (_position, _velocity)),
-        _base("X", "place of the base on the room's floor", "m", 1000),
-        _base("Y", "place of the base on the room's floor", "m", 1000),
-        _base("YAW", "its turn about the room's z axis, -pi to pi", "rad", 10_000),
-        _base("VX", "its velocity in the room's frame", "m/s", 1000),
-        _base("VY", "its velocity in the room's frame", "m/s", 1000),
-        _base("YAW_RATE", "how fast it turns", "rad/s", 1000),
+        _base("X", "position of the base on the room's floor", "m", 1000),
+        _base("Y", "position of the base on the room's floor", "m", 1000),
+        _base("YAW", "rotation of the base about the room's z axis, -pi to pi", "rad", 10_000),
+        _base("VX", "velocity of the base in the room's frame", "m/s", 1000),
+        _base("VY", "velocity of the base in the room's frame", "m/s", 1000),
+        _base("YAW_RATE", "turn rate of the base", "rad/s", 1000),
     ),
     per_robot=True,
     extra=(

@@ -1,4 +1,4 @@
-"""Messages to bytes on a serial line and back: E2E profile 4, COBS framing, 0x00 at the end."""
+"""Convert messages to serial bytes and back: E2E profile 4, COBS framing, terminated by 0x00."""
 
 from cobs import cobs
 
@@ -18,7 +18,7 @@ class SerialSender:
         self._frames = Profile4Sender()
 
     def watch(self, own: OwnFrames) -> None:
-        """Let ``own`` remember what is sent."""
+        """Let ``own`` remember the frames sent."""
         self._frames.own = own
 
     def encode(self, message: Message) -> bytes:
@@ -33,7 +33,7 @@ class SerialSender:
 class SerialReceiver:
     """Finds and decodes frames in a stream of bytes; it counts errors and continues.
 
-    Garbage costs at most the frame that it touches. The buffer never holds more than one frame.
+    Invalid bytes destroy only the frame that they touch. The buffer never exceeds one frame.
     ``with_items``: see ``Profile4Receiver``.
 
     Attributes:
@@ -52,20 +52,20 @@ class SerialReceiver:
 
     @property
     def refused(self) -> str:
-        """Why the newest frame with right CRC was refused; empty if none was."""
+        """Why the newest frame with a correct CRC was refused; empty if it was accepted."""
         return self._frames.refused
 
     def watch(self, own: OwnFrames) -> None:
-        """Let ``own`` judge frames that only a node sends; they are not handed on."""
+        """Let ``own`` check frames that only a node sends; these are not passed on."""
         self._frames.own = own
 
     def reset(self) -> None:
-        """Forget sequences and the current frame, as after a reconnection; counters stay."""
+        """Forget sequences and the current frame, as after a reconnection; keep the counters."""
         self._frames.reset()
         self._buffer, self._skipping = b"", False
 
     def feed(self, data: bytes) -> list[Message]:
-        """Take bytes as they arrive; return the fresh messages that they complete, oldest first."""
+        """Process received bytes; return the fresh messages that they complete, oldest first."""
         messages: list[Message] = []
         *ended, rest = data.split(b"\0")
         for piece in ended:
@@ -77,7 +77,7 @@ class SerialReceiver:
         return messages
 
     def _keep(self, piece: bytes) -> None:
-        """Add to the current frame; skip a frame that grows too long."""
+        """Append to the current frame; discard a frame that becomes too long."""
         if self._skipping:
             return
         if len(self._buffer) + len(piece) > MAX_ENCODED:

@@ -1,6 +1,6 @@
-"""The register map as OPC UA variables: the one definition of ``drivers/OPCUA.md`` and the server.
+"""The register map as OPC UA variables: single definition for ``drivers/OPCUA.md`` and the server.
 
-Each register that the node writes is one variable with the register's name, unit and meaning.
+Each register that the node writes becomes one variable with the same name, unit and meaning.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ class Variable:
 
     Attributes:
         node_id: string identifier in ``NAMESPACE``.
-        address: of the register's block in the register map.
+        address: address of the register's block in the register map.
     """
 
     node_id: str
@@ -41,12 +41,12 @@ class Variable:
 
     @property
     def type(self) -> str:
-        """Built-in type of OPC UA."""
+        """OPC UA built-in type."""
         return type_of(self.register)
 
 
 def type_of(register: Register) -> str:
-    """Return the built-in type of OPC UA that has a register's values."""
+    """Return the OPC UA built-in type for the values of a register."""
     return f"{'' if register.signed else 'U'}Int{16 * register.words}"
 
 
@@ -60,7 +60,7 @@ def node_variables() -> Iterator[Variable]:
 
 
 def robot_variables(robot: int | str) -> Iterator[Variable]:
-    """Yield the variables of a robot; ``"r"`` stands for any."""
+    """Yield the variables of a robot; ``"r"`` is a placeholder for any robot."""
     index = robot if isinstance(robot, int) else 0
     for address, block in ((robot_address(index), ROBOT), (nearest_address(index), NEAREST)):
         for register in block:
@@ -68,5 +68,5 @@ def robot_variables(robot: int | str) -> Iterator[Variable]:
 
 
 def variables(robots: Sequence[int]) -> list[Variable]:
-    """Return all variables of a server that advises some robots."""
+    """Return all variables of a server that advises these robots."""
     return [*node_variables(), *(each for robot in robots for each in robot_variables(robot))]

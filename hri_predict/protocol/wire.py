@@ -1,4 +1,4 @@
-"""Worst-case bits of a message on the wire, for the load of a link.
+"""Worst-case number of bits of a message on the wire, for the load of a link.
 
 Sources: ISO 11898-1:2015 frame formats; the worst case of bit stuffing on classic CAN is
 8 n + g + 13 + floor((g + 8 n - 1) / 4) with g = 34 (11-bit ids) or 54 (29-bit), R. I. Davis et al.,
@@ -17,7 +17,7 @@ LinkKind = Literal["can", "can_fd", "serial"]
 
 
 class StateShape(NamedTuple):
-    """Properties that decide how many parts the RobotState of a robot has."""
+    """Properties that determine the number of parts of a robot's RobotState."""
 
     joints: int = 6
     moving_base: bool = False
@@ -27,13 +27,13 @@ SIX_JOINTS = StateShape()
 
 
 class WireBits(NamedTuple):
-    """Bits at the nominal bit rate, and (CAN FD with bit-rate switch) at the data bit rate."""
+    """Bits at the nominal bit rate, and at the data bit rate (CAN FD with bit-rate switch)."""
 
     nominal: int
     data: int
 
     def seconds(self, bitrate: float, data_bitrate: float | None = None) -> float:
-        """Time on the wire."""
+        """Return the time on the wire."""
         return self.nominal / bitrate + self.data / (data_bitrate or bitrate)
 
 
@@ -46,10 +46,10 @@ def classic_bits(length: int, extended: bool = False) -> int:
 def fd_bits(length: int, extended: bool = False) -> WireBits:
     """Worst case of an FD frame of ``length`` bytes and the interframe space after it.
 
-    Nominal: start to bit-rate switch (17 bits, 36 with 29-bit ids) with a stuff bit after each
-    four; CRC delimiter, acknowledgement (two bits), its delimiter, end of frame, pause. Data: error
-    state and length (5 bits), data, their stuff bits; stuff count (4), CRC 17 (to 16 bytes) or 21,
-    with 6 or 7 fixed stuff bits.
+    Nominal: start to bit-rate switch (17 bits, 36 with 29-bit ids) with a stuff bit after every
+    four bits; CRC delimiter, acknowledgement (two bits), its delimiter, end of frame, pause. Data:
+    error state and length (5 bits), data, their stuff bits; stuff count (4), CRC 17 (to 16 bytes)
+    or 21, with 6 or 7 fixed stuff bits.
     """
     head = 36 if extended else 17
     head_stuff = (head - 1) // 4
@@ -73,8 +73,8 @@ def wire_bits(
         message_type: class of the message.
         kind: "can", "can_fd" or "serial" (8 data bits, no parity: 10 bits a byte).
         extended: 29-bit CAN ids.
-        items: capsules of a Zone, joints of a Pose; default: what one frame carries.
-        shape: of the robot, for a RobotState.
+        items: capsules of a Zone, joints of a Pose; default: as many as one frame carries.
+        shape: shape of the robot, for a RobotState.
 
     Raises:
         ValueError: classic CAN does not carry this message.
@@ -108,6 +108,6 @@ def _serial_bits(payload: int) -> int:
 
 
 def _extra_parts(definition: Definition, shape: StateShape) -> list[int]:
-    """Extra parts of a message that this shape needs."""
+    """Return the extra parts of a message that this shape needs."""
     raw = {"JOINTS": shape.joints, "BASE": int(shape.moving_base)}
     return [e.part for e in definition.extra if raw[e.signal] >= e.least]

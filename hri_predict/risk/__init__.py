@@ -1,1 +1,1 @@
-"""Zones, separation, advice."""
+"""Zones, separation and advice."""

@@ -1,4 +1,4 @@
-"""Areas of the room: the user's named zones, and the sensor's field of view."""
+"""Areas of the room: the named zones configured by the user, and the sensor's field of view."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,20 +17,20 @@ from hri_predict.risk.types import NamedZoneState
 from hri_predict.zones.body_zones import BodyZones
 
 FLOOR_M = 0.05
-"""Minimum height of people; a view that begins here begins at the floor."""
+"""Minimum height of people; a view down to this height includes the floor."""
 TOUCH_M = 1e-9
-"""Nearer than this counts as touching: crossing lines are not exact to the last bit."""
+"""Smaller distances are treated as contact; intersections are not exact to the last bit."""
 TOP_M = 2.5
-"""Maximum height that people reach (a tall man's grip is at 2.2 m); a view up to here sees all."""
+"""Maximum height that people reach (a tall man's grip is at 2.2 m)."""
 
 
 class NamedZoneSettings(Region):
-    """A user's zone (an entry of ``zones:``) and what it asks of robots.
+    """A named zone (an entry of ``zones:``) and its requests to robots.
 
-    ``occupied`` regards the bodies as captured, widened by ``person_uncertainty_m``. An entry is
-    predicted from the forecast body, enclosed over each step but not grown: it informs. With
-    ``entry: zone`` it is predicted from the zones, which hold the body wherever it may be. Without
-    a forecast (it failed, or the person is lost) both use the zones.
+    ``occupied`` regards the bodies as captured, widened by ``person_uncertainty_m``. A predicted
+    entry carries no guarantee: it uses the forecast body, enclosed over each step but not enlarged.
+    With ``entry: zone`` it uses the zones, which contain every possible position of the body.
+    Without a forecast (it failed, or the person is lost) both use the zones.
     """
 
     name: Name = Field(description="its own name, for messages and alerts")
@@ -48,22 +48,25 @@ class NamedZoneSettings(Region):
     )
     entry: Literal["forecast", "zone"] = Field(
         "forecast",
-        description="basis of a predicted entry: the forecast body, or the zone about it",
+        description="basis for predicting an entry: the forecast body, or the zone around it",
     )
     entry_warning_s: float = Field(
-        0.0, ge=0, le=10, description="ask this long before a predicted entry"
+        0.0,
+        ge=0,
+        le=10,
+        description="time before a predicted entry at which robots receive the request",
     )
 
     safety: ClassVar[Safety] = {
         "speed_limit_m_s": LessSafe(
             above="robots move at up to {value:g} m/s while a person is inside"
         ),
-        "entry_warning_s": LessSafe(below="robots are asked {more:g} s later"),
+        "entry_warning_s": LessSafe(below="robots receive the request {more:g} s later"),
     }
 
 
 class _Outline:
-    """The polygon of a region, ready for distances in the plane."""
+    """The polygon of a region, prepared for distance computations in the plane."""
 
     def __init__(self, region: Region) -> None:
         corners = np.asarray(region.polygon, dtype=np.float64)
@@ -84,7 +87,7 @@ class _Outline:
 
 
 class NamedZone:
-    """A named zone and who is in it."""
+    """A named zone and the check for people in it."""
 
     def __init__(self, settings: NamedZoneSettings, person_uncertainty_m: float) -> None:
         self.settings = settings
@@ -92,10 +95,10 @@ class NamedZone:
         self._margin = person_uncertainty_m
 
     def occupied(self, capsules: Capsules) -> Bools:
-        """Whether each capsule (...,) touches the prism. It never misses a capsule that does.
+        """Return whether each capsule (...,) may touch the prism; no contact is missed.
 
-        The test takes the capsule's full height range everywhere along it: that can only add
-        touches. A capsule that is not finite touches.
+        The test uses the full height range of the capsule along its whole length, so it can only
+        overestimate. A capsule that is not finite touches the prism.
         """
         result = ~self._far(capsules)
         near = np.nonzero(result)
@@ -120,7 +123,7 @@ class NamedZone:
         return NamedZoneState(self.settings.name, False, float(begins))
 
     def _far(self, capsules: Capsules) -> Bools:
-        """Whether each capsule's bounding box misses that of the prism."""
+        """Return whether each capsule's bounding box is outside the bounding box of the prism."""
         radius = (capsules.radius + self._margin)[..., None]
         low = np.minimum(capsules.a, capsules.b) - radius
         high = np.maximum(capsules.a, capsules.b) + radius
@@ -132,10 +135,10 @@ class NamedZone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldOfView:
-    """Space that the sensor sees; everything else counts as occupied.
+    """Space that the sensor sees; all other space is treated as occupied.
 
-    An unseen person may stand just outside and come in at the speeds of ISO 13855. People stand on
-    the floor: no person is above ``TOP_M`` or below ``FLOOR_M``, seen or unseen.
+    An unseen person may stand just outside the view and enter at the speeds of ISO 13855. Because
+    people stand on the floor, no person is above ``TOP_M`` or below ``FLOOR_M``.
     """
 
     region: Region
@@ -147,7 +150,7 @@ class FieldOfView:
         return cls(region, _Outline(region))
 
     def distance_outside(self, capsules: Capsules) -> Floats:
-        """Distance (...,) from each capsule to the unseen space; <= 0: the capsule is in it."""
+        """Return the distance (...,) of each capsule to unseen space; <= 0: it is inside."""
         outline = self._outline
         inside = outline.contains(capsules.a[..., :2]) & outline.contains(capsules.b[..., :2])
         edge = outline.edge_distance(capsules)
@@ -163,7 +166,7 @@ class FieldOfView:
 
 
 def floor_distance(region: Region, point: Floats) -> float:
-    """Metres over the floor from a point (3,) to a region; 0 inside."""
+    """Return the horizontal distance, m, from a point (3,) to a region; 0 inside."""
     outline, at = _Outline(region), np.asarray(point, dtype=np.float64)[None]
     if outline.contains(at[:, :2])[0]:
         return 0.0
@@ -171,13 +174,13 @@ def floor_distance(region: Region, point: Floats) -> float:
 
 
 def approach_m(time_s: Floats) -> Floats:
-    """Return an unseen person's maximum approach: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
+    """Return the maximum approach of an unseen person: 2.0, beyond 0.5 m 1.6 m/s (ISO 13855)."""
     near, walk = REACH_SPEED_M_S * time_s, WALK_SPEED_M_S * time_s
     return np.minimum(near, np.maximum(NEAR_M, walk))
 
 
 def check_zones(zones: Sequence[NamedZoneSettings], robots: Sequence[str]) -> None:
-    """Refuse two zones of one name, and robots that do not exist.
+    """Refuse duplicate zone names and unknown robots.
 
     Raises:
         ConfigError: one line with the remedy.

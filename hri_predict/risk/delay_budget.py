@@ -1,10 +1,10 @@
-"""The delay budget: the terms of T_r, the time from a capture until the robot begins to brake.
+"""The delay budget: the terms of T_r, the time from a capture until the robot starts to brake.
 
     T_r = age at encoding + one cycle + link delay + the controller's silence time-out + reaction
 
-The silence time-out counts because the one frame that matters may be lost: then the robot brakes
-only when the controller has noticed the silence. One capture is enough for advice, so trigger
-counts add nothing. For a robot with several links, only the slowest link counts.
+The silence time-out is included because the decisive frame may be lost; then the robot brakes only
+after the controller has detected the silence. One capture is enough for advice, so no captures are
+counted here. For a robot with several links, the slowest link applies.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +15,12 @@ from hri_predict.base.errors import ConfigError
 from hri_predict.contracts.link import LinkSettings
 
 ENCODING_FRACTION = 0.5
-"""Part of a cycle from the tick to encoding, at worst: a later prediction is replaced."""
+"""Maximum time from the tick to encoding, in cycles; a later prediction is replaced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkDelay:
-    """The delays of one link; ``robots`` are the names of the robots it advises, ``None``: all."""
+    """The delays of one link; ``robots``: names of the robots that it advises, ``None``: all."""
 
     name: str
     robots: frozenset[str] | None
@@ -30,16 +30,16 @@ class LinkDelay:
 
     @property
     def total_s(self) -> float:
-        """Seconds from encoding until the robot begins to brake, without the cycle."""
+        """Seconds from encoding until the robot starts to brake, without the cycle."""
         return self.delay_s + self.silence_timeout_s + self.reaction_s
 
 
 @dataclass(frozen=True, slots=True)
 class DelayBudget:
-    """The delays between a capture and braking, seconds.
+    """The delays between a capture and the start of braking, seconds.
 
     Attributes:
-        stale_s: age at which input counts as stale: the worst age of input behind any advice.
+        stale_s: age at which input becomes stale: the maximum age of the input for any advice.
         encoding_s: from the tick to encoding.
         cycle_s: one cycle of the node.
         links: the delays of each link.
@@ -52,7 +52,7 @@ class DelayBudget:
 
     @classmethod
     def from_settings(cls, rate_hz: float, links: Sequence[LinkSettings], stale_s: float) -> Self:
-        """Budget of a node at ``rate_hz`` whose input is stale at the age ``stale_s``."""
+        """Return the budget of a node at ``rate_hz``; input is stale at the age ``stale_s``."""
         return cls(
             stale_s=stale_s,
             encoding_s=ENCODING_FRACTION / rate_hz,
@@ -72,18 +72,19 @@ class DelayBudget:
         )
 
     def after_now_s(self, robot: str | None = None) -> float:
-        """Seconds from the tick until ``robot`` (default: the slowest) begins to brake."""
+        """Return the seconds from the tick until ``robot`` (default: slowest) starts to brake."""
         worst = self._worst(robot)
         return self.encoding_s + self.cycle_s + (worst.total_s if worst is not None else 0.0)
 
     def reaction_s(self, age_s: float, robot: str | None = None) -> float:
-        """T_r, seconds, for advice on a capture whose age is ``age_s`` at the tick."""
+        """Return T_r, seconds, for advice on a capture with age ``age_s`` at the tick."""
         return age_s + self.after_now_s(robot)
 
     def terms(self, robot: str | None = None) -> Mapping[str, float]:
-        """Each term and its seconds at worst, in the contract's order; their sum is T_r at worst.
+        """Return the maximum of each term, s, in the contract's order; they add up to the maximum
+        T_r.
 
-        ``age`` is the age at the tick when the input is just not stale; ``encoding`` is the time
+        ``age`` is the maximum age at the tick before input becomes stale; ``encoding`` is the time
         from the tick until the message is encoded.
         """
         worst = self._worst(robot)
@@ -99,25 +100,25 @@ class DelayBudget:
     def check(
         self, robot: str, stopping_s: float, horizon_s: float, extend_beyond_horizon: bool
     ) -> None:
-        """Check that the forecast reaches to the end of the robot's stop.
+        """Check that the forecast covers the robot's stop completely.
 
         Args:
             robot: the robot's name.
             stopping_s: T_s at its highest speed.
             horizon_s: the forecast's last step after the capture.
-            extend_beyond_horizon: whether the physical limits take over past the horizon.
+            extend_beyond_horizon: whether physical limits are used beyond the horizon.
 
         Raises:
-            ConfigError: T_r + T_s goes past the horizon and nothing extends it.
+            ConfigError: T_r + T_s exceeds the horizon, and the horizon is not extended.
         """
         reaction_s = self.reaction_s(self.stale_s, robot)
         if extend_beyond_horizon or reaction_s + stopping_s <= horizon_s + 1e-9:
             return
         raise ConfigError(
-            f"predictor.horizon_s: the delay budget of robot {robot}, T_r {reaction_s:.3f} s + T_s"
-            f" {stopping_s:.3f} s, goes past the last horizon, {horizon_s:.3f} s; raise"
-            " predictor.horizon_s, lower the robot's max_speed_m_s or the links' times, or set"
-            " risk.limits.extend_beyond_horizon: true"
+            f"predictor.horizon_s: the delay budget of robot {robot}, T_r {reaction_s:.3f} s + T_s "
+            f"{stopping_s:.3f} s, exceeds the last horizon, {horizon_s:.3f} s; raise "
+            "predictor.horizon_s, lower the robot's max_speed_m_s or the links' times, or set "
+            "risk.limits.extend_beyond_horizon: true"
         )
 
     def _worst(self, robot: str | None) -> LinkDelay | None:

@@ -1,4 +1,4 @@
-"""The risk engine: forecast in, one advice per robot out."""
+"""The risk engine: computes one advice per robot from a forecast."""
 
 import math
 from collections import Counter
@@ -44,20 +44,20 @@ from hri_predict.zones.radii import Radii
 from hri_predict.zones.self_check.self_check import SelfCheck, SelfCheckConstants, Trust
 
 FUTURE_NS = 50_000_000
-"""A capture that is later than now by more than this means a broken clock."""
+"""Maximum time by which a capture may be in the future before the clock is considered broken."""
 STRETCH_STEP = 1.1
-"""A late stop is revised in such steps while it lasts: each costs a table."""
+"""Step in which the stretch of a late stop is revised; each revision recomputes a table."""
 
 
 class RiskEngine:
-    """The risk stage: zones, then separation, then levels.
+    """The risk stage: computes zones, then separation, then levels.
 
-    Four things remember earlier ticks: the self-check, which says before the zones how far
-    forecasts can be trusted; the robots' trackers, and whether robots did as advised; and one level
-    machine per robot. Zones and separation are pure functions of what they are given.
+    Four parts have memory of earlier ticks: the self-check, which runs before the zones and rates
+    the reliability of forecasts; the robots' trackers; the check whether robots follow their
+    advice; and one level machine per robot. Zones and separation are pure functions.
 
     Attributes:
-        new_levels: makes a levels stage like its own that remembers nothing.
+        new_levels: creates a new levels stage with the same settings and no memory.
 
     Args:
         settings: see ``RiskSettings``.
@@ -66,20 +66,21 @@ class RiskEngine:
         absent_parts: missing parts of the body.
         named_zones: the user's zones.
         field_of_view: space that the sensor sees; ``None``: everything.
-        budget: the delays.
+        budget: the delay budget.
         forecast_rate_hz: steps per second of the forecast.
         horizon_steps: H of the forecast.
-        calibration: of the predictor, in the modes that use forecasts; ``None``: not calibrated.
-        doors: exits and entrances by their keys in the configuration.
-        obeyed: whether the robots are moved by this advice, so that it can be seen whether they do
-            as advised. Not so in shadow mode, and where a recording gives what robots did.
+        calibration: calibration of the predictor, in modes that use forecasts; ``None``: not
+            calibrated.
+        doors: exits and entrances, by configuration key.
+        obeyed: whether this advice controls the robots, so that their obedience can be checked.
+            False in shadow mode, and for recorded robot motion.
         floor_m: height of the floor.
         last_latch_id: see ``LatchIds``.
         base_dir: base of relative paths in ``settings``.
 
     Raises:
-        ConfigError: the delay budget goes past the horizon, a zone names an unknown robot, no
-            segment of the body is left, or a door is too close to a robot.
+        ConfigError: the delay budget exceeds the horizon, a zone names an unknown robot, no segment
+            of the body is left, or a door is too close to a robot.
     """
 
     def __init__(
@@ -168,9 +169,9 @@ class RiskEngine:
         self._levels = self.new_levels()
 
     def warm_up(self) -> None:
-        """Have every loop compiled before time matters: a second from a copy, many without.
+        """Compile every loop before the first tick: takes a second with cached code, many without.
 
-        Nothing is remembered of it. Call it before the first tick.
+        Leaves no memory.
         """
         kept, self._check = self._check, self._new_check()
         try:
@@ -183,14 +184,14 @@ class RiskEngine:
     def assess(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
     ) -> Assessment:
-        """Judge one tick.
+        """Assess one tick.
 
-        Treat an exception from here as a fault: it leaves every robot's memory at *unknown*.
+        The caller must treat an exception as a fault; every robot's level is then *unknown*.
 
         Args:
             snapshot: people at this tick.
-            forecast: of the same people; ``None``: zones rest on physical limits alone.
-            reasons: why there is no forecast.
+            forecast: forecast for the same people; ``None``: zones use only physical limits.
+            reasons: reasons for a missing forecast.
         """
         try:
             bodies = self.zones(snapshot, forecast, reasons)
@@ -203,7 +204,7 @@ class RiskEngine:
     def zones(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
     ) -> BodyZones:
-        """First call: where people may be. Depends on no robot; arguments as for ``assess``."""
+        """First step: compute where people may be, without robots; arguments as for ``assess``."""
         if self._settings.mode == "reactive":  # asks for no forecast, so none can be missing
             forecast, reasons = None, [r for r in reasons if r.row.kind is not Kind.PREDICTOR]
         if forecast is not None and problem_in(forecast, self._shape(snapshot)):
@@ -220,7 +221,7 @@ class RiskEngine:
         )
 
     def robots(self, now_ns: int) -> list[RobotNow]:
-        """Return each robot's place at ``now_ns``; note whether it follows its advice."""
+        """Return each robot's state at ``now_ns``; check whether it follows its advice."""
         robots = [admitted(t.at(now_ns), t.settings.modes) for t in self._trackers]
         for robot, obedience in self._obedience.items():
             if robots[robot].reasons:
@@ -235,11 +236,11 @@ class RiskEngine:
         return robots
 
     def separation(self, bodies: BodyZones, robots: Sequence[RobotNow]) -> Findings:
-        """Second call: how far bodies and robots are apart; see ``Separation``."""
+        """Second step: compute the distances between bodies and robots; see ``Separation``."""
         return self._separation(bodies, robots)
 
     def levels(self, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings) -> Assessment:
-        """Third call: what each robot is advised; see ``Levels``."""
+        """Third step: compute the advice for each robot; see ``Levels``."""
         now_ns = snapshot.now_ns
         remarks = [self._remarks(robot, now_ns) for robot in range(len(self._trackers))]
         advices = self._levels(snapshot, bodies, findings, remarks)
@@ -274,7 +275,7 @@ class RiskEngine:
 
     @property
     def robot_counters(self) -> dict[str, int]:
-        """Counts of faults in the robots' states and motion, over all robots."""
+        """Return the counts of faults in the states and motion of all robots."""
         counts: Counter[str] = Counter()
         for tracker in self._trackers:
             states = {f"robot_states_{n}": c for n, c in tracker.counters.items()}
@@ -295,15 +296,15 @@ class RiskEngine:
         self._levels.sets.choose(link, number, at_ns)
 
     def remember(self) -> dict[str, Any]:
-        """Return the state that must survive a restart of the node: the latches."""
+        """Return the state to be kept over a restart of the node: the latches."""
         return self._levels.remember()
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take what ``remember`` gave in an earlier run; see ``Levels.recall``."""
+        """Restore the result of ``remember`` from an earlier run; see ``Levels.recall``."""
         self._levels.recall(data)
 
     def distrust(self, why: str) -> None:
-        """Distrust the state of an earlier run; see ``Levels.distrust``."""
+        """Reject the state of an earlier run; see ``Levels.distrust``."""
         self._levels.distrust(why)
 
     def self_check(self) -> dict[str, Any] | None:
@@ -315,14 +316,14 @@ class RiskEngine:
         return self._check is not None and self._check.drift.drifting
 
     def _trust(self, snapshot: PeopleSnapshot, velocities: Velocities) -> Trust | None:
-        """Return the verdict of past forecasts; the residual alone, if the self-check is off."""
+        """Return the result for past forecasts; only the residual if the self-check is off."""
         if self._check is None:
             return None
         trust = self._check.check(snapshot, velocities)
         return trust if self._settings.coverage.self_check else trust.residual_alone()
 
     def _untrusted(self, snapshot: PeopleSnapshot) -> tuple[Reason, ...]:
-        """Why the scene cannot be trusted. The engine itself repeats the checks that are cheap."""
+        """Return the reasons to distrust the scene; the engine repeats only the cheap checks."""
         reasons = list(snapshot.reasons)
         age_s = snapshot.age_s
         if age_s is None:
@@ -364,26 +365,26 @@ def _obedience(robot: RobotConstants) -> Obedience:
 
 
 def _check_modes(robot: RobotConstants, risk: RiskSettings) -> None:
-    """Refuse an operating mode that could never move the robot: its limit would mean stop."""
+    """Refuse an operating mode with a speed limit so low that it means stop."""
     modes = robot.robot.modes
     for key in modes.allowed:
         speed_m_s = getattr(modes, key).speed_m_s
         if speed_m_s is not None and speed_m_s < risk.min_speed_m_s:
             raise ConfigError(
                 f"robots: {robot.name}: modes.{key}.speed_m_s {speed_m_s:g} is below "
-                f"risk.min_speed_m_s {risk.min_speed_m_s:g}, which means stop; raise it, or lower "
-                "risk.min_speed_m_s"
+                f"risk.min_speed_m_s {risk.min_speed_m_s:g}, which means stop; raise the speed, or "
+                "lower risk.min_speed_m_s"
             )
 
 
 def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> None:
-    """Refuse a door at which a person could be touched who counts as gone, or as not yet here."""
+    """Refuse a door where a robot could touch a person treated as absent."""
     for robot in robots:
         if robot.model.base is None:
             raise ConfigError(
                 f"{key}: the base of robot {robot.name} moves, so its distance from the door is "
-                "not fixed, and a person who leaves or comes could be touched; leave the door "
-                "out: a person who vanishes there then stays lost until an Acknowledge"
+                "not fixed, and it could touch a person who leaves or enters; remove the door: a "
+                "person who vanishes there then stays lost until an Acknowledge"
             )
         distance_m = floor_distance(door, robot.model.base)
         margin_m = max(robot.risk.region_margins_m.values(), default=0.0)
@@ -393,5 +394,5 @@ def _check_door(key: str, door: Region, robots: Sequence[RobotConstants]) -> Non
                 f"{key}: {reach_m + needed_m - distance_m:.2f} m too close to robot {robot.name}: "
                 f"it is {distance_m:.2f} m from the base, and must be farther than the robot's "
                 f"reach of {reach_m:.2f} m and the separation distance of {needed_m:.2f} m; move "
-                f"it, or make it smaller"
+                "the door, or make it smaller"
             )

@@ -11,11 +11,11 @@ from hri_predict.base.geometry import Capsules, norm
 from hri_predict.base.settings import Name, Pose, Settings, Vector3
 
 PIECE_M = 0.1
-"""A capsule's axis is compared with a box piece by piece, each no longer than this."""
+"""Maximum length of the pieces of a capsule's axis that are compared with a box."""
 
 
 class PlaneFixture(Settings):
-    """Everything behind a plane; ``normal`` points to the free side."""
+    """The half-space behind a plane; ``normal`` points to the free side."""
 
     kind: Literal["plane"] = Field(description="an unbounded plane")
     name: Name = Field(description="its own name")
@@ -29,20 +29,20 @@ class PlaneFixture(Settings):
         return self
 
     def distance(self, points: Floats) -> Floats:
-        """Distance (...,) of points (..., 3) in front of it; negative behind it."""
+        """Return the distance (...,) of points (..., 3) from the plane; negative behind it."""
         normal = np.array(self.normal)
         result: Floats = (points - np.array(self.point)) @ (normal / np.linalg.norm(normal))
         return result
 
 
 class BoxFixture(Settings):
-    """A box: ``size`` along the axes of ``pose``, which is at its middle."""
+    """A box with its centre at ``pose``, and ``size`` along the axes of ``pose``."""
 
     kind: Literal["box"] = Field(description="a box")
     name: Name = Field(description="its own name")
     pose: Pose = Field(description="position of its centre in the room")
     size: Annotated[list[float], Field(min_length=3, max_length=3)] = Field(
-        description="full lengths along its own axes, m"
+        description="full lengths along the axes of its pose, m"
     )
 
     @model_validator(mode="after")
@@ -52,7 +52,7 @@ class BoxFixture(Settings):
         return self
 
     def distance(self, points: Floats) -> Floats:
-        """Distance (...,) of points (..., 3) from its surface; 0 within it."""
+        """Return the distance (...,) of points (..., 3) from the box surface; 0 inside."""
         matrix = self.pose.matrix()
         inside = (points - matrix[:3, 3]) @ matrix[:3, :3]
         result: Floats = norm(np.maximum(np.abs(inside) - np.array(self.size) / 2, 0.0))
@@ -63,16 +63,16 @@ Fixture = Annotated[PlaneFixture | BoxFixture, Field(discriminator="kind")]
 
 
 def floor(z_m: float, name: str) -> PlaneFixture:
-    """Everything below a height."""
+    """The half-space below a height."""
     return PlaneFixture(kind="plane", name=name, point=[0.0, 0.0, z_m], normal=[0.0, 0.0, 1.0])
 
 
 def gaps(capsules: Capsules, fixtures: Sequence[Fixture]) -> Floats:
-    """(..., F) how far capsules (...) are from each fixture, metres; at least this far, see below.
+    """Return distances (..., F) of capsules (...) from each fixture, metres, or a lower bound.
 
-    Of a box the distance is a lower bound, at most ``PIECE_M`` / 2 too small: a point of the axis
-    is no farther than that from the middle of its piece. Of a plane it is exact. It is minus
-    infinity where something is not finite.
+    For a box the distance is a lower bound, at most ``PIECE_M`` / 2 too small, because no point of
+    the axis is farther than that from the centre of its piece. For a plane it is exact. It is minus
+    infinity if a value is not finite.
     """
     result = np.empty((*capsules.radius.shape, len(fixtures)))
     with np.errstate(invalid="ignore"):

@@ -1,6 +1,7 @@
-"""Which of a robot's tabled speeds a distance permits: as loops and as arrays.
+"""Find the tabled speeds of a robot that a distance permits, with loops and with arrays.
 
-Both versions do the same operations in the same order. N tabled speeds, M margins or distances.
+Both versions perform the same operations in the same order. N tabled speeds, M margins or
+distances.
 """
 
 from math import inf
@@ -13,11 +14,11 @@ from hri_predict.base.machine.compiled import kernel, part
 REACH_SPEED_M_S = 2.0
 """K of ISO 13855:2010 for a separation of up to ``NEAR_M``."""
 WALK_SPEED_M_S = 1.6
-"""K of ISO 13855:2010 beyond; the separation is then at least ``NEAR_M``."""
+"""K of ISO 13855:2010 beyond ``NEAR_M``; the separation is then at least ``NEAR_M``."""
 NEAR_M = 0.5
 
 Curve = tuple[Floats, Floats, Floats]
-"""(N,) each: speeds, stopping times and distances of a stopping curve."""
+"""Speeds, stopping times and distances of a stopping curve, (N,) each."""
 
 
 # -- any direction ---------------------------------------------------------------------------------
@@ -26,13 +27,13 @@ Curve = tuple[Floats, Floats, Floats]
 def _any_way_by_arrays(
     distance_m: Floats, farthest_m: Floats, clearance_m: float, margins_m: Floats
 ) -> tuple[float, Ints]:
-    """The distance left beyond the clearance at rest, and how many speeds fit each margin (M,).
+    """Return the distance beyond the clearance at rest, and the number of speeds per margin (M,).
 
     Args:
-        distance_m: (K,) to the robot where it is, step by step.
-        farthest_m: (K, N) how far it gets by the end of each step, at each speed.
+        distance_m: (K,) distance to the robot at its present position, for each step.
+        farthest_m: (K, N) maximum travel by the end of each step, at each speed.
         clearance_m: C + Z_d + Z_r.
-        margins_m: (M,) on top of it.
+        margins_m: (M,) added to the clearance.
     """
     left = (distance_m[:, None] - farthest_m).min(0)
     any_way = np.minimum.accumulate(left) - clearance_m  # (N,) falls with speed
@@ -63,11 +64,12 @@ def _any_way_by_loops(
 def person_travel(
     time_s: Floats | float, other_m: Floats | float, human_m_s: float = 0.0
 ) -> Floats:
-    """S_h: how far a person comes in ``time_s``; S_p's other terms sum to ``other_m``.
+    """Return S_h: a person's travel in ``time_s``; ``other_m``: sum of the other terms of S_p.
 
-    v_h is 2.0 m/s as long as S_p is at most 0.5 m; else it is 1.6 m/s, and S_p is at least 0.5 m
-    (ISO 13855:2010). The result is continuous and grows with the sum of both arguments. A person
-    who is measured to be faster counts at ``human_m_s``; the standard does not cover this case.
+    v_h is 2.0 m/s while S_p is at most 0.5 m; otherwise it is 1.6 m/s, and S_p is at least 0.5 m
+    (ISO 13855:2010). The result is continuous and increases with the sum of both arguments. For a
+    person with a higher measured speed, ``human_m_s`` is used; the standard does not cover this
+    case.
     """
     near = REACH_SPEED_M_S * np.asarray(time_s)
     far = np.maximum(WALK_SPEED_M_S * np.asarray(time_s), NEAR_M - other_m)
@@ -78,13 +80,13 @@ def person_travel(
 def _by_standard_by_arrays(
     curve: Curve, reaction_s: float, terms: tuple[float, float], distances_m: Floats
 ) -> tuple[float, Ints]:
-    """S_p at rest where people move as assumed, and how many speeds fit each distance (M,).
+    """Return S_p at rest if people move as assumed, and the number of speeds per distance (M,).
 
     Args:
         curve: of the robot.
-        reaction_s: T_r from the capture.
-        terms: C + Z_d + Z_r, and the speed of a person who is faster than assumed; else 0.
-        distances_m: (M,) to the person.
+        reaction_s: T_r, from the capture.
+        terms: C + Z_d + Z_r, and the speed of a person faster than assumed, otherwise 0.
+        distances_m: (M,) distances to the person.
     """
     (speed_m_s, time_s, stopping_m), (clearance_m, human_m_s) = curve, terms
     other = speed_m_s * reaction_s + stopping_m + clearance_m
@@ -119,7 +121,7 @@ def _by_standard_by_loops(
 
 @part
 def come_m(time_s: float, other_m: float, human_m_s: float) -> float:
-    """``person_travel`` of one time, quickly."""
+    """Fast ``person_travel`` for a single time."""
     near = REACH_SPEED_M_S * time_s
     far = max(WALK_SPEED_M_S * time_s, NEAR_M - other_m)
     return max(near if near + other_m <= NEAR_M else far, human_m_s * time_s)

@@ -1,5 +1,5 @@
-"""Constants of one robot for the risk stage. None of it changes between ticks, unless the
-robot is measured to stop later than its stopping table says.
+"""Constants of one robot for the risk stage. They are constant, unless the robot is measured to
+stop later than its stopping table states.
 """
 
 from collections.abc import Mapping
@@ -18,18 +18,20 @@ from hri_predict.robots.tracker import RobotTracker
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RobotConstants:
-    """One robot as the risk stage knows it.
+    """The constants of one robot.
 
     Attributes:
         robot: its entry in the configuration.
         risk: see ``RiskSettings``.
         model: its geometry and stopping.
-        plan: the path that it follows; ``None`` if unknown.
+        plan: the path of the robot; ``None`` if unknown.
         curve: T_s and S_s over its speed.
         budget: the delays.
-        until_braking_s: from now until it begins to brake.
-        fixed_radius_m: radius of mode ``fixed``: as set, or the robot's reach plus S_p at worst.
-        tools: by number, the constants with one tool; those of the worst of all are these.
+        until_braking_s: time from now until it starts to brake.
+        fixed_radius_m: radius for mode ``fixed``: as configured, or the robot's reach plus the
+            maximum S_p.
+        tools: the constants with one tool, by its number; this object is the worst case over all
+            tools.
     """
 
     robot: RobotSettings
@@ -46,16 +48,16 @@ class RobotConstants:
     def of(
         cls, tracker: RobotTracker, risk: RiskSettings, budget: DelayBudget, horizon_s: float
     ) -> Self:
-        """The constants of the robot that ``tracker`` follows.
+        """Return the constants of the robot of ``tracker``.
 
         Args:
-            tracker: of the robot.
+            tracker: the robot's tracker.
             risk: see ``RiskSettings``.
             budget: the delays.
             horizon_s: the forecast's last step after the capture.
 
         Raises:
-            ConfigError: T_r + T_s goes past the horizon, or the circle of mode ``fixed`` is smaller
+            ConfigError: T_r + T_s exceeds the horizon, or the circle of mode ``fixed`` is smaller
                 than the robot.
         """
         robot, model = tracker.settings, tracker.model
@@ -65,8 +67,8 @@ class RobotConstants:
         radius_m = risk.fixed_radius_m or model.reach_m + needed_m
         if risk.mode == "fixed" and radius_m < model.reach_m:
             raise ConfigError(
-                f"risk.fixed_radius_m: {radius_m:g} m is less than the reach of robot"
-                f" {robot.name}, {model.reach_m:.2f} m; give more, or leave it out"
+                f"risk.fixed_radius_m: {radius_m:g} m is less than the reach of robot "
+                f"{robot.name}, {model.reach_m:.2f} m; increase it, or leave it out"
             )
         worst = cls(
             robot=robot,
@@ -81,18 +83,18 @@ class RobotConstants:
         return replace(worst, tools={n: worst._with_tool(n) for n in model.tool_numbers})
 
     def _with_tool(self, number: int) -> Self:
-        """The same robot with one tool; circles and doors remain those of the worst."""
+        """Return the same robot with one tool; circles and doors remain those of the worst case."""
         model = self.model.counting(number)
         plan = None if self.plan is None else Plan(self.plan.trajectory, model)
         curve = StoppingCurve.of(model.stopping, self.robot.max_speed_m_s)
         return replace(self, model=model, plan=plan, curve=curve, tools={})
 
     def counting(self, tool: int | None) -> Self:
-        """The constants with one tool; ``None``: those of the worst of all."""
+        """Return the constants with one tool; ``None``: the worst case over all tools."""
         return self if tool is None else self.tools[tool]
 
     def revised(self) -> Self:
-        """The same with the stopping curves that the models have now."""
+        """Return a copy with the models' present stopping curves."""
         curve = StoppingCurve.of(self.model.stopping, self.robot.max_speed_m_s)
         radius_m = self.fixed_radius_m
         if self.risk.fixed_radius_m is None:
@@ -107,7 +109,7 @@ class RobotConstants:
 
     @property
     def is_reported(self) -> bool:
-        """Whether its controller reports how it moves."""
+        """Whether its controller reports its motion."""
         return isinstance(self.robot.motion, StateMotion)
 
     @property
@@ -117,16 +119,16 @@ class RobotConstants:
 
     @property
     def anywhere_m(self) -> float:
-        """Farther from its base than this, people are safe wherever the robot is."""
+        """Distance from its base beyond which people are safe, for every position of the robot."""
         return self.model.reach_m + self.needed_m()
 
     @property
     def longest_s(self) -> float:
-        """T_r + T_s at worst, seconds: input almost stale, highest speed."""
+        """Maximum T_r + T_s, seconds: input almost stale, highest speed."""
         return self.reaction_s(self.budget.stale_s) + float(self.curve.time_s[-1])
 
     def reaction_s(self, age_s: float) -> float:
-        """T_r, seconds, for advice that rests on a capture of ``age_s``."""
+        """Return T_r, seconds, for advice based on a capture of age ``age_s``."""
         return age_s + self.until_braking_s
 
     def needed_m(self, human_m_s: float = 0.0) -> float:
@@ -144,7 +146,7 @@ def worst_distance(
     *,
     human_m_s: float = 0.0,
 ) -> ProtectiveDistance:
-    """S_p at a robot's highest speed and the longest delay, term by term."""
+    """Return S_p at a robot's highest speed and the longest delay, term by term."""
     of_base_m = 0.0 if model.mobile is None else model.mobile.uncertainty_m
     return protective_distance(
         robot.max_speed_m_s,

@@ -1,4 +1,4 @@
-"""Configuration sets (``risk.sets``): what a PLC may change by a number, while the node runs."""
+"""Configuration sets (``risk.sets``), which a PLC may choose by number while the node runs."""
 
 import hashlib
 import json
@@ -14,28 +14,28 @@ from hri_predict.risk.areas import NamedZoneSettings
 
 
 class SetSettings(Settings):
-    """One set: an entry of ``risk.sets``. Everything else stays as configured."""
+    """One set: an entry of ``risk.sets``. All other settings stay as configured."""
 
-    number: int = Field(ge=1, le=65_535, description="the number by which a PLC chooses it")
-    name: Name = Field(description="its own name, for people")
+    number: int = Field(ge=1, le=65_535, description="number with which a PLC chooses the set")
+    name: Name = Field(description="name of the set, for people")
     zones: list[str] | None = Field(
-        None, max_length=32, description="named zones that ask anything of robots; default: all"
+        None, max_length=32, description="active named zones; default: all"
     )
     max_speed_m_s: float | None = Field(
         None,
         ge=MIN_SPEED_M_S,
         le=100,
-        description="no robot is advised more than this; default: each robot's own max_speed_m_s",
+        description="maximum speed advised to any robot; default: each robot's own max_speed_m_s",
     )
 
     safety: ClassVar[Safety] = harmless("number") | {
         "max_speed_m_s": LessSafe(above="robots may move at up to {value:g} m/s"),
-        "zones": LessSafe(other="people in the other zones change nothing"),
+        "zones": LessSafe(other="people in the other zones have no effect"),
     }
 
 
 def set_hash(chosen: SetSettings, zones: Sequence[NamedZoneSettings]) -> int:
-    """Return 32 bits, never 0, that change with anything that the set puts in force."""
+    """Return a 32-bit hash, never 0, of everything that the set puts in force."""
     asking = [z for z in zones if chosen.zones is None or z.name in chosen.zones]
     whole = [chosen.model_dump(mode="json"), *(zone.model_dump(mode="json") for zone in asking)]
     text = json.dumps(whole, sort_keys=True)
@@ -49,12 +49,12 @@ def check_sets(
     min_speed_m_s: float,
     max_speeds_m_s: Sequence[float],
 ) -> None:
-    """Refuse two sets of one number or name, unknown zones, and speeds that cannot be meant.
+    """Refuse duplicate numbers or names, unknown zones, and implausible speeds.
 
     Args:
         sets, zones: as configured.
-        min_speed_m_s: a limit below this is advised as a stop.
-        max_speeds_m_s: of each robot.
+        min_speed_m_s: limits below this are advised as a stop.
+        max_speeds_m_s: maximum speed of each robot.
 
     Raises:
         ConfigError: one line with the remedy.
@@ -82,14 +82,14 @@ def check_sets(
 def _check_speed(
     chosen: SetSettings, min_speed_m_s: float, max_speeds_m_s: Sequence[float]
 ) -> None:
-    """Refuse a speed at which no robot could ever move, or that limits none."""
+    """Refuse a speed at which no robot could move, or that limits no robot."""
     speed_m_s, which = chosen.max_speed_m_s, f"risk.sets: set {chosen.number} ({chosen.name})"
     if speed_m_s is None:
         return
     if speed_m_s < min_speed_m_s:
         raise ConfigError(
             f"{which}: max_speed_m_s {speed_m_s:g} is below risk.min_speed_m_s {min_speed_m_s:g}, "
-            "which means stop; raise it, or lower risk.min_speed_m_s"
+            "which means stop; raise the speed, or lower risk.min_speed_m_s"
         )
     if max_speeds_m_s and speed_m_s > max(max_speeds_m_s):
         raise ConfigError(

@@ -11,43 +11,44 @@ from hri_predict.risk.sets import SetSettings
 from hri_predict.zones.settings import CoverageSettings, HumanLimits
 
 LatchCause = Literal["stop", "start", "blind", "lost", "restart"]
-"""Causes for which a latch may be set, see ``RiskSettings.latch``."""
+"""Possible causes of a latch, see ``RiskSettings.latch``."""
 
 RestartType = Literal["automatic", "manual", "supervised"]
 """Conditions that end a latch, see ``RiskSettings.restart``."""
 INTERLOCKED: tuple[LatchCause, ...] = ("stop", "start", "blind", "lost")
-"""Causes of a latch where ``restart`` is given and ``latch`` is not."""
+"""Causes of a latch if ``restart`` is given without ``latch``."""
 
 MIN_FIXED_RADIUS_M = 0.3
-"""Arms of the smallest robots reach 0.5 m and more (UR3e)."""
+"""Minimum radius; the smallest robots have a reach of 0.5 m or more (UR3e)."""
 
 RiskMode = Literal["iso", "predictive", "hybrid", "reactive", "fixed"]
 RISK_MODES: tuple[str, ...] = get_args(RiskMode)
 
 
 class ContactSettings(Settings):
-    """Contact that is permitted in mode ``hybrid`` (``risk.contact``); see ``contact.judge``."""
+    """Permitted contact in mode ``hybrid`` (``risk.contact``); see ``contact.judge``."""
 
     table: str | None = Field(
-        None, description="file with the limits of all body regions; default: the shipped one"
+        None, description="file with the limits of all body regions; default: the shipped table"
     )
     fixtures: list[Fixture] | None = Field(
         None,
         max_length=32,
-        description="objects against which the robot may clamp a body part, besides the floor; "
-        "default: the table that each robot stands on, a plane at its base",
+        description="objects, besides the floor, against which the robot may clamp a body part; "
+        "default: the table on which each robot stands, a plane at its base",
     )
     own_speed: Literal["counted", "left_out"] = Field(
         "counted",
-        description="whether a body part's own speed is taken off what it bears: the relative speed"
-        " counts then. left_out: the robot's speed alone, as where a person who strikes a standing"
-        " robot is that person's own risk",
+        description="whether a body part's own speed is subtracted from its contact limit, so "
+        "that the relative speed is limited. left_out: only the robot's speed is "
+        "limited, for cells where a person who strikes a standing robot does so at "
+        "their own risk",
     )
     slow_margin_m: float = Field(
         0.1,
         ge=0,
         le=2,
-        description="as risk.slow_margin_m, for the parts of the body that may not be touched",
+        description="like risk.slow_margin_m, for body parts that may not be touched",
     )
 
     safety: ClassVar[Safety] = {
@@ -55,29 +56,29 @@ class ContactSettings(Settings):
             other="a person who moves towards the robot may be struck at more than the limit of "
             "the body part, by that person's own speed"
         ),
-        "fixtures": LessSafe(other="clamping is judged against these alone, and the floor"),
+        "fixtures": LessSafe(other="clamping is judged only against these objects and the floor"),
         "slow_margin_m": LessSafe(below="the limit assumes a person {more:.2g} m farther away"),
     }
 
 
 class RiskSettings(Settings):
-    """Settings of how separation is judged, and of how levels change.
+    """Settings for the separation rules and for changes of level.
 
-    ``iso`` compares the distance now with the protective separation distance of ISO/TS 15066.
-    ``predictive`` compares the zones with the stopping robot, time by time. ``reactive`` does the
+    ``iso`` compares the present distance with the protective separation distance of ISO/TS 15066.
+    ``predictive`` compares the zones with the stopping robot at each time. ``reactive`` does the
     same with zones that grow from the body as seen, without a forecast. ``fixed`` is a circle
     around the robot's base: no person may be inside while the robot moves. ``hybrid`` is
-    ``predictive``, and where separation cannot be kept, robots with ``contact: allowed`` may touch
-    people as fast as the touched part of the body bears.
+    ``predictive``, but where separation cannot be kept, robots with ``contact: allowed`` may touch
+    people at up to the contact limit of the touched body part.
     """
 
-    mode: RiskMode = Field("iso", description="rule that judges separation")
+    mode: RiskMode = Field("iso", description="rule for judging separation")
     fixed_radius_m: float | None = Field(
         None,
         ge=MIN_FIXED_RADIUS_M,
         le=100,
-        description="for mode fixed; default: the robot's reach plus the protective separation"
-        " distance at its highest speed and the longest delay",
+        description="radius for mode fixed; default: the robot's reach plus the protective "
+        "separation distance at its highest speed and the longest delay",
     )
     intrusion_m: float = Field(0.0, ge=0, le=2, description="C: reach into the field, ISO 13855")
     person_uncertainty_m: float = Field(
@@ -88,28 +89,33 @@ class RiskSettings(Settings):
     )
     region_margins_m: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(
         {},
-        description="distance kept from some body segments beyond C + Z_d + Z_r, by name (head,"
-        " hand): they count as that much thicker, in zones, too",
+        description="additional distance from body segments, by name (head, hand), beyond C + Z_d "
+        "+ Z_r: the segments are treated as that much thicker, also in zones",
     )
     band_m: float = Field(
-        0.1, ge=0, le=2, description="a level is released only this far beyond its threshold"
+        0.1, ge=0, le=2, description="distance beyond its threshold at which a level is released"
     )
     release_captures: int = Field(
         15,
         ge=1,
         le=10_000,
-        description="distinct captures that must agree before a release; the default is half a"
-        " second at 30 Hz, one walking step: its swing alone must not start the robot",
+        description="number of distinct captures that must agree before a release; the default is "
+        "half a second at 30 Hz, the duration of one walking step, whose swing alone "
+        "must not start the robot",
     )
     warn_margin_m: float = Field(
-        0.5, ge=0, le=10, description="warn this far before the robot would be slowed"
+        0.5,
+        ge=0,
+        le=10,
+        description="distance before the slow-down of the robot at which a warning is given",
     )
     slow_margin_m: float = Field(
         0.25,
         ge=0,
         le=2,
-        description="the speed limit assumes a person this much nearer: then a robot that obeys it"
-        " with its delay need not stop while a person walks up",
+        description="distance by which a person is assumed nearer for the speed limit, so that a "
+        "robot that follows the limit with its delay need not stop while a person "
+        "approaches",
     )
     min_speed_m_s: float = Field(
         0.05, ge=MIN_SPEED_M_S, le=1, description="a limit below this is advised as a stop"
@@ -118,54 +124,56 @@ class RiskSettings(Settings):
         2.0,
         ge=0.01,
         le=100,
-        description="maximum rise of the speed limit; it falls at once. Each limit is permitted by"
-        " itself; the rise only spares the robot jerks",
+        description="maximum rate of increase of the speed limit, which falls without delay. "
+        "Every limit is permitted in itself; the rate only avoids jerks",
     )
     latch: list[LatchCause] = Field(
         [],
-        description="after each of these, the first motion needs an Acknowledge: stop (any advised"
-        " stop), start (the node was started), blind (the source was blind, or its input stale or"
-        " frozen), lost (a person was lost), restart (as start, if a state file shows an earlier"
-        " run)",
+        description="causes after which the first motion requires an Acknowledge: stop (any "
+        "advised stop), start (the node was started), blind (the source was blind, or "
+        "its input stale or frozen), lost (a person was lost), restart (like start, "
+        "if a state file shows an earlier run)",
     )
     restart: RestartType = Field(
         "automatic",
-        description="what ends a latch. automatic: nothing is latched; manual: one press of the"
-        " button, the default where latch has causes; supervised: the button is pressed and let go"
-        " within 0.15 to 3 s, while the robot's level would be clear all the time. manual and"
-        " supervised without latch: it is [stop, start, blind, lost]",
+        description="condition that ends a latch. automatic: nothing is latched; manual: one "
+        "press of the button, the default if latch has causes; supervised: the button "
+        "is pressed and released within 0.15 to 3 s, while the robot's level would "
+        "otherwise be clear. With manual or supervised, latch defaults to [stop, "
+        "start, blind, lost]",
     )
     limits: HumanLimits = Field(HumanLimits(), description="speeds of people")
     coverage: CoverageSettings = Field(
         CoverageSettings(), description="coverage of the body by calibrated zones"
     )
     contact: ContactSettings = Field(
-        ContactSettings(), description="contact that is permitted in mode hybrid"
+        ContactSettings(), description="permitted contact in mode hybrid"
     )
 
     sets: list[SetSettings] = Field(
         [],
         max_length=16,
-        description="configuration sets, of which a PLC chooses one by a link kind modbus or opcua",
+        description="configuration sets, one of which a PLC chooses over a link of kind modbus or "
+        "opcua",
     )
 
     safety: ClassVar[Safety] = harmless("region_margins_m") | {
         "fixed_radius_m": LessSafe(below="a person may be {more:.2g} m nearer to a moving robot"),
         "intrusion_m": LessSafe(below="a person may be {more:.2g} m nearer"),
         "person_uncertainty_m": LessSafe(
-            below="a person may be {more:.2g} m nearer: the source must be as exact as that"
+            below="a person may be {more:.2g} m nearer: the source must be that accurate"
         ),
         "robot_uncertainty_m": LessSafe(
-            below="a person may be {more:.2g} m nearer: the robot's place must be as exact as that"
+            below="a person may be {more:.2g} m nearer: the robot's position must be that accurate"
         ),
         "band_m": LessSafe(below="the robot is released {more:.2g} m sooner"),
         "release_captures": LessSafe(
             below="the robot is released after {value:g} captures, not {default:g}"
         ),
-        "warn_margin_m": LessSafe(below="people are warned {more:.2g} m later"),
+        "warn_margin_m": LessSafe(below="people get a warning {more:.2g} m later"),
         "slow_margin_m": LessSafe(below="the limit assumes a person {more:.2g} m farther away"),
         "min_speed_m_s": LessSafe(
-            below="the robot may creep at {value:g} m/s where it would stand by default"
+            below="the robot may creep at {value:g} m/s where it would stop by default"
         ),
         "speed_rise_m_s2": LessSafe(
             above="the limit may rise by {more:.2g} m/s more in each second"
@@ -183,7 +191,7 @@ class RiskSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _restart_and_latch(cls, data: Any) -> Any:
-        """Either one sets the other where it is not given."""
+        """Derive ``latch`` or ``restart`` from the other if only one is given."""
         if not isinstance(data, dict):
             return data
         if "restart" not in data:
@@ -196,8 +204,8 @@ class RiskSettings(Settings):
     def _latched_for_something(self) -> Self:
         if self.restart == "automatic" and self.latch:
             raise ValueError(
-                "restart automatic latches nothing; leave out latch, or write 'restart: manual' or"
-                " 'restart: supervised'"
+                "with 'restart: automatic' nothing is latched; leave out latch, or write "
+                "'restart: manual' or 'restart: supervised'"
             )
         if self.restart != "automatic" and not self.latch:
             raise ValueError(
@@ -228,24 +236,24 @@ class RiskSettings(Settings):
 
     @property
     def judges_over_time(self) -> bool:
-        """Whether zones over time count, not only the distance now."""
+        """Whether zones over time are used, not only the present distance."""
         return self.uses_forecasts or self.mode == "reactive"
 
     @property
     def beyond_horizon(self) -> bool:
-        """Whether zones may go past the forecast's last step; ``reactive`` asks for no forecast."""
+        """Whether zones may extend beyond the last forecast step; ``reactive`` uses no forecast."""
         return self.limits.extend_beyond_horizon or self.mode == "reactive"
 
     @property
     def clearance_m(self) -> float:
-        """C + Z_d + Z_r, metres: the part of the distance that must always remain."""
+        """C + Z_d + Z_r, metres: minimum distance at all times."""
         return self.intrusion_m + self.person_uncertainty_m + self.robot_uncertainty_m
 
     @property
     def margins_m(self) -> tuple[float, float, float, float]:
-        """Margins subtracted from a hazard's distance for each speed limit of a finding, metres.
+        """Margins subtracted from a hazard's distance for each limit of a finding, metres.
 
-        For the limit now and for its release; for the warning now and for its release.
+        Order: limit, release of the limit, warning, release of the warning.
         """
         slow, warn = self.slow_margin_m, self.slow_margin_m + self.warn_margin_m
         return slow, slow + self.band_m, warn, warn + self.band_m

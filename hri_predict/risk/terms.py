@@ -1,11 +1,11 @@
-"""Separation: which distance a robot needs to people, and how fast it may be at a given distance.
+"""Terms of separation: required distance between robot and people, and speed at a given distance.
 
 The protective separation distance of ISO/TS 15066:2016 (scitepress 2020/94464, eq. 2) is
 
     S_p = S_h + S_r + S_s + C + Z_d + Z_r
 
-``now`` judges by it. ``in_time`` requires instead that zone and stopping robot are C + Z_d + Z_r
-apart at every moment until the robot has stopped.
+``now`` uses it. ``in_time`` requires instead that zone and stopping robot are C + Z_d + Z_r apart
+at every moment until the robot has stopped.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from hri_predict.base.arrays import Floats
 from hri_predict.risk.permitted import REACH_SPEED_M_S, come_m
 
 SPEED_LEVELS = 4
-"""Number of speeds to try in a known direction, evenly up to the robot's highest."""
+"""Number of speeds to try in a known direction, evenly spaced up to the robot's highest speed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,17 +57,17 @@ def protective_distance(
     robot_uncertainty_m: float = 0.0,
     human_m_s: float = 0.0,
 ) -> ProtectiveDistance:
-    """S_p of a robot whose fastest point moves at ``speed_m_s``.
+    """Return S_p of a robot at ``speed_m_s``, the speed of its fastest point.
 
     Args:
         speed_m_s: v_r.
-        reaction_s: T_r, from the capture until the robot begins to brake.
+        reaction_s: T_r, from the capture until the robot starts to brake.
         stopping_s: T_s, from then until it stops.
         stopping_m: S_s, its travel in T_s.
         intrusion_m: C.
         person_uncertainty_m: Z_d.
         robot_uncertainty_m: Z_r.
-        human_m_s: speed of a person who is faster than the standard assumes; else 0.
+        human_m_s: speed of a person faster than the standard assumes; otherwise 0.
     """
     s_r = speed_m_s * reaction_s
     other = s_r + stopping_m + intrusion_m + person_uncertainty_m + robot_uncertainty_m
@@ -90,7 +90,7 @@ def travel_m(
     stopping_s: Floats | float,
     stopping_m: Floats | float,
 ) -> Floats:
-    """Maximum travel of the robot's fastest point by ``times_s``, metres.
+    """Return the maximum travel of the robot's fastest point by ``times_s``, metres.
 
     It keeps its speed for ``reaction_s``, then decelerates uniformly over T_s along S_s (or along
     v T_s / 2, if that is longer). Arguments broadcast.
@@ -109,14 +109,16 @@ class Finding:
     Attributes:
         separation_m: distance now, as captured; negative where bodies overlap.
         predicted_m: smallest distance until the robot has stopped, at its present speed.
-        slack_m: distance of the hazard beyond what the present motion needs.
+        slack_m: distance of the hazard beyond the distance that the present motion requires.
         near: whether the present distance is too small even for a standing robot.
         breach_s: seconds until the separation may be violated; 0 if it is violated.
-        limits: for each margin, the highest permitted speed if the hazard were nearer by it.
+        limits: for each margin, the highest permitted speed if the hazard were nearer by the
+            margin.
         person: index of the deciding person; -1: no person.
         segment: index (in the zones) of the deciding body segment.
         link: index of the deciding robot capsule.
-        pair_m: distance now of deciding segment and link, if others are nearer; else ``None``.
+        pair_m: present distance of the deciding segment and link if other pairs are nearer;
+            otherwise ``None``.
     """
 
     separation_m: float
@@ -132,12 +134,12 @@ class Finding:
 
 
 def closing_s(slack_m: float, speed_m_s: float) -> float:
-    """Seconds until ``slack_m`` is used up if person and robot approach at their fastest."""
+    """Return the time, s, until ``slack_m`` is used up at full approach speed."""
     return max(0.0, slack_m) / (REACH_SPEED_M_S + speed_m_s)
 
 
 def worst_of(findings: Sequence[Finding]) -> Finding:
-    """All findings as one: the one with the least slack, with the lowest limits of all."""
+    """Return the finding with the least slack, with the lowest limits of all findings."""
     if len(findings) == 1:
         return findings[0]
     worst = min(findings, key=lambda f: f.slack_m)
@@ -150,7 +152,7 @@ def worst_of(findings: Sequence[Finding]) -> Finding:
 
 
 def speed_levels(top_m_s: float, above_m_s: float) -> list[float]:
-    """The speeds to try in a known direction: those above ``above_m_s``."""
+    """Return the speeds to try in a known direction: those above ``above_m_s``."""
     levels = (top_m_s * i / SPEED_LEVELS for i in range(1, SPEED_LEVELS + 1))
     return [level for level in levels if level > above_m_s]
 
@@ -158,13 +160,13 @@ def speed_levels(top_m_s: float, above_m_s: float) -> list[float]:
 def directed_limit(
     levels_m_s: Sequence[float], distance_m: Floats, needed_m: float, any_way_m_s: float
 ) -> float:
-    """The highest speed for which it and all slower ones are clear, at least ``any_way_m_s``.
+    """Return the highest speed that is clear together with all slower ones, or ``any_way_m_s``.
 
     Args:
         levels_m_s: (L,) ascending.
         distance_m: (L,) smallest distance at each speed until the robot stops.
-        needed_m: the smallest distance that is clear.
-        any_way_m_s: permitted in any direction; speeds up to it need no check.
+        needed_m: minimum distance for a clear speed.
+        any_way_m_s: speed permitted in any direction; speeds up to it need no check.
     """
     limit = any_way_m_s
     for level, distance in zip(levels_m_s, distance_m.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Inputs of the risk stage, and its result."""
+"""Results of the risk stage."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ class Assessment:
         advices: one per robot, in the configuration's order.
         zones: the zones behind the advice.
         named_zones: the state of each of the user's named zones.
-        reasons: why the zones are no better than they are; empty if nothing is wrong.
-        near_misses: cases of a moving robot nearly too close, one per robot at most.
-        ask_grounds: gives ``grounds``: a tick does not pay for what only a recorder reads.
+        reasons: reasons for degraded zones; empty if there is no problem.
+        near_misses: near misses, at most one per robot.
+        ask_grounds: computes ``grounds`` on demand, because only a recorder reads them.
         set_in_force: number and hash of the configuration set; ``None`` without sets.
     """
 
@@ -34,7 +34,7 @@ class Assessment:
 
     @property
     def grounds(self) -> tuple["Grounds", ...]:
-        """Grounds of each robot's advice; empty if it is not known. Any thread may ask."""
+        """Grounds of each robot's advice; empty if unknown. Thread-safe."""
         return self.ask_grounds()
 
 
@@ -43,22 +43,23 @@ class Grounds:
     """Grounds of one robot's advice, for explaining it later.
 
     Attributes:
-        unknown: why the robot's situation is unknown; nothing else is known then.
-        speed_m_s: of the robot's fastest point.
-        capsules: (C,) the robot as it counts now.
-        way: method by which the deciding people were judged: ``zones``, ``standard`` or
-            ``contact``; "" if there are no people.
+        unknown: why the robot's situation is unknown; the other fields are then empty.
+        speed_m_s: speed of the robot's fastest point.
+        capsules: (C,) the robot's capsules as used now.
+        way: rule for the deciding people: ``zones``, ``standard`` or ``contact``; "" if there are
+            no people.
         person, segment, link: the deciding pair: the person's id, the body's segment by name, the
             robot's capsule by index.
         pair: the body's segment and the robot's capsule of that pair, as they are now.
         pair_m: the distance of that pair now; negative where they overlap.
-        separation_m: the least distance of all pairs now: the pair that decides over time need not
-            be the nearest one.
-        slack_m: distance of the person beyond what the robot's present motion needs.
+        separation_m: smallest present distance of all pairs; the deciding pair over time need not
+            be the nearest.
+        slack_m: distance of the person beyond the distance that the robot's present motion
+            requires.
         reaction_s, stopping_s, stopping_m: T_r from the capture, T_s and S_s at that speed.
         intrusion_m, person_uncertainty_m, robot_uncertainty_m: C, Z_d, Z_r.
         human_m_s: speed of the person, if faster than the standard assumes; else 0.
-        place_error_m: stated error of the person's place, by which these distances are smaller.
+        place_error_m: stated position error of the person, by which these distances are reduced.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -83,21 +84,21 @@ class Grounds:
 
     @property
     def needed_m(self) -> float | None:
-        """The distance that the robot's present motion needs, as the advice judged it."""
+        """Distance that the robot's present motion requires, as used for the advice."""
         if self.separation_m is None or self.slack_m is None:
             return None
         return self.separation_m - self.slack_m
 
     @property
     def pair_needed_m(self) -> float | None:
-        """Value of ``pair_m`` that the robot's present motion needs."""
+        """Value of ``pair_m`` that the robot's present motion requires."""
         if self.pair_m is None or self.slack_m is None:
             return None
         return self.pair_m - self.slack_m
 
     @property
     def terms(self) -> ProtectiveDistance | None:
-        """S_p at the present speed, term by term; the standard's, whatever the mode is."""
+        """S_p at the present speed, term by term; as in the standard, for every mode."""
         if self.speed_m_s is None:
             return None
         return protective_distance(
@@ -114,7 +115,7 @@ class Grounds:
 
 @dataclass(frozen=True, slots=True)
 class NearMiss:
-    """A moving robot with a person hardly farther away than its motion requires.
+    """A moving robot with hardly more distance to a person than its motion requires.
 
     Attributes:
         robot: its index.
@@ -122,7 +123,7 @@ class NearMiss:
         segment: name of the body's segment.
         link: index of the robot's capsule.
         separation_m: the distance now.
-        limit_m: the distance that the robot's motion needs.
+        limit_m: the distance that the robot's motion requires.
     """
 
     robot: int

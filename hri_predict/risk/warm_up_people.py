@@ -1,4 +1,4 @@
-"""A person who does not exist: so that every compiled loop is called once before time matters."""
+"""An artificial person, used to call every compiled loop once before the first tick."""
 
 from collections.abc import Iterator
 
@@ -8,14 +8,14 @@ from hri_predict.contracts.predictor import Forecast
 from hri_predict.people.snapshot import PeopleSnapshot
 
 TICKS = 4
-"""Number of ticks in which forecasts come true and are judged."""
+"""Number of ticks in which earlier forecasts are compared with captures."""
 _STEPS = 6  # of the history: enough to measure speeds
 
 
 def made_up_ticks(
     joints: int, horizon_steps: int, rate_hz: float
 ) -> Iterator[tuple[PeopleSnapshot, Forecast | None]]:
-    """A person who stands, with a forecast, and in the last tick without."""
+    """Yield a standing person with a forecast, and in the last tick without one."""
     tick_ns = round(1e9 / rate_hz)
     place = np.zeros((1, joints, 3))
     for tick in range(TICKS):

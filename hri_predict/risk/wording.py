@@ -1,4 +1,4 @@
-"""The words in which every screen says what an advice and a node's state say."""
+"""Texts for advice and node states, shared by all screens."""
 
 from collections.abc import Sequence
 
@@ -7,10 +7,10 @@ from hri_predict.protocol.reasons import CLEARED, RISING, Reason
 from hri_predict.risk.types import Grounds
 
 STANDS_M_S = 0.01
-"""A robot that is slower stands, as far as words go."""
+"""Speed below which texts describe a robot as stopped."""
 NOTE = "no person is too close; note: "
 NO_LINK = "a link to a controller is not connected"
-"""Nothing else degrades a node without a reason (``Node.state``)."""
+"""The only cause that degrades a node without a reason (``Node.state``)."""
 _RELEASED = "new captures confirm that its cause has cleared, and the speed limit has risen"
 _MORE = {
     Level.WARN: "the warning comes earlier",
@@ -19,17 +19,17 @@ _MORE = {
 
 
 def reason_beside(advice: Advice) -> str:
-    """Return the reason next to its level: at *clear* it holds nothing up, and is a note."""
+    """Return the reason for display with its level; at *clear* it is only a note."""
     is_note = advice.level is Level.CLEAR and advice.reason is not Reason.NONE
     return f"{NOTE if is_note else ''}{advice.reason.text}"
 
 
 def clears_beside(advice: Advice, band_m: float | None) -> str:
-    """Return what clears it; "" at *clear*.
+    """Return the condition that clears the advice; "" at *clear*.
 
     Args:
-        advice: its reason stays when the cause has cleared and the release is awaited; its detail
-            says so.
+        advice: after the cause has cleared, the reason remains until the release; the detail shows
+            this.
         band_m: the configured ``risk.band_m``; ``None``: not known.
     """
     if advice.level is Level.CLEAR:
@@ -43,16 +43,15 @@ def clears_beside(advice: Advice, band_m: float | None) -> str:
 
 
 def off_text(error_m: float) -> str:
-    """Return the stated error of a person's place as a clause; "" where the place is exact."""
+    """Return the stated position error of a person as a clause; "" if the position is exact."""
     return f", whose place may be off by {error_m:.2f} m" if error_m > 0 else ""
 
 
 def apart_text(advice: Advice, why: Grounds) -> str:
-    """Return the distance of the deciding pair, and the rest that the robot's present motion
-    leaves.
+    """Return the distance of the deciding pair, and the remainder for the present motion.
 
-    What suffices at the present speed need not suffice for more: that is said, too, or it would
-    contradict the level.
+    A distance that suffices at the present speed may not suffice for a higher speed; the text adds
+    this, so that it does not contradict the level.
     """
     pair_m, needed_m, speed_m_s = why.pair_m, why.pair_needed_m, why.speed_m_s
     if pair_m is None:
@@ -78,7 +77,7 @@ def apart_text(advice: Advice, why: Grounds) -> str:
 def troubles(
     state: NodeState, reasons: Sequence[Reason], not_connected: Sequence[str] = ()
 ) -> list[str]:
-    """Why a node is in this state, in words: its reasons and, by name, links without contact."""
+    """Return, as text, why a node is in this state: its reasons, and unconnected links by name."""
     said = [reason.text for reason in dict.fromkeys(reasons) if reason is not Reason.NONE]
     said += [f"link {name} is not connected" for name in not_connected]
     return said or ([NO_LINK] if state is NodeState.DEGRADED else [])

@@ -1,1 +1,1 @@
-"""Robots: their files, kinematics, present motion and plans, and how they stop."""
+"""Robots: files, kinematics, present motion, plans and stopping."""

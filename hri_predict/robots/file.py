@@ -1,4 +1,4 @@
-"""The robot file: a kinematic chain, its capsules and its stopping table, in YAML.
+"""The robot file: kinematic chain, capsules and stopping table, in YAML.
 
 ``configs/robots/ur5e.yaml`` is the example to copy.
 """
@@ -27,21 +27,21 @@ from hri_predict.base.settings import (
 from hri_predict.robots.kinematics import Joint, dh_joint, origin_joint
 
 MAX_JOINTS = 9
-"""The most that RobotState carries."""
+"""Maximum number of joints in RobotState."""
 MAX_SLIDE_M = 8.0
-"""A prismatic joint's position, at most: RobotState carries 8.19 m."""
+"""Maximum position of a prismatic joint; RobotState carries 8.19 m."""
 MAX_SLIDE_M_S = 20.0
 MAX_TURN_RAD = 8.19
-"""A turning joint's position, at most, likewise: 469 degrees."""
+"""Maximum position of a revolute joint in RobotState: 469 degrees."""
 MAX_TURN_RAD_S = 32.7
-"""Its speed, likewise."""
+"""Maximum speed of a revolute joint in RobotState."""
 MAX_PART_M = 10.0
-"""Between neighbouring joints, and from a joint to the end of a capsule. The longest arms of
-catalogues reach 4.7 m (FANUC M-2000iA/1700L)."""
+"""Maximum distance between neighbouring joints, and from a joint to a capsule's end. The longest
+arms on the market reach 4.7 m (FANUC M-2000iA/1700L)."""
 MAX_REACH_M = 15.0
-"""Maximum reach of the whole chain: such an arm on a slide as long as RobotState carries."""
+"""Maximum reach of the whole chain: the longest arm on the longest slide in RobotState."""
 MAX_TIP_M_S = 25.0
-"""Maximum speed of the farthest point by one joint: twice that of the fastest delta robots."""
+"""Maximum speed of the farthest point due to one joint: twice that of the fastest delta robots."""
 PartMetres = Annotated[float, Field(ge=-MAX_PART_M, le=MAX_PART_M)]
 """A length within a robot."""
 PartVector3 = Annotated[list[PartMetres], Field(min_length=3, max_length=3)]
@@ -49,19 +49,19 @@ PartVector3 = Annotated[list[PartMetres], Field(min_length=3, max_length=3)]
 
 def _printable(value: str) -> str:
     if not value.isprintable() or not value.strip():
-        raise ValueError("a name must be printable; leave out line breaks and control characters")
+        raise ValueError("a name must be printable; remove line breaks and control characters")
     return value
 
 
 PartName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
-"""Name of a joint, link or capsule: a URDF's names are taken as they are."""
+"""Name of a joint, link or capsule; names from a URDF are not changed."""
 
 
 Stopping = Annotated[float, Field(le=100)]  # seconds, metres, m/s: no robot needs more
 MIN_STOPPING_S = 0.005
-"""A brake's coil alone takes tens of ms to let go; a drive's ramp begins within one cycle."""
+"""Minimum stopping time; a brake's coil needs tens of ms, a drive's ramp one cycle."""
 MAX_DECELERATION_M_S2 = 300.0
-"""No robot stops harder: the fastest delta robots accelerate by 15 g, half as much."""
+"""Maximum plausible deceleration: twice the 15 g with which the fastest delta robots accelerate."""
 
 
 class DhRow(Settings):
@@ -73,11 +73,11 @@ class DhRow(Settings):
     a: PartMetres = Field(description="length along x, m")
     alpha: Radians = Field(description="twist about x, rad")
     d: PartMetres = Field(description="offset along z, m")
-    theta: Radians = Field(0.0, description="angle about z at position 0, rad")
+    theta: Radians = Field(0.0, description="angle about z at joint position 0, rad")
 
 
 class Origin(Settings):
-    """As in URDF: the joint's pose in its parent link; metres, fixed-axis roll pitch yaw."""
+    """The joint's pose in its parent link, as in URDF; metres, fixed-axis roll, pitch and yaw."""
 
     xyz: PartVector3 = Field(description="position in the parent link, m")
     rpy: Annotated[list[Radians], Field(min_length=3, max_length=3)] = Field(
@@ -86,23 +86,23 @@ class Origin(Settings):
 
 
 class JointFile(Settings):
-    """One joint: its links, its place (``dh``, or ``origin`` and ``axis``), and its limits.
+    """One joint: its links, its pose (``dh``, or ``origin`` and ``axis``), and its limits.
 
     A revolute joint turns about its axis (rad, rad/s), a prismatic one slides along it (m, m/s).
     """
 
-    name: PartName = Field(description="its own name")
+    name: PartName = Field(description="unique name")
     type: Literal["revolute", "prismatic"] = Field(
         "revolute", description="revolute turns about its axis, prismatic slides along it"
     )
     parent: PartName = Field(description="link that carries it")
     child: PartName = Field(description="link that it moves")
     dh: DhRow | None = Field(
-        None, description="its place as a Denavit-Hartenberg row; instead of origin and axis"
+        None, description="pose as a Denavit-Hartenberg row, instead of origin and axis"
     )
-    origin: Origin | None = Field(None, description="its place as in URDF; instead of dh")
+    origin: Origin | None = Field(None, description="pose as in URDF, instead of dh")
     axis: Vector3 | None = Field(
-        None, description="with origin: unit vector that it turns about or slides along"
+        None, description="with origin: unit vector of the axis of rotation or sliding"
     )
     position: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
         description="lowest and highest position, rad or m"
@@ -114,7 +114,7 @@ class JointFile(Settings):
         if (self.dh is None) == (self.origin is None):
             raise ValueError(f"joint '{self.name}': give either dh or origin, not both or neither")
         if (self.origin is None) != (self.axis is None):
-            raise ValueError(f"joint '{self.name}': axis belongs to origin (that of dh is z)")
+            raise ValueError(f"joint '{self.name}': axis requires origin (with dh the axis is z)")
         if self.axis is not None and not 0.99 < float(np.linalg.norm(self.axis)) < 1.01:
             raise ValueError(f"joint '{self.name}': axis must have length 1")
         if not self.position[0] < self.position[1]:
@@ -123,8 +123,8 @@ class JointFile(Settings):
         if self.slides and (abs(farthest) > MAX_SLIDE_M or self.velocity > MAX_SLIDE_M_S):
             raise ValueError(
                 f"joint '{self.name}': a prismatic joint is in metres: position at most "
-                f"{MAX_SLIDE_M:g} m from 0, which RobotState carries, and velocity at most "
-                f"{MAX_SLIDE_M_S:g} m/s; put its 0 in the middle"
+                f"{MAX_SLIDE_M:g} m from 0, the range of RobotState, and velocity at most "
+                f"{MAX_SLIDE_M_S:g} m/s; place position 0 in the middle"
             )
         if not self.slides and abs(farthest) > MAX_TURN_RAD:
             raise ValueError(
@@ -144,7 +144,7 @@ class JointFile(Settings):
         return self.type == "prismatic"
 
     def joint(self) -> Joint:
-        """The joint for the kinematics."""
+        """Return the joint for the kinematics."""
         if self.dh is not None:
             dh = self.dh
             return dh_joint(dh.a, dh.alpha, dh.d, dh.theta, slides=self.slides)
@@ -155,18 +155,18 @@ class JointFile(Settings):
 
 
 class CapsuleFile(Settings):
-    """A capsule fixed to a link: ends in the link's frame, metres. Equal ends make a sphere."""
+    """A capsule fixed to a link: ends in the link's frame, metres. Equal ends give a sphere."""
 
-    name: PartName = Field(description="its own name")
-    a: PartVector3 = Field(description="one end of its axis, m")
-    b: PartVector3 = Field(description="the other end, m; the same point makes a sphere")
+    name: PartName = Field(description="unique name")
+    a: PartVector3 = Field(description="first end of its axis, m")
+    b: PartVector3 = Field(description="second end, m; equal ends give a sphere")
     radius: float = Field(ge=0.001, le=3, description="radius, m")
 
 
 class LinkCapsuleFile(CapsuleFile):
-    """A capsule that names its link."""
+    """A capsule with the name of its link."""
 
-    link: PartName = Field(description="link that it is fixed to")
+    link: PartName = Field(description="link to which it is fixed")
 
 
 class StoppingRow(Settings):
@@ -184,17 +184,17 @@ class StoppingRow(Settings):
 
 
 class StoppingFile(Settings):
-    """Time and distance that the robot moves once its brake or ramp has begun.
+    """Time and distance that the robot moves after its brake or ramp has started.
 
     ``speed_m_s`` is the speed of the robot's fastest point; each row has a value for every speed.
     """
 
-    source: str = Field(min_length=1, description="source of its numbers")
+    source: str = Field(min_length=1, description="source of the values")
     speed_m_s: Annotated[list[Stopping], Field(min_length=1)] = Field(
         description="speeds of the fastest point, ascending"
     )
     rows: Annotated[list[StoppingRow], Field(min_length=1)] = Field(
-        description="a row for each load, ascending"
+        description="one row per load, ascending"
     )
 
     @model_validator(mode="after")
@@ -213,14 +213,14 @@ class StoppingFile(Settings):
             if np.any(table <= 0) or np.any(np.diff(table, axis=1) < 0):
                 raise ValueError(f"{where}: time_s and distance_m must not fall as the speed rises")
             if np.any(table < lighter):
-                raise ValueError(f"{where}: a heavier payload must not stop sooner than a lighter")
+                raise ValueError(f"{where}: a heavier payload must not stop sooner")
             least = speed / MAX_DECELERATION_M_S2
             if np.any(table[0] < np.maximum(least, MIN_STOPPING_S) * (1 - 1e-9)) or np.any(
                 table[1] < speed * least / 2 * (1 - 1e-9)
             ):
                 raise ValueError(
-                    f"{where}: no robot stops so soon: time_s must be at least {MIN_STOPPING_S:g} s"
-                    f" and the deceleration at most {MAX_DECELERATION_M_S2:g} m/s^2; give s and m"
+                    f"{where}: implausibly short stop: time_s must be at least {MIN_STOPPING_S:g} "
+                    f"s and the deceleration at most {MAX_DECELERATION_M_S2:g} m/s^2; give s and m"
                 )
             if np.any(table[1] > speed * table[0] * (1 + 1e-9)):
                 raise ValueError(f"{where}: distance_m exceeds speed x time_s; check the units")
@@ -229,16 +229,16 @@ class StoppingFile(Settings):
 
 
 class ContactFile(Settings):
-    """Properties of a contact with a person; ``contact: allowed`` needs it.
+    """Properties for contact with a person, required by ``contact: allowed``.
 
-    ``area_cm2`` is the smallest area of contact with any part of the robot, its tool and its load.
+    ``area_cm2`` is the smallest contact area of any part of the robot, its tool and its load.
     """
 
-    source: str = Field(min_length=1, description="source of its numbers")
+    source: str = Field(min_length=1, description="source of the values")
     moving_mass_kg: float = Field(
         ge=0.1, le=10_000, description="mass of all moving parts, without load"
     )
-    area_cm2: float = Field(ge=0.01, le=1000, description="smallest area of contact with any part")
+    area_cm2: float = Field(ge=0.01, le=1000, description="smallest contact area of any part")
 
 
 class RobotFile(Settings):
@@ -250,9 +250,9 @@ class RobotFile(Settings):
     joints: Annotated[list[JointFile], Field(min_length=1, max_length=MAX_JOINTS)] = Field(
         description="joints from the base outwards"
     )
-    capsules: list[LinkCapsuleFile] = Field(description="capsules around every link's body")
+    capsules: list[LinkCapsuleFile] = Field(description="capsules around the body of every link")
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
-    payload: list[CapsuleFile] = Field([], description="the same of what the robot carries")
+    payload: list[CapsuleFile] = Field([], description="capsules of the load in the same frame")
     stopping: StoppingFile = Field(description="stopping table")
     contact: ContactFile | None = Field(
         None, description="properties of a contact with a person; required where contact is allowed"
@@ -261,7 +261,7 @@ class RobotFile(Settings):
     def effective_kg(self, loads: Sequence[float | None]) -> float:
         """m_R = M / 2 + m_L with the heaviest load (ISO/TS 15066:2016, A.3.6).
 
-        ``None`` among the loads is the heaviest of the stopping table. 0 without ``contact``.
+        A load of ``None`` is the heaviest of the stopping table. 0 without ``contact``.
         """
         if self.contact is None:
             return 0.0
@@ -293,7 +293,7 @@ def read_robot_file(model: str, base_dir: Path | None) -> RobotFile:
 
 @lru_cache(maxsize=16)
 def _checked(path: Path, text: str) -> RobotFile:
-    """The robot in the text of a file: a cell needs the same one at many places."""
+    """Parse the robot in the text of a file; cached, because a cell needs it in many places."""
     robot = validated(RobotFile, mapping_of(text, path, "robot file"), f"robot file {path}")
     problem = _chain_problem(robot) or _capsule_problem(robot) or size_problem(robot)
     if problem:
@@ -302,7 +302,7 @@ def _checked(path: Path, text: str) -> RobotFile:
 
 
 def robot_path(model: str, base_dir: Path | None) -> Path:
-    """The robot's file, which need not be there if ``model`` is a path; see ``read_robot_file``.
+    """Return the path of the robot's file; if ``model`` is a path, it may not exist.
 
     Raises ``RobotError`` if no robot of this name is shipped.
     """
@@ -313,7 +313,7 @@ def robot_path(model: str, base_dir: Path | None) -> Path:
 
 
 def _chain_problem(robot: RobotFile) -> str:
-    """Why the joints do not form one chain from the base outwards, in their order; or ""."""
+    """Return why the joints do not form one chain from the base outwards, in order; or ""."""
     seen = [robot.base]
     children = robot.links()
     names = [joint.name for joint in robot.joints]
@@ -323,19 +323,19 @@ def _chain_problem(robot: RobotFile) -> str:
         if joint.parent not in children:
             return (
                 f"joint '{joint.name}': broken chain: its parent link '{joint.parent}' does not "
-                f"exist; correct it, or add the joint that leads there"
-                f"{nearest(joint.parent, children)}"
+                "exist; correct it, or add the joint that leads to "
+                f"it{nearest(joint.parent, children)}"
             )
         if joint.child in seen:
             return (
-                f"joint '{joint.name}': broken chain: its child link '{joint.child}' already hangs "
-                f"on the chain, so the joints form a loop; give each joint a child of its own"
+                f"joint '{joint.name}': broken chain: its child link '{joint.child}' is already in "
+                "the chain, so the joints form a loop; give each joint a different child"
             )
         if joint.parent != seen[-1]:
             return (
                 f"joint '{joint.name}': broken chain: its parent link is '{joint.parent}', but the "
-                f"chain has come to '{seen[-1]}'; list the joints from the base outwards, "
-                f"each on the one before"
+                f"chain ends at '{seen[-1]}'; list the joints from the base outwards, each joint "
+                "attached to the previous one"
             )
         seen.append(joint.child)
     return ""
@@ -351,16 +351,16 @@ def _capsule_problem(robot: RobotFile) -> str:
             )
     bare = [link for link in links if link not in {c.link for c in robot.capsules}]
     if bare:
-        return f"link '{bare[0]}' has no capsule, so people would not be kept clear of it; add one"
+        return f"link '{bare[0]}' has no capsule, so no distance would be kept from it; add one"
     names = [c.name for c in (*robot.capsules, *robot.tool, *robot.payload)]
     twice = next((name for name in names if names.count(name) > 1), None)
     return f"capsule name '{twice}' is used twice; rename one" if twice else ""
 
 
 def size_problem(robot: RobotFile) -> str:
-    """Why the robot is larger or faster than robots are, which means other units; or "".
+    """Return why the robot is implausibly large or fast, which suggests wrong units; or "".
 
-    Lengths are added up as if the arm could be stretched, so both figures are upper bounds.
+    Lengths are added as for a fully stretched arm, so both values are upper bounds.
     """
     links = robot.links()
     extent = {
@@ -387,12 +387,12 @@ def size_problem(robot: RobotFile) -> str:
 
 
 def _farthest(capsule: CapsuleFile) -> float:
-    """From the origin of the capsule's frame to its farthest point, metres."""
+    """Return the distance from the frame's origin to the capsule's farthest point, metres."""
     return max(math.hypot(*capsule.a), math.hypot(*capsule.b)) + capsule.radius
 
 
 def _lengths(joint: JointFile) -> tuple[float, float]:
-    """From the parent link to the joint's axis, and from there to its child, metres at most."""
+    """Return maximum distances, m: parent link to joint axis, joint axis to child."""
     slide = max(map(abs, joint.position)) if joint.slides else 0.0
     if joint.dh is not None:
         return 0.0, math.hypot(joint.dh.a, joint.dh.d) + slide

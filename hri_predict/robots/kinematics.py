@@ -1,7 +1,7 @@
 """Forward kinematics of a serial chain of joints, vectorised over configurations.
 
-A revolute joint turns its child link about a fixed axis of its parent, a prismatic joint shifts it
-along that axis: ``T_parent_child(q) = pre . Rot(axis, q) . post``, or ``pre . Trans(axis q) .
+A revolute joint turns its child link about a fixed axis of its parent; a prismatic joint shifts the
+link along that axis: ``T_parent_child(q) = pre . Rot(axis, q) . post``, or ``pre . Trans(axis q) .
 post``. A URDF joint is ``pre = origin, post = 1``; a row of classic (distal) Denavit-Hartenberg
 parameters is ``pre = 1, axis = z, post = Rz(theta) Tz(d) Tx(a) Rx(alpha)`` (J. J. Craig,
 "Introduction to Robotics", names the other, modified, convention; Universal Robots publish the
@@ -20,7 +20,7 @@ from hri_predict.base.geometry import cross
 class Joint:
     """One joint: (4, 4) transforms before and after its motion, and a unit (3,) axis.
 
-    It turns about the axis, or slides along it.
+    The joint turns about the axis, or slides along it.
     """
 
     pre: Floats
@@ -30,9 +30,9 @@ class Joint:
 
 
 def dh_joint(a: float, alpha: float, d: float, theta: float, *, slides: bool = False) -> Joint:
-    """A joint from a classic DH row, metres and radians.
+    """Return a joint from a classic DH row, metres and radians.
 
-    Its position is added to ``theta``, or to ``d`` if it slides.
+    The joint position is added to ``theta``, or to ``d`` for a prismatic joint.
     """
     z_turn, x_turn = np.eye(4), np.eye(4)
     z_turn[:3, :3] = _turn(np.array([0.0, 0.0, 1.0]), theta)
@@ -43,7 +43,7 @@ def dh_joint(a: float, alpha: float, d: float, theta: float, *, slides: bool = F
 
 
 def origin_joint(xyz: Floats, rpy: Floats, axis: Floats, *, slides: bool = False) -> Joint:
-    """A joint as in URDF: origin in the parent (metres; fixed-axis roll, pitch, yaw) and axis."""
+    """Return a joint as in URDF: origin in its parent (m; fixed-axis roll, pitch, yaw) and axis."""
     pre = np.eye(4)
     turns = [_turn(np.eye(3)[i], rpy[i]) for i in range(3)]
     pre[:3, :3] = turns[2] @ turns[1] @ turns[0]
@@ -107,13 +107,13 @@ class Chain:
         return links_of(*self.geometry[:3], np.asarray(q, np.float64))
 
     def arms(self, link: int, point: Floats) -> Floats:
-        """(N,) lengths of the rigid pieces between the joint axes, from joint 1 to a point.
+        """Return lengths (N,) of the rigid pieces between the joint axes, from joint 1 to a point.
 
         Piece i is fixed to link i + 1. It runs from a point on that link's own axis to a point on
         the next axis, or to ``point`` (3,) of ``link``. Pieces beyond that link are 0. In every
-        configuration, a point of the link is not farther from axis j than the sum of the pieces
-        from j on, and of the amounts of the prismatic positions after j: a prismatic joint puts
-        its position, as a vector along its axis, between two pieces.
+        configuration, the distance of a point of the link from axis j is at most the sum of the
+        pieces from j on plus the absolute prismatic positions after j, because a prismatic joint
+        adds its position, as a vector along its axis, between two pieces.
         """
         lengths = np.zeros(self.dof)
         for i in range(link):
@@ -152,10 +152,10 @@ def links_of(base: Floats, blocks: Floats, slides: Bools, q: Floats) -> Floats:
 def twists_of(
     axis_and_origin: Floats, slides: Bools, links: Floats, qd: Floats
 ) -> tuple[Floats, Floats]:
-    """Angular and linear velocity of every link as one moving frame through the origin.
+    """Return the angular and linear velocity of every link, as a moving frame at the origin.
 
     Args:
-        axis_and_origin: (N, 3, 2) each joint's in its parent's frame.
+        axis_and_origin: (N, 3, 2) axis and origin of each joint in its parent's frame.
         slides: (N,) which joints are prismatic.
         links: the result of ``links_of``.
         qd: (..., N) rad/s, m/s.

@@ -1,14 +1,14 @@
-"""A robot's base that moves over the floor: as three joints before the arm's, and how it stops.
+"""A moving robot base, modelled as three joints before the arm's joints, and its stopping.
 
-The base's pose (x, y, yaw) in the room's frame is two prismatic joints and a revolute one, so that
-positions, swept volumes and their proofs are those of an arm with three more joints.
+The base's pose (x, y, yaw) in the room's frame is modelled as two prismatic joints and one revolute
+joint, so positions, swept volumes and proofs are those of an arm with three more joints.
 
-Base and arm brake at the same moment, each by its own table. A point of the robot moves by what the
-base moves it and by what the arm moves it against the base, so its speed and its way are at most
-the sums, and it stands when the later of the two stands. How an unknown motion is divided between
-them does not show in one speed v; so every division of v counts, and the worst serves. (The speed
-of the fastest point *in the room* would not do: an arm that moves backwards as fast as its base
-drives has a point that stands, and which moves on as soon as one of the two brakes.)
+Base and arm brake at the same moment, each according to its own table. The motion of a point is the
+sum of the base's motion and the arm's motion relative to the base. So its speed and travel are at
+most the sums, and it stops when the later of the two stops. A single speed v does not show how the
+motion is divided between base and arm; so all divisions of v are considered, and the worst is used.
+(The speed of the fastest point *in the room* would not do: if the arm moves backwards as fast as
+its base drives forwards, a point is at rest, but moves as soon as either of them brakes.)
 """
 
 from dataclasses import dataclass
@@ -24,13 +24,14 @@ from hri_predict.robots.stopping import StoppingTable
 COORDINATES = ("base x", "base y", "base yaw")
 """The three joints: m, m, rad."""
 FARTHEST = (MAX_COORDINATE_M, MAX_COORDINATE_M, 1000.0)
-"""Their limits; a reported yaw may count full turns, within reason."""
+"""Limits of these joints; a reported yaw may include a reasonable number of full turns."""
 _AT_ONCE = 1e9
-"""1/s: a part that stands at once; its first derivative bounds it then."""
+"""Bound of the rate's change, 1/s, for an immediate stop; then the first derivative is the bound.
+"""
 
 
 def base_joints(base_from_robot: Floats) -> list[Joint]:
-    """The base as joints: x, y, and the turn, behind which the arm's chain hangs."""
+    """Return the base as joints x, y and yaw, to which the arm's chain is attached."""
     unit = np.eye(3)
     slides = [Joint(np.eye(4), axis, np.eye(4), slides=True) for axis in unit[:2]]
     return [*slides, Joint(np.eye(4), unit[2], base_from_robot)]
@@ -38,13 +39,13 @@ def base_joints(base_from_robot: Floats) -> list[Joint]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartCourse:
-    """Motion of one part, arm or base, as it moves on and stops: (..., K) at or before each time.
+    """Motion of one part, arm or base, until it stops: (..., K) at or before each time.
 
     Attributes:
-        travel_s: distance along its path, in seconds of its speed now.
-        rate: the highest share of that speed since the time before.
-        bend: 1/s, bound of the rate's change since then.
-        stands_s: (..., 1) when it stands.
+        travel_s: distance along its path, in seconds at the present speed.
+        rate: maximum fraction of that speed since the previous time.
+        bend: bound of the rate's change since the previous time, 1/s.
+        stands_s: (..., 1) time of the stop.
     """
 
     travel_s: Floats
@@ -56,7 +57,7 @@ class PartCourse:
     def of(
         cls, table: StoppingTable, speeds: Floats, times_s: Floats, reaction_s: float
     ) -> "PartCourse":
-        """Return the course of a part at ``speeds`` (..., 1), at ``times_s`` (K,), not falling."""
+        """Return a part's course at ``speeds`` (..., 1) and non-decreasing ``times_s`` (K,)."""
         stopping_s = table.times_s(speeds)
         hold = table.hold_s(speeds, stopping_s)
         onset, braking = reaction_s + hold, stopping_s - hold
@@ -77,7 +78,7 @@ class BasedPath:
     Attributes:
         q, dq_most, ddq_most: (..., K, N).
         half: (K,) seconds.
-        veer_m: (..., K) how far a base that turns as it drives has left its straight line.
+        veer_m: (..., K) deviation from a straight line of a base that turns while driving.
     """
 
     q: Floats
@@ -88,16 +89,16 @@ class BasedPath:
 
 
 class MobileBase:
-    """Speed that a base gives a robot's points, and the stopping of both together.
+    """Speed of a robot's points due to the base, and combined stopping of base and arm.
 
     Args:
         settings: the base's entry in the configuration.
-        reach_m: no point of the robot is ever farther than this from the base's axis of turning.
+        reach_m: maximum distance of any robot point from the base's axis of rotation.
 
     Attributes:
         settings: as given.
-        table: stopping times and distances over the speed at which the base moves the fastest
-            point; of the heaviest load.
+        table: stopping times and distances by speed of the fastest point due to the base, with the
+            heaviest load.
     """
 
     def __init__(self, settings: MobileBaseSettings, reach_m: float) -> None:
@@ -119,15 +120,15 @@ class MobileBase:
         return np.hypot(qd[..., 0], qd[..., 1]) + turn
 
     def times_s(self, arm: StoppingTable, speeds: Floats) -> Floats:
-        """Seconds until both stand: either may have all the speed."""
+        """Return the seconds until both stop, if either has all the speed."""
         return np.maximum(arm.times_s(speeds), self.table.times_s(speeds))
 
     def distances_m(self, arm: StoppingTable, speeds: Floats) -> Floats:
-        """Metres of the fastest point until both stand, however the speed is divided.
+        """Return the travel of the fastest point until both stop, m, for any division of the speed.
 
-        Each part holds its share of v for at most h and then brakes uniformly, until T at the
-        latest, where h and T are the longest of both. So at no time is a point farther than one
-        that holds all of v for h and stops at T, on a way of v (T + h) / 2.
+        Each part keeps its share of v for at most h, then brakes uniformly until T at the latest,
+        where h and T are the maxima of both. So no point travels farther than one that keeps v for
+        h and stops at T, over a distance of v (T + h) / 2.
         """
         times = self.times_s(arm, speeds)
         hold = np.maximum(arm.hold_most_s(speeds), self.table.hold_most_s(speeds))
@@ -148,17 +149,17 @@ class MobileBase:
         stop.
 
         Args:
-            arm: the arm's course.
-            q, qd: (N,) now, the base's first.
+            arm: course of the arm.
+            q, qd: (N,) present values, the base's first.
             factor: (..., 1).
-            times_s: (K,) from 0, not falling.
-            reaction_s: until both brake.
+            times_s: (K,) from 0, non-decreasing.
+            reaction_s: time until both brake.
         """
         base = PartCourse.of(self.table, factor * float(self.speed(qd)), times_s, reaction_s)
         lead = np.arange(len(qd)) < len(COORDINATES)
 
         def both(of_base: Floats, of_arm: Floats) -> Floats:
-            """(..., K, N) each velocity times its part's value (..., K)."""
+            """Return (..., K, N) each velocity times its part's value (..., K)."""
             each = np.where(lead, of_base[..., None], of_arm[..., None])
             result: Floats = each * factor[..., None] * qd
             return result

@@ -1,7 +1,7 @@
-"""Requests of the controllers of a robot: its operating mode, the request, the enabling device.
+"""Requests from a robot's controllers: operating mode, requested mode and enabling device.
 
-A robot may have several controllers, each on a link of its own. What they ask counts only if all
-that were heard lately ask the same: one of two channels alone changes no mode.
+A robot may have several controllers, each on its own link. Their requests are valid only if all
+recently received ones agree, so that one of two channels alone cannot change the mode.
 """
 
 from dataclasses import dataclass, replace
@@ -11,14 +11,14 @@ from hri_predict.protocol.messages import OperatingMode, RobotMode, RobotState
 
 @dataclass(frozen=True, slots=True)
 class ModeRequest:
-    """Requests at one moment.
+    """The requests at one moment.
 
     Attributes:
         mode: the controllers' operating mode; UNKNOWN if they differ.
-        request: the operating mode that is asked for.
-        enabling: whether all say that the enabling device is held.
-        heard: whether a fresh RobotState says so.
-        agreed: whether all controllers ask for the same.
+        request: the requested operating mode.
+        enabling: whether all report that the enabling device is held.
+        heard: whether there is a fresh RobotState.
+        agreed: whether all controllers request the same.
     """
 
     mode: RobotMode = RobotMode.AUTOMATIC
@@ -32,18 +32,18 @@ NOTHING_ASKED = ModeRequest()
 
 
 class ModeRequests:
-    """Keeps what the newest RobotState of each link asks."""
+    """Keeps the request in the newest RobotState of each link."""
 
     def __init__(self) -> None:
         self._newest: dict[str, tuple[ModeRequest, int]] = {}
 
     def take(self, state: RobotState, received_ns: int, link: str) -> None:
-        """Take an acceptable RobotState."""
+        """Process an accepted RobotState."""
         asked = ModeRequest(state.mode, state.request, state.enabling is True, heard=True)
         self._newest[link] = (asked, received_ns)
 
     def at(self, now_ns: int, stale_s: float) -> ModeRequest:
-        """Return the requests at ``now_ns`` of all links that were heard within ``stale_s``."""
+        """Return the requests at ``now_ns`` from all links received within ``stale_s``."""
         fresh = [a for a, at_ns in self._newest.values() if now_ns - at_ns <= stale_s * 1e9]
         if not fresh:
             return NOTHING_ASKED

@@ -1,4 +1,4 @@
-"""A robot in the room: where its capsules are, how fast they move, how it stops."""
+"""A robot in the room: capsule positions, speeds and stopping."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -47,9 +47,9 @@ _NO_BASE = np.empty(0)
 
 
 class RobotModel:
-    """A robot's geometry and stopping, placed in the room. N joints, C capsules.
+    """A robot's geometry and stopping behaviour, placed in the room. N joints, C capsules.
 
-    With ``tools``, it is the worst of all: every tool's capsules, and the longest times and
+    With ``tools``, the model is the worst case: every tool's capsules, and the longest times and
     distances. With ``base``, three coordinates of the base come before the joints: x, y (m) and yaw
     (rad) of the base in the room.
 
@@ -59,9 +59,9 @@ class RobotModel:
             there is one.
         payload_kg: heaviest load carried; ``None`` means the heaviest of the stopping table. With
             0 the file's payload capsules are left out.
-        name: of this robot in the configuration.
-        tools: that may be mounted, instead of the file's tool and payload.
-        base: of a base that moves.
+        name: name of the robot in the configuration.
+        tools: tools that may be mounted, instead of the file's tool and payload.
+        base: settings of a moving base.
 
     Attributes:
         name: as configured.
@@ -71,14 +71,15 @@ class RobotModel:
         capsule_names: C names: links from the base outwards, tool, payload.
         position_min, position_max: (N,) rad, m.
         velocity_max: (N,) rad/s, m/s.
-        base: (3,) the base's origin in the room; ``None`` if it moves.
-        mobile: the moving base; ``None`` if it stands.
-        reach_m: no point of any capsule is ever farther than this from the base's origin.
-        table: of the arm's stops.
+        base: (3,) the base's origin in the room; ``None`` for a moving base.
+        mobile: the moving base; ``None`` for a fixed base.
+        reach_m: maximum distance of any capsule point from the base's origin.
+        table: stopping table of the arm.
         tools: each tool's own model by its name; empty without tools.
-        numbering: (C,) index in the worst of each capsule of a tool's own model; else ``None``.
-        moves: (C,) whether a capsule is beyond the first joint.
-        contact: properties of a contact with a person; ``None`` if the file does not say.
+        numbering: (C,) index, in the worst-case model, of each capsule of a tool's own model;
+            otherwise ``None``.
+        moves: (C,) whether the capsule is after the first joint.
+        contact: properties for contact with a person; ``None`` if the file has none.
         effective_kg: m_R = M / 2 + m_L (ISO/TS 15066:2016, A.3.6), with ``contact``; else 0.
     """
 
@@ -164,8 +165,8 @@ class RobotModel:
 
     @property
     def stretch(self) -> float:
-        """Times and distances of the stopping tables are multiplied by it: more than 1 for a robot
-        that was measured to stop late. It holds for all tools."""
+        """Factor on times and distances of the stopping tables: more than 1 for a robot that was
+        measured to stop late. It applies to all tools."""
         return self.table.stretch
 
     @stretch.setter
@@ -179,20 +180,20 @@ class RobotModel:
 
     @property
     def reported(self) -> int:
-        """Number of joints in RobotState: N without the base's coordinates."""
+        """Number of joints in RobotState, without the base's coordinates."""
         return self.dof - self._lead
 
     @property
     def tool_numbers(self) -> frozenset[int]:
-        """The numbers by which RobotState may name a tool."""
+        """The valid tool numbers in RobotState."""
         return frozenset(self._by_number)
 
     def counting(self, tool: int | None) -> "RobotModel":
-        """The model with one tool; ``None``: the worst of all."""
+        """Return the model with one tool; ``None``: the worst case."""
         return self if tool is None else self._by_number[tool]
 
     def base_at(self, q: Floats) -> Floats:
-        """(3,) origin of the arm's base in the room at ``q`` (N,)."""
+        """Return the origin (3,) of the arm's base in the room at ``q`` (N,)."""
         if self.base is not None:
             return self.base
         place: Floats = self._chain.links(q)[self._lead, :, 3]
@@ -213,19 +214,19 @@ class RobotModel:
 
         It is exact for the axes: speed is convex along an axis, so an end is the fastest point. A
         point off the axis adds at most |omega| x radius; this is added, which gives an upper bound.
-        The speed that a moving base gives is added to that of the arm against its base.
+        The speed of a moving base is added to the arm's speed relative to its base.
         """
         return self.moving(q, qd)[1]
 
     def moving(self, q: Floats, qd: Floats) -> tuple[Capsules, Floats]:
-        """``capsules`` and ``tip_speed`` at once."""
+        """Return ``capsules`` and ``tip_speed`` together."""
         q, qd = np.asarray(q, np.float64), np.asarray(qd, np.float64)
         by_base = 0.0 if self.mobile is None else self.mobile.speed(qd)
         capsules, speed = moving_capsules(self._geometry, q, self._of_arm(qd))
         return capsules, speed + by_base
 
     def _of_arm(self, qd: Floats) -> Floats:
-        """``qd`` (..., N) without the base's motion."""
+        """Return ``qd`` (..., N) without the base's motion."""
         if not self._lead:
             return qd
         arm = np.array(qd, float)
@@ -233,9 +234,9 @@ class RobotModel:
         return arm
 
     def stopping(self, speed_m_s: float) -> tuple[float, float]:
-        """Time (s) and distance (m) from the onset of braking to rest, with this payload.
+        """Return time (s) and distance (m) from the onset of braking to rest, with this payload.
 
-        The row is that of the next heavier payload; see ``StoppingTable``. With a moving base, see
+        The row for the next heavier payload is used; see ``StoppingTable``. With a moving base, see
         ``MobileBase``.
         """
         if np.isnan(speed_m_s):
@@ -254,7 +255,7 @@ class RobotModel:
         return *self.table.rows, speeds, times, self.stretch
 
     def stopping_times(self, speeds: Floats) -> Floats:
-        """The times of ``stopping``, for any number of speeds at once."""
+        """Return the times of ``stopping`` for any number of speeds."""
         if self.mobile is not None:
             return self.mobile.times_s(self.table, speeds)
         return self.table.times_s(speeds)
@@ -270,24 +271,24 @@ class RobotModel:
         scale: Floats | float = 1.0,
         speed_m_s: float | None = None,
     ) -> Capsules:
-        """Capsules (..., K, C) that contain the stopping robot, interval by interval.
+        """Return capsules (..., K, C) that contain the stopping robot in each interval.
 
-        Every joint keeps its velocity until ``reaction_s`` and all come to rest together at
-        ``reaction_s + stopping_s``, decelerating uniformly; if the stopping table's distance at
-        this speed is longer than that, the braking sets in later by as much as makes up for it.
-        Entry k contains the robot during the whole of [times_s[k-1], times_s[k]]; entry 0 at the
-        instant times_s[0].
+        Every joint keeps its velocity until ``reaction_s``; all decelerate uniformly and come to
+        rest together at ``reaction_s + stopping_s``. If the stopping table gives a longer distance
+        at this speed, braking starts later by the time that makes up the difference. Entry k
+        contains the robot during the whole of [times_s[k-1], times_s[k]]; entry 0 at the instant
+        times_s[0].
 
         The proof is at ``sweep``: all joints share one path parameter, q(u) = q + qd u, whose
-        second derivative is 0. A moving base has a path parameter of its own: base and arm brake at
-        the same moment, each by its own table, and the path is one in time.
+        second derivative is 0. A moving base has its own path parameter: base and arm brake at the
+        same moment, each according to its own table, and the path is a function of time.
 
         Args:
             q, qd: (N,) rad and rad/s, m and m/s at time 0.
-            times_s: (K,) seconds, not falling; before 0 counts as 0.
-            reaction_s: until braking begins, >= 0.
-            stopping_s: (...,) from there to rest, >= 0.
-            scale: (...,) factors of ``qd``: several speeds in one direction at once.
+            times_s: (K,) seconds, non-decreasing; negative times are treated as 0.
+            reaction_s: time until braking starts, >= 0.
+            stopping_s: (...,) time from then to rest, >= 0.
+            scale: (...,) factors on ``qd``, for several speeds in one direction.
             speed_m_s: ``tip_speed(q, qd)``, if already known.
         """
         q, qd = np.asarray(q, float), np.asarray(qd, float)
@@ -316,18 +317,18 @@ class RobotModel:
     def swept_capsules(
         self, q: Floats, dq_most: Floats, ddq_most: Floats, half: Floats
     ) -> Capsules:
-        """Capsules (..., K, C) that contain the robot along each stretch of a path q(u).
+        """Return capsules (..., K, C) that contain the robot along each stretch of a path q(u).
 
         Entry k contains it from u_{k-1} to u_k; entry 0 at the instant u_0.
 
         The proof is at ``sweep``. A point of the axis is a fixed convex combination of the two ends
-        and moves by no more than the farther; a point of the capsule stays within the radius of its
-        point of the axis. So the capsule about the middles, its radius grown by that bound,
-        contains it.
+        and moves no farther than the end that moves more; a point of the capsule stays within the
+        radius of its axis point. So the capsule around the midpoints, with its radius increased by
+        that bound, contains the point.
 
         Args:
             q: (..., K, N) the path at u_0, u_1, ...
-            dq_most, ddq_most: (..., K, N) or (N,) bounds of its derivatives' amounts, on each
+            dq_most, ddq_most: (..., K, N) or (N,) bounds of its absolute derivatives, on each
                 stretch.
             half: (..., K) h of each stretch; 0 for entry 0.
         """
@@ -344,7 +345,7 @@ class RobotModel:
         reaction_s: float,
         stopping_s: Floats,
     ) -> Floats:
-        """Path parameter u (..., K) in seconds of full speed: how far along its path it is.
+        """Return the path parameter u (..., K): progress along the path, in seconds at full speed.
 
         ``speeds`` and ``stopping_s`` are (..., 1).
         """
@@ -359,8 +360,8 @@ def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:
         base_dir: base of relative paths in it.
 
     Raises:
-        RobotError: broken chain, missing capsule, stopping table that falls, payload above it, ...;
-            begins with the key of the entry.
+        RobotError: broken chain, missing capsule, decreasing stopping table, payload above the
+            table, ...; starts with the key of the entry.
     """
     try:
         file = read_robot_file(settings.model, base_dir)
@@ -372,16 +373,15 @@ def load_robot(settings: RobotSettings, base_dir: Path | None) -> RobotModel:
     heaviest = file.stopping.rows[-1].payload_kg
     if settings.contact is not None and file.contact is None:
         raise RobotError(
-            f"contact: '{settings.model}' does not say what a person feels who is touched; add "
-            f"'contact: {{source, moving_mass_kg, area_cm2}}' to the robot file, or leave it out "
-            f"here"
+            f"contact: '{settings.model}' has no contact properties; add 'contact: {{source, "
+            "moving_mass_kg, area_cm2}' to the robot file, or remove 'contact: allowed' here"
         )
     for key, load in loads.items():
         if load is not None and load > heaviest:
             raise RobotError(
-                f"{key}: {load:g} of '{settings.name}' is above the stopping "
-                f"table of '{settings.model}', which ends at {heaviest:g} kg; "
-                f"measure the stopping time with this load and add a row"
+                f"{key}: {load:g} of '{settings.name}' is above the stopping table of "
+                f"'{settings.model}', which ends at {heaviest:g} kg; measure the stopping "
+                "behaviour with this load and add a row"
             )
     if settings.base is not None:
         pose = settings.base.base_from_robot

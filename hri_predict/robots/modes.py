@@ -1,4 +1,4 @@
-"""The operating modes that an integrator may allow for a robot; none is allowed by default."""
+"""Operating modes that an integrator may allow for a robot; none is allowed by default."""
 
 from typing import ClassVar, Self
 
@@ -12,7 +12,7 @@ class TeachMode(Settings):
     """Teaching at reduced speed: manual mode, and the enabling device held.
 
     The limit is that of ISO 10218-1:2011, 5.6.3 and 5.7.3 (manual reduced speed): 250 mm/s. There
-    it is the tool centre point's; here no point of the robot is faster.
+    it applies to the tool centre point; here it applies to every point of the robot.
     """
 
     speed_m_s: float = Field(
@@ -27,9 +27,9 @@ class TeachMode(Settings):
 
 
 class RecoveryMode(Settings):
-    """Backing out slowly where people stop the robot, as long as no link comes nearer to a person.
+    """Slow backing out after people stopped the robot, while no link moves closer to a person.
 
-    The robot goes back along the path of its ``motion.plan``.
+    The robot moves backwards along the path of its ``motion.plan``.
     """
 
     speed_m_s: float = Field(
@@ -40,26 +40,27 @@ class RecoveryMode(Settings):
 
 
 RESTS = 9
-"""By default, muting takes this many times its own time to recover: a tenth of the time at most."""
+"""Default ratio of muting's recovery time to its budget: at most a tenth of the time is muted."""
 
 
 class MutingMode(Settings):
-    """People and zones do not stop the robot, for a limited time."""
+    """People and zones do not stop the robot for a limited time."""
 
     max_s: float = Field(
         ge=1,
         le=600,
         strict=True,
-        description="time in all, over any number of requests, until it has recovered; then it"
-        " ends by itself, and the request must be released",
+        description="total muted time over any number of requests, until it has recovered; muting "
+        "then ends automatically, and the request must be released",
     )
     rest_s: float | None = Field(
         None,
         ge=1,
         le=86_400,
         strict=True,
-        description="time without a request in which max_s recovers; part of it recovers a part,"
-        " but once used up it counts again only as a whole; default: nine times max_s",
+        description="time without a request in which max_s recovers; recovery is proportional, "
+        "but once used up the budget must recover completely; default: nine times "
+        "max_s",
     )
     speed_m_s: float | None = Field(
         None,
@@ -76,12 +77,12 @@ class MutingMode(Settings):
 
     @property
     def recovery_s(self) -> float:
-        """Time without a request in which all of ``max_s`` recovers."""
+        """Time without a request in which the full ``max_s`` recovers."""
         return RESTS * self.max_s if self.rest_s is None else self.rest_s
 
     @property
     def share(self) -> float:
-        """The share of the time, in the long run, in which the robot may be muted."""
+        """Long-term fraction of the time for which the robot may be muted."""
         return self.max_s / (self.max_s + self.recovery_s)
 
     @model_validator(mode="after")
@@ -95,21 +96,21 @@ class MutingMode(Settings):
 
 
 class ModeSettings(Settings):
-    """``robots[].modes``: a mode that is left out is refused."""
+    """``robots[].modes``: modes not listed are refused."""
 
     teach: TeachMode | None = Field(None, description="allow teaching by hand at reduced speed")
-    recovery: RecoveryMode | None = Field(None, description="allow backing out slowly of a stop")
+    recovery: RecoveryMode | None = Field(None, description="allow slow backing out after a stop")
     muting: MutingMode | None = Field(
-        None, description="allow a time in which people do not stop the robot"
+        None, description="allow a limited time during which people do not stop the robot"
     )
 
     safety: ClassVar[Safety] = {
         "teach": LessSafe(other="people do not stop the robot while its enabling device is held"),
-        "recovery": LessSafe(other="the robot may back out slowly beside people"),
+        "recovery": LessSafe(other="the robot may back out slowly near people"),
         "muting": LessSafe(other="people do not stop the robot for some time"),
     }
 
     @property
     def allowed(self) -> list[str]:
-        """The keys of the allowed modes."""
+        """Return the keys of the allowed modes."""
         return [key for key in type(self).model_fields if getattr(self, key) is not None]

@@ -1,4 +1,4 @@
-"""Motion of a robot now, and as it would continue and stop: along its plan, or straight on."""
+"""Motion of a robot now, and its continuation and stop, along its plan or straight on."""
 
 from dataclasses import dataclass
 
@@ -12,31 +12,32 @@ from hri_predict.robots.stopping import StoppingCurve
 from hri_predict.robots.tracker import RobotNow
 
 DIRECTED_M_S = 0.1
-"""Minimum speed at which measured velocities show a direction. Velocities that a controller takes
-from positions of 0.1 mrad over 8 ms have steps of 0.0125 rad/s. Six joints about a metre from the
-tip add up to 0.03 m/s (sqrt(6) x 0.0125) of a robot at rest, in any direction. At three times
-that, the direction is right to within 20 degrees. Along a plan the direction is known."""
+"""Minimum speed at which measured velocities show a direction. Velocities derived from positions
+with 0.1 mrad resolution over 8 ms have steps of 0.0125 rad/s. For a robot at rest, six joints about
+a metre from the tip add up to 0.03 m/s (sqrt(6) x 0.0125) in any direction. At three times that
+speed, the direction is correct to within 20 degrees. Along a plan the direction is known."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RobotMotion:
     """One robot's motion from now on. K steps after now.
 
-    A *place* on its path is a phase of its plan; without a plan, seconds at ``qd`` from ``q``.
+    A *place* on the path is a phase of the plan; without a plan, the time in seconds at ``qd`` from
+    ``q``.
 
     Attributes:
         q, qd: (N,) now, rad and rad/s, m and m/s.
-        speed_m_s: of the fastest point now.
+        speed_m_s: present speed of the fastest point.
         clearance_m: C + Z_d + Z_r.
         capsules: (C,) now.
         stopping_s, stopping_m: T_s and S_s at that speed.
         times_s: (K+1,) as in ``Zones``.
-        until_braking_s: from now.
-        model, curve: the robot's.
-        plan, on_plan: its planned path and its place on it; both or neither.
-        confirmed: whether its motion so far proves the direction of ``qd``.
-        proven: whether its states were seen to change while it may move.
-        tool: number of the tool counted with; ``None``: none is named, or the worst of all.
+        until_braking_s: time from now.
+        model, curve: model and stopping curve of the robot.
+        plan, on_plan: planned path, and place on it; both or neither are set.
+        confirmed: whether the motion so far proves the direction of ``qd``.
+        proven: whether its states were seen to change while it was free to move.
+        tool: number of the assumed tool; ``None``: no tool is named, or the worst case is assumed.
     """
 
     q: Floats
@@ -69,7 +70,7 @@ class RobotMotion:
         times_s: Floats,
         until_braking_s: float,
     ) -> "RobotMotion":
-        """The motion of a robot whose joints are known; ``stopping``: T_s and S_s now."""
+        """Return the motion of a robot with known joints; ``stopping``: T_s and S_s now."""
         assert now.q is not None  # the caller has checked it
         assert now.qd is not None
         stopping_s, stopping_m = stopping
@@ -94,8 +95,8 @@ class RobotMotion:
 
     @property
     def is_foreseen(self) -> bool:
-        """Whether the robot's direction is known: from its plan, or from motion that proves it and
-        is faster than all noise."""
+        """Whether the robot's direction is known, from its plan or from confirmed motion above the
+        noise."""
         return self.on_plan is not None or (self.confirmed and self.speed_m_s > DIRECTED_M_S)
 
     def stopping_at(self, speeds_m_s: Floats) -> tuple[Capsules, Ints]:
@@ -121,7 +122,7 @@ class RobotMotion:
         return capsules, self._steps_until(self.until_braking_s + stopping_s)
 
     def ends_at(self, speeds_m_s: Floats) -> Floats:
-        """(L,) the place at which it comes to rest, from each speed."""
+        """Return the place (L,) where the robot comes to rest from each speed."""
         if self.plan is not None and self.on_plan is not None:
             ever = np.array([1e3])
             start_s = self.on_plan.phase_s
@@ -134,7 +135,7 @@ class RobotMotion:
         return travel[:, 0] * speeds_m_s / self.speed_m_s
 
     def at_places(self, end: float, count: int) -> Capsules:
-        """(count, C) the robot at evenly spread places from here to ``end``."""
+        """Return the robot (count, C) at evenly spaced places from the present one to ``end``."""
         if self.plan is not None and self.on_plan is not None:
             start = self.on_plan.phase_s
             return self.model.capsules(self.plan.trajectory.at(np.linspace(start, end, count))[0])
@@ -142,7 +143,7 @@ class RobotMotion:
 
     @property
     def is_one_path(self) -> bool:
-        """Whether all joints follow one path, whatever the speed; a base and its arm do not."""
+        """Whether all joints follow one path at every speed; a base and its arm do not."""
         return self.model.mobile is None
 
     @property

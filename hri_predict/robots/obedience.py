@@ -1,10 +1,10 @@
-"""Whether a robot follows its advice: it keeps the speed limit and stops as its table says.
+"""Check that a robot follows its advice: keeps the speed limit, and stops according to its table.
 
-The node relies on both. It judges a person's separation with the robot's present speed. But it
-grants a limit because the robot will keep it, and it relies on a stop because the robot stops in
-time. The robot must be no faster than the highest limit advised within the last T_r + T_s: the time
-until it hears a limit, and the time to slow down. No single delay is measured, so a robot that
-reacts early may brake later; only the sum counts, as it does for the separation.
+The node relies on both. It checks separation with the robot's present speed, but it assumes that
+the robot will keep a granted limit and will stop in time. The robot must not be faster than the
+highest limit advised within the last T_r + T_s: the time until it receives a limit, and the time to
+slow down. Single delays are not measured, so a robot that reacts early may brake later; only the
+sum matters, as for the separation.
 """
 
 import logging
@@ -14,21 +14,21 @@ from collections.abc import Callable
 log = logging.getLogger(__name__)
 
 SLACK_S = 0.1
-"""Added to T_r + T_s: jitter of RobotState and cycles of both sides."""
+"""Time added to T_r + T_s for jitter of RobotState and the cycles of both sides."""
 SPEED_SHARE = 0.1
-"""A robot may exceed its limit by this part of it: servos overshoot, speeds are upper bounds."""
+"""Tolerated relative excess of the limit, because servos overshoot and speeds are upper bounds."""
 SPEED_SLACK_M_S = 0.05
-"""The same in m/s: noise of the velocities, at the end of a long arm."""
+"""Tolerated absolute excess, m/s: velocity noise at the end of a long arm."""
 STANDS_M_S = 0.02
-"""A robot that stops is at rest below this speed."""
+"""Speed below which a stopping robot is considered at rest."""
 HELD_NS = 10_000_000_000
-"""For this long, a robot that was too fast counts as a robot that does not slow down."""
+"""Time for which a robot that was too fast is treated as not following speed limits."""
 MOST_STRETCH = 100.0
-"""A robot that needs more than this many times the time in its table does not stop."""
+"""Factor on the stopping time in the table beyond which a robot is considered not to stop."""
 
 
 class Obedience:
-    """Watches one robot's speed against the limits it was given.
+    """Compares one robot's speed with its advised limits.
 
     Args:
         reaction_s: longest time from an advice to the onset of braking, with RobotState's delay.
@@ -36,9 +36,9 @@ class Obedience:
         max_speed_m_s: the robot's highest speed in production.
 
     Attributes:
-        stretch: the robot's time to stop divided by its table's, at least 1. It never falls: the
-            table is wrong until it is corrected.
-        too_fast, late_stops: number of times each of these began.
+        stretch: measured stopping time divided by the table's, at least 1. It never decreases,
+            because the table stays wrong until it is corrected.
+        too_fast, late_stops: number of times that each of these started.
     """
 
     def __init__(
@@ -59,10 +59,10 @@ class Obedience:
         self.too_fast = self.late_stops = 0
 
     def warn(self, robot: str) -> None:
-        """Log that the robot stops late; call it after each ``see``.
+        """Log that the robot stops late; to be called after each ``see``.
 
-        It is logged at once, and each time that the robot is twice as late. What the table has to
-        be corrected by is known only when the stop is over.
+        It is logged immediately, and again each time the delay has doubled. The correction for the
+        table is known only when the stop is over.
         """
         is_over = self._stop is None or self._stop.ended
         is_worse = self.stretch > self._warned if is_over else self.stretch >= 2 * self._warned
@@ -70,33 +70,33 @@ class Obedience:
             return
         self._warned = self.stretch
         log.warning(
-            "robot %s needed %s%.2f times what its stopping table says to stop; from now on the "
-            "table's values count times that factor and a tenth more; correct it, or find why the "
-            "robot does not obey",
+            "robot %s needed %s%.2f times the time or distance in its stopping table to stop; "
+            "from now on the table's values are multiplied by that factor plus a tenth; correct "
+            "the table, or find out why the robot does not obey",
             robot,
             "" if is_over else "at least ",
             self.stretch,
         )
 
     def advise(self, limit_m_s: float, now_ns: int) -> None:
-        """Note the limit that goes out at ``now_ns``; 0 for a stop."""
+        """Record the limit sent at ``now_ns``; 0 for a stop."""
         if not self._limits or self._limits[-1][1] != limit_m_s:
             self._limits.append((now_ns, limit_m_s))
         if limit_m_s > 0:
             self._stop = None
 
     def is_too_fast(self, now_ns: int) -> bool:
-        """Whether the robot lately did not keep to its speed limit."""
+        """Return whether the robot recently exceeded its speed limit."""
         return now_ns < self._too_fast_until_ns
 
     def forget(self) -> None:
-        """Nothing is known of the robot now, or something other than the advice moves it."""
+        """Reset, because the robot's state is unknown or the advice does not control the robot."""
         self._limits.clear()
         self._speeds.clear()
         self._stop = None
 
     def see(self, speed_m_s: float, now_ns: int) -> None:
-        """Take the speed of the robot's fastest point at ``now_ns``."""
+        """Process the speed of the robot's fastest point at ``now_ns``."""
         since_ns = now_ns - round(self._kept_s * max(self.stretch, 1.0) * 1e9)
         self._speeds.append((now_ns, speed_m_s))
         while self._speeds[0][0] < since_ns:
@@ -154,7 +154,7 @@ class Obedience:
 
 
 class _Stop:
-    """One stop: when it was advised, the robot's speed then, and its travel since."""
+    """One stop: time of the advice, the robot's speed at that time, and its travel since."""
 
     def __init__(self, advised_ns: int, speed_m_s: float, seen_ns: int) -> None:
         self.advised_ns = advised_ns

@@ -1,9 +1,9 @@
-"""A robot on its planned path: where it is on the path, and how it moves on and stops.
+"""A robot on its planned path: its place on the path, further motion and stop.
 
 The path is a ``Trajectory``; a *phase* is a place on it, in seconds at full speed. A controller
 with a speed limit runs the path at the rate that keeps its fastest point below the limit. A
-controller that has to stop brakes on the path (a stop of category 2 of IEC 60204-1: controlled,
-power kept), with the times and distances of the robot's stopping table.
+controller that must stop brakes on the path (a stop of category 2 of IEC 60204-1: controlled, power
+kept), with the times and distances of the robot's stopping table.
 """
 
 import math
@@ -22,10 +22,9 @@ from hri_predict.robots.trajectory import Trajectory
 GRID_S = 0.01
 """Step of the table of the path, in seconds at full speed."""
 JOINT_TOLERANCE = 0.02
-"""Joints farther than this from the path, rad or m, are not on it. Smaller deviations enlarge
-the robot."""
+"""Maximum deviation of joints on the path, rad or m. Smaller deviations enlarge the robot."""
 VELOCITY_NOISE = 0.05
-"""Likewise for their velocities, rad/s or m/s, plus ``VELOCITY_TOLERANCE`` of the fastest."""
+"""Maximum deviation of velocities, rad/s or m/s, plus ``VELOCITY_TOLERANCE`` of the fastest."""
 VELOCITY_TOLERANCE = 0.05
 
 
@@ -67,13 +66,13 @@ class Plan:
         self._gap = np.abs(self._dq).max(0) * self._step_s
 
     def locate(self, q: Floats, qd: Floats, expected_s: float | None) -> OnPlan | None:
-        """The place on the path of a robot at ``q`` (N,) rad, m, ``qd`` (N,) likewise per second;
-        ``None``: not on it.
+        """Return the place on the path for ``q`` (N,) rad, m, ``qd`` (N,) per second; ``None``: not
+        on it.
 
-        Joints must agree within ``JOINT_TOLERANCE``, and velocities with those of the path at
-        some rate from 0 to 1. Of several places the nearest to ``expected_s`` counts. Without it,
-        the place whose joints agree best counts, but no place of a standing robot: it may go either
-        way.
+        Joints must agree within ``JOINT_TOLERANCE``, and velocities with those of the path at some
+        rate from 0 to 1. Of several places, the one nearest to ``expected_s`` is used. Without
+        ``expected_s``, the place with the best agreement of joints is used, but none for a robot at
+        rest, which may move either way.
         """
         if not (np.isfinite(q).all() and np.isfinite(qd).all()):
             return None
@@ -97,7 +96,7 @@ class Plan:
         return self._refined(place, q, qd)
 
     def _refined(self, place: int, q: Floats, qd: Floats) -> OnPlan | None:
-        """The place near entry ``place`` of the table whose joints are nearest to ``q``."""
+        """Return the place near table entry ``place`` with the joints nearest to ``q``."""
         along = (np.roll(self._q, -1, 0)[place] - np.roll(self._q, 1, 0)[place]) / 2
         part = (q - self._q[place]) @ along / max(float(along @ along), 1e-12)
         phase = float(self._phases[place] + np.clip(part, -1.0, 1.0) * self._step_s)
@@ -111,7 +110,7 @@ class Plan:
     def stopping_capsules(
         self, start: OnPlan, speeds_m_s: Floats, times_s: Floats, reaction_s: float
     ) -> tuple[Capsules, Floats]:
-        """The robot as it follows its path and stops on it, for several speeds.
+        """Return the robot following its path and stopping on it, for several speeds.
 
         Until ``reaction_s`` it follows the path with its fastest point at the given speed, or at
         full speed if the path is slower. Then it brakes on the path, for the time and along the
@@ -120,8 +119,8 @@ class Plan:
         Args:
             start: place at time 0.
             speeds_m_s: (L,) of the fastest point.
-            times_s: (K,) seconds, from 0, not falling.
-            reaction_s: until braking begins.
+            times_s: (K,) seconds, from 0, non-decreasing.
+            reaction_s: time until braking starts.
 
         Returns:
             (L, K, C) capsules; entry k contains the robot during the whole of
@@ -142,16 +141,16 @@ class Plan:
 
     def forwards_m_s(self, phase_s: float, qd: Floats) -> float:
         """Return the forward speed of the fastest point on the path, at joint velocities (N,)
-        rad/s; negative if it goes back.
+        rad/s; negative for backward motion.
         """
         _, dq = self.trajectory.at(phase_s)
         rate = float(dq @ qd) / max(float(dq @ dq), 1e-12)
         return rate * float(self._speed_at(np.array(phase_s)))
 
     def back_from(self, phase_s: float, speed_m_s: float, seconds: float, steps: int) -> Floats:
-        """(steps + 1,) phases of a robot that goes back from ``phase_s`` for some seconds.
+        """Return (steps + 1,) phases of a robot that moves back from ``phase_s`` for some seconds.
 
-        Its fastest point keeps the speed, or that of the path if the path is slower.
+        Its fastest point has the given speed, or the path's speed if that is lower.
         """
         phases = [phase_s]
         for _ in range(steps):
@@ -160,11 +159,11 @@ class Plan:
         return np.array(phases)
 
     def _rates(self, speeds_m_s: Floats, phases_s: Floats) -> Floats:
-        """Phase per second at which the fastest point has the speed, at most 1."""
+        """Return the phase per second at which the fastest point has the given speed, at most 1."""
         return np.minimum(1.0, speeds_m_s / np.maximum(self._speed_at(phases_s), 1e-9))
 
     def _speed_at(self, phases_s: Floats) -> Floats:
-        """Speed of the fastest point at full speed."""
+        """Return the speed of the fastest point at full speed."""
         phases = np.asarray(phases_s) % self.trajectory.duration_s
         speed: Floats = np.interp(phases, self._closed, self._speed)
         return speed

@@ -1,4 +1,4 @@
-"""A robot's entry in the configuration: where it stands or drives, its tools, how it moves."""
+"""A robot's entry in the configuration: base, tools and source of its motion."""
 
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -11,30 +11,30 @@ from hri_predict.robots.file import MAX_PART_M, CapsuleFile, StoppingFile
 from hri_predict.robots.modes import ModeSettings
 
 MAX_TOOL = 254
-"""The highest number that RobotState carries."""
+"""Maximum tool number in RobotState."""
 
 
 MIN_STALE_S = 0.005
-"""Controllers send RobotState every 2 to 20 ms."""
+"""Minimum of ``stale_s``; controllers send RobotState every 2 to 20 ms."""
 MIN_ACCELERATION_M_S2 = 0.5
-"""Arms accelerate their fastest point by more than 1 m/s^2; what was not measured is 5."""
+"""Minimum of ``acceleration_m_s2``; arms exceed 1 m/s^2. The default, if not measured, is 5."""
 MIN_STILL_S = 0.5
-"""A robot that may move moves by then, unless it waits: its reaction, and its first steps."""
+"""Minimum of ``still_s``: reaction and first steps of a robot that is free to move."""
 POSITION_TOLERANCE = 0.01
-"""Maximum excess of a reported position over a limit, rad or m: sensor noise, rounding."""
+"""Tolerance of reported positions beyond a limit, rad or m, for sensor noise and rounding."""
 
 
 class StateMotion(Settings):
-    """The robot's motion is what its controller reports in RobotState."""
+    """The robot's motion is reported by its controller in RobotState."""
 
     kind: Literal["state"] = Field(
-        "state", description="RobotState from its controller says where it is"
+        "state", description="position as reported by its controller in RobotState"
     )
     stale_s: float = Field(
         0.1, ge=MIN_STALE_S, le=2, description="age at which RobotState is stale"
     )
     delay_s: float = Field(
-        0.0, ge=0, le=1, description="age of a RobotState at receipt: its link's delay"
+        0.0, ge=0, le=1, description="age of a RobotState at receipt: the delay of its link"
     )
     acceleration_m_s2: float = Field(
         5.0,
@@ -46,47 +46,48 @@ class StateMotion(Settings):
         None,
         ge=MIN_STILL_S,
         le=3600,
-        description="time in which it may move and RobotState does not change at all; after it,"
-        " people within its reach stop it until it changes; default: never",
+        description="maximum time without any change of RobotState while the robot is free to "
+        "move; after this time, people within its reach stop it until RobotState "
+        "changes; default: never",
     )
     plan: str | None = Field(
         None,
         min_length=1,
-        description="trajectory that it follows, shipped name or path of a YAML file; while its"
-        " state lies on it, the robot is predicted along it",
+        description="trajectory of the robot, shipped name or path of a YAML file; while its "
+        "state is on the trajectory, its motion is predicted along it",
     )
 
     safety: ClassVar[Safety] = harmless("still_s") | {
         "stale_s": LessSafe(
-            above="the robot may have moved for {value:g} s since the RobotState that is used"
+            above="the robot may have moved for {value:g} s since the RobotState in use"
         ),
         "delay_s": LessSafe(
-            below="a RobotState counts as {more:.2g} s fresher than its link delivers it; the robot"
-            " moves on meanwhile"
+            below="a RobotState counts as {more:.2g} s fresher than it is on arrival; the robot "
+            "moves during this time"
         ),
         "acceleration_m_s2": LessSafe(
-            below="since a RobotState the robot is expected to gain {more:.2g} m/s less in each "
+            below="the robot is assumed to gain, since a RobotState, {more:.2g} m/s less in each "
             "second"
         ),
     }
 
 
 class TrajectoryMotion(Settings):
-    """The robot follows a trajectory file, whatever its controller says."""
+    """The robot follows a trajectory file, independent of its controller's reports."""
 
-    kind: Literal["trajectory"] = Field(description="it follows a file")
+    kind: Literal["trajectory"] = Field(description="the robot follows a trajectory file")
     file: str = Field(min_length=1, description="shipped name or path of a YAML file")
     start_s: float = Field(
-        0.0, ge=0, le=86_400, description="time within the cycle at the node's start"
+        0.0, ge=0, le=86_400, description="time within the cycle when the node starts"
     )
 
     safety: ClassVar[Safety] = harmless("start_s")
 
 
 class StandingMotion(Settings):
-    """The robot stands still."""
+    """The robot does not move."""
 
-    kind: Literal["standing"] = Field(description="it stands still")
+    kind: Literal["standing"] = Field(description="the robot does not move")
     positions: Annotated[list[float], Field(min_length=1)] = Field(
         description="positions of its joints, rad or m"
     )
@@ -96,7 +97,7 @@ Motion = Annotated[StateMotion | TrajectoryMotion | StandingMotion, Field(discri
 
 
 class ToolSettings(Settings):
-    """A set of tool and load that the robot may carry: one of a tool changer's."""
+    """One tool, with load, that the robot may carry, for example from a tool changer."""
 
     name: Name = Field(description="its own name")
     number: int | None = Field(
@@ -104,17 +105,18 @@ class ToolSettings(Settings):
         strict=True,
         ge=0,
         le=MAX_TOOL,
-        description="`tool` in RobotState that names it; without one it only counts in the worst",
+        description="value of `tool` in RobotState for this tool; without a number it is used "
+        "only in the worst case",
     )
     tool: list[CapsuleFile] = Field([], description="capsules in the frame of the last link")
     payload: list[CapsuleFile] = Field(
-        [], description="capsules of what the tool may hold, in the same frame"
+        [], description="capsules of the load that the tool may hold, in the same frame"
     )
     payload_kg: float | None = Field(
         None,
         ge=0,
         le=MAX_PAYLOAD_KG,
-        description="tool and load together; default: the heaviest of the stopping table",
+        description="mass of tool and load; default: the heaviest load of the stopping table",
     )
 
     safety: ClassVar[Safety] = harmless("number") | {
@@ -125,30 +127,35 @@ class ToolSettings(Settings):
 
 
 class MobileBaseSettings(Settings):
-    """A base that moves over the floor; its controller reports where it is in RobotState."""
+    """A base that moves over the floor; its controller reports its pose in RobotState."""
 
-    kind: Literal["state"] = Field(description="RobotState from its controller says where it is")
+    kind: Literal["state"] = Field(
+        description="position as reported by its controller in RobotState"
+    )
     base_from_robot: Pose = Field(description="start of the arm's chain, in the base's frame")
     capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
-        description="all of the base's body, in its frame: origin on the floor, x ahead, z up"
+        description="capsules of the base's body, in its frame: origin on the floor, x forward, z "
+        "up"
     )
-    max_speed_m_s: float = Field(ge=MIN_SPEED_M_S, le=20, description="a faster base is impossible")
+    max_speed_m_s: float = Field(
+        ge=MIN_SPEED_M_S, le=20, description="maximum possible speed of the base"
+    )
     max_turn_rad_s: float = Field(ge=0.01, le=20, description="likewise")
     acceleration_m_s2: float = Field(
         2.0,
         ge=0.1,
         le=100,
-        description="maximum acceleration by the base of any point since RobotState was sent",
+        description="maximum acceleration of any point due to the base since RobotState was sent",
     )
     uncertainty_m: float = Field(ge=0, le=1, description="uncertainty of its reported position")
     uncertainty_rad: float = Field(ge=0, le=0.5, description="uncertainty of its reported heading")
     stopping: StoppingFile = Field(
-        description="stopping by the speed that the base's motion gives the robot's fastest point"
+        description="stopping table, by speed of the robot's fastest point due to the base"
     )
 
     safety: ClassVar[Safety] = {
         "acceleration_m_s2": LessSafe(
-            below="since a RobotState the base is expected to gain {more:.2g} m/s less in each "
+            below="the base is assumed to gain, since a RobotState, {more:.2g} m/s less in each "
             "second"
         )
     }
@@ -164,7 +171,7 @@ class MobileBaseSettings(Settings):
 class RobotSettings(Settings):
     """One entry of ``robots:`` in the configuration."""
 
-    name: Name = Field(description="its own name, for messages and alerts")
+    name: Name = Field(description="unique name, for messages and alerts")
     model: str = Field(min_length=1, description="shipped name (ur5e) or path of a YAML file")
     room_from_robot: Pose | None = Field(None, description="pose of its base")
     base: MobileBaseSettings | None = Field(
@@ -184,16 +191,16 @@ class RobotSettings(Settings):
     )
     motion: Motion = Field(StateMotion(), description="source of its motion")
     contact: Literal["allowed"] | None = Field(
-        None, description="in mode hybrid: the robot may touch people as fast as they bear it"
+        None, description="in mode hybrid: the robot may touch people within their contact limits"
     )
 
-    modes: ModeSettings = Field(ModeSettings(), description="operating modes that are allowed")
+    modes: ModeSettings = Field(ModeSettings(), description="allowed operating modes")
 
     safety: ClassVar[Safety] = {
         "payload_kg": LessSafe(
             below="with more than {value:g} kg the robot stops later than assumed"
         ),
-        "contact": LessSafe(other="the robot may touch people while it moves"),
+        "contact": LessSafe(other="the robot may touch people while moving"),
     }
 
     @model_validator(mode="after")
@@ -201,13 +208,13 @@ class RobotSettings(Settings):
         allowed = self.modes.allowed
         if allowed and not isinstance(self.motion, StateMotion):
             raise ValueError(
-                f"modes.{allowed[0]} is asked for by RobotState; set motion: {{kind: state}}, or "
+                f"modes.{allowed[0]} is requested in RobotState; set motion: {{kind: state}}, or "
                 "leave modes out"
             )
         if self.modes.recovery and isinstance(self.motion, StateMotion) and not self.motion.plan:
             raise ValueError(
-                "modes.recovery needs motion.plan: without the robot's path, the way back out is "
-                "unknown; name its trajectory, or leave recovery out"
+                "modes.recovery needs motion.plan: without the robot's path, the way back is "
+                "unknown; configure its trajectory, or leave recovery out"
             )
         return self
 
@@ -215,14 +222,14 @@ class RobotSettings(Settings):
     def _based_once(self) -> Self:
         if (self.room_from_robot is None) == (self.base is None):
             raise ValueError(
-                f"robot '{self.name}': give room_from_robot if its base stands, or base if it "
-                f"moves; not both, not neither"
+                f"robot '{self.name}': give either room_from_robot (fixed base) or base (moving "
+                "base)"
             )
         moves_by_plan = not isinstance(self.motion, StateMotion) or self.motion.plan is not None
         if self.base is not None and moves_by_plan:
             raise ValueError(
-                f"robot '{self.name}': its base moves, so a plan cannot say where the robot goes; "
-                f"set motion to 'kind: state' without plan"
+                f"robot '{self.name}': its base moves, so a plan cannot predict its path; set "
+                "motion to 'kind: state' without plan"
             )
         return self
 
@@ -232,7 +239,7 @@ class RobotSettings(Settings):
             return self
         if self.payload_kg is not None:
             raise ValueError(
-                f"robot '{self.name}': payload_kg belongs into each of its tools; remove it here"
+                f"robot '{self.name}': payload_kg belongs in each of its tools; remove it here"
             )
         names = [f"name '{tool.name}'" for tool in self.tools]
         names += [f"number {tool.number}" for tool in self.tools if tool.number is not None]
@@ -242,5 +249,7 @@ class RobotSettings(Settings):
         for tool in self.tools:
             names = [capsule.name for capsule in (*tool.tool, *tool.payload)]
             if len(names) > len(set(names)):
-                raise ValueError(f"robot '{self.name}': tool '{tool.name}' names a capsule twice")
+                raise ValueError(
+                    f"robot '{self.name}': tool '{tool.name}' has two capsules with the same name"
+                )
         return self

@@ -11,23 +11,23 @@ from hri_predict.base.machine.compiled import plain
 from hri_predict.robots.file import StoppingFile
 
 STANDING_M_S = 0.001
-"""Speed below which a robot is at rest: stopping takes no time and no distance."""
+"""Speed below which a robot is at rest, with zero stopping time and distance."""
 _SPEED_STEPS = 256
-"""A speed limit is one of this many steps up to the robot's highest speed, rounded down."""
+"""Number of steps up to the robot's highest speed, to which speed limits are rounded down."""
 
 
 class StoppingTable:
     """Stopping time and distance at the speeds of a table, for any speed.
 
-    Linear between the table's speeds. Below its first: the first's time, distance in proportion.
-    Above its last: constant deceleration, time in proportion to the speed and distance to its
-    square.
+    Values are linear between the table's speeds. Below the first speed: the first time, with
+    proportional distance. Above the last speed: constant deceleration, with time proportional to
+    the speed and distance to its square.
 
     Args:
         speeds, times, distances: (N,) m/s, s, m; see ``StoppingFile``.
 
     Attributes:
-        stretch: times and distances are multiplied by it.
+        stretch: factor on times and distances.
     """
 
     def __init__(self, speeds: Floats, times: Floats, distances: Floats) -> None:
@@ -37,9 +37,9 @@ class StoppingTable:
 
     @classmethod
     def of(cls, stopping: StoppingFile, loads: Sequence[float | None]) -> Self:
-        """The lightest row that covers the heaviest of the loads (kg); ``None``: any load.
+        """Return the row with the smallest load that covers all loads (kg); ``None``: any load.
 
-        A heavier row never stops sooner than a lighter one (``StoppingFile``).
+        A row with more load never stops sooner (``StoppingFile``).
         """
         known = [load for load in loads if load is not None]
         heaviest = max(known) if len(known) == len(loads) else np.inf
@@ -53,7 +53,7 @@ class StoppingTable:
         return self._speeds, self._times, self._distances
 
     def times_s(self, speeds: Floats) -> Floats:
-        """Seconds from the onset of braking to rest, for any number of speeds at once."""
+        """Return the seconds from the onset of braking to rest, for any number of speeds."""
         beyond = np.maximum(speeds / self._speeds[-1], 1.0)
         times: Floats = np.interp(speeds, self._speeds, self._times) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, times, 0.0)
@@ -66,7 +66,7 @@ class StoppingTable:
         return np.where(speeds >= STANDING_M_S, distance, 0.0)
 
     def at(self, speed: float) -> tuple[float, float]:
-        """Time and distance at one speed, quickly."""
+        """Return time and distance at one speed, fast."""
         if not speed >= STANDING_M_S:
             return 0.0, 0.0
         beyond = max(speed / float(self._speeds[-1]), 1.0)
@@ -78,8 +78,8 @@ class StoppingTable:
     def hold_s(self, speeds: Floats, stopping_s: Floats) -> Floats:
         """Return the delay from the brake command to the start of a uniform deceleration.
 
-        Holding for h and then braking uniformly over T - h covers speed x (T + h) / 2: the hold
-        makes up for a table whose distance is longer than speed x T / 2.
+        Holding the speed for h and then braking uniformly over T - h covers speed x (T + h) / 2, so
+        the delay accounts for table distances longer than speed x T / 2.
         """
         moving = np.where(speeds > 0, speeds, 1.0)
         hold = np.where(speeds > 0, 2 * self.distances_m(speeds) / moving - stopping_s, 0.0)
@@ -87,11 +87,11 @@ class StoppingTable:
         return result
 
     def hold_most_s(self, speeds: Floats) -> Floats:
-        """The longest ``hold_s`` at any speed up to each of these, or up to the table's next.
+        """Return the longest ``hold_s`` up to each speed, or up to the table's next speed.
 
         Between two of the table's speeds S = a + b v and T = c + d v, so 2 S / v - T has at most
-        one maximum, at v^2 = -2 a / d, and otherwise its extremes at the two. Above the last it
-        grows with v.
+        one maximum, at v^2 = -2 a / d, and otherwise its extremes at the two speeds. Above the last
+        speed it increases with v.
         """
         knots, times, distances = self._speeds, self._times, self._distance_curve[1][1:]
         step = np.maximum(np.diff(knots), 1e-9)
@@ -112,7 +112,7 @@ class StoppingTable:
     def travel_s(
         self, speeds: Floats, times_s: Floats, reaction_s: float, stopping_s: Floats
     ) -> Floats:
-        """Return the distance of a robot along its path at ``times_s`` (..., K), in seconds of full
+        """Return the distance of a robot along its path at ``times_s`` (..., K), in seconds at full
         speed.
 
         ``speeds`` and ``stopping_s`` are (..., 1).
@@ -131,8 +131,8 @@ class StoppingCurve:
 
     Attributes:
         speed_m_s: (N,) ascending from 0 to the robot's highest speed.
-        time_s: (N,) T_s, never falling.
-        distance_m: (N,) S_s, never falling.
+        time_s: (N,) T_s, non-decreasing.
+        distance_m: (N,) S_s, non-decreasing.
     """
 
     speed_m_s: Floats
@@ -141,7 +141,7 @@ class StoppingCurve:
 
     @classmethod
     def of(cls, stopping: Callable[[float], tuple[float, float]], max_speed_m_s: float) -> Self:
-        """Table of ``stopping`` (speed -> time, distance), made monotone from below."""
+        """Return a table of ``stopping`` (speed -> time, distance), made monotone from below."""
         speeds = np.linspace(0.0, max_speed_m_s, _SPEED_STEPS + 1)
         table = np.array([stopping(float(speed)) for speed in speeds], dtype=np.float64)
         if not (np.isfinite(table).all() and (table >= 0).all()):
@@ -160,10 +160,10 @@ class StoppingCurve:
         return self.speed_m_s, self.time_s, self.distance_m
 
     def highest(self, counts: Ints) -> tuple[float, ...]:
-        """Return the maximum of the first speeds, for each number of them; 0 if there are none."""
+        """Return, for each count, the maximum of the first speeds; 0 for a count of 0."""
         return tuple(float(self.speed_m_s[n - 1]) if n > 0 else 0.0 for n in counts.tolist())
 
     def at(self, speed_m_s: float) -> tuple[float, float]:
-        """T_s and S_s at a speed, interpolated between the table's speeds."""
+        """Return T_s and S_s at a speed, interpolated between the table's speeds."""
         time_s = np.interp(speed_m_s, self.speed_m_s, self.time_s)
         return float(time_s), float(np.interp(speed_m_s, self.speed_m_s, self.distance_m))

@@ -1,4 +1,4 @@
-"""Place of a robot now, or the reason why it is unknown."""
+"""Present position of a robot, or the reasons why it is unknown."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,40 +29,38 @@ from hri_predict.robots.states.still import StillCheck
 from hri_predict.robots.trajectory import load_trajectory, standing_at
 
 PLACE_STEP_S = 0.3
-"""A robot that backs out is at most so far, in seconds of its plan, from where it was before."""
+"""Maximum step, in seconds of its plan, between places of a robot that backs out."""
 BACK_S = 0.05
-"""Distance back along the path: of two places with the same joints, the nearest to it counts. Where
-a path turns round, that takes it on; either way the joints that follow are those that are judged.
+"""Distance back along the path: of two places with the same joints, the one nearest to it is used.
+At a turning point this continues past the turn, where the joints are the same.
 """
 FASTER_M_S = 0.05
-"""A controller that reports the robot faster than the newest state does, by more than this, is the
-one that counts."""
+"""Minimum excess of speed for which a controller takes precedence over the newest state."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RobotNow:
-    """A robot at one moment.
+    """State of a robot at one moment.
 
     Attributes:
         q: (N,) rad, m, a moving base's coordinates first; ``None`` if unknown (no state yet, or an
-            impossible one).
-        qd: (N,) rad/s, m/s; ``None`` with ``q``.
+            impossible state).
+        qd: (N,) rad/s, m/s; ``None`` if ``q`` is ``None``.
         speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The higher of
-            what is reported and what the change of the positions proves.
-        reasons: why it cannot be trusted; empty if it can.
-        uncertainty_m: maximum distance of any point from where ``q`` puts it because the arm
-            changed its speed since RobotState came (acceleration x age^2 / 2), because a moving
-            base is not quite at its reported place, and because another controller differs a
-            little. Add it to Z_r.
-        age_s: since the state's receipt; ``None`` before the first, 0 for a known motion.
+            the reported speed and the speed derived from the positions.
+        reasons: why the state cannot be trusted; empty if it can.
+        uncertainty_m: maximum position error of any point at ``q``: due to a change of the arm's
+            speed since RobotState was received (acceleration x age^2 / 2), the error of a moving
+            base's reported pose, and small differences between controllers. Add it to Z_r.
+        age_s: time since the state's receipt; ``None`` before the first, 0 for a known motion.
         capsules: (C,) of the model at ``q``, if they were computed with the speed.
-        on_plan: its place on the tracker's ``plan``; ``None`` if it is not found there.
+        on_plan: place on the tracker's ``plan``; ``None`` if it is not on the plan.
         confirmed: whether the motion so far proves the direction of ``qd``.
-        proven: whether its place is believed; see ``StillCheck``.
-        tool: number of the tool that is counted with; ``None``: none is named, or the worst of all.
+        proven: whether the position is proven; see ``StillCheck``.
+        tool: number of the assumed tool; ``None``: no tool is named, or the worst case is assumed.
         asked: requests of its controllers.
-        place_s: its place on the plan by its joints alone, while recovery is asked for: backing
-            out, it has velocities that the plan does not have. ``None``: not known.
+        place_s: place on the plan from the joints only, while recovery is requested, because a
+            robot backing out has velocities that are not in the plan. ``None``: not known.
     """
 
     q: Floats | None
@@ -80,27 +78,28 @@ class RobotNow:
     place_s: float | None = None
 
     def without(self, reason: Reason) -> "RobotNow":
-        """The same without one of its reasons."""
+        """Return the same state without one of its reasons."""
         return replace(self, reasons=tuple(r for r in self.reasons if r is not reason))
 
 
 class RobotTracker:
-    """Follows one robot by its RobotState, its trajectory file, or standing still.
+    """Tracks one robot from RobotState or a trajectory file, or as a robot at rest.
 
     Args:
         settings: the robot's entry in the configuration.
         model: its model.
         base_dir: base of relative paths of trajectory files.
-        start_ns: when a trajectory starts; ``None`` means at the first ``at``.
-        check: compares the states of one link with each other; takes the joints' fastest (N,) and
-            the noise of their positions (N,).
+        start_ns: start time of a trajectory; ``None``: at the first call of ``at``.
+        check: creates the check of one link's states from the maximum joint velocities (N,) and the
+            position noise (N,).
 
     Attributes:
         settings, model: as given.
-        plan: the path that it follows; ``None`` if unknown.
-        outcomes: counts of states ``accepted``, ``repeated`` (same counter, so not fresh) and
-            ``invalid``, and how often they ``contradicted`` each other or the trajectory.
-        counters: besides, those ``velocity_wrong``, ``jumped``, ``miscounted`` and ``frozen``.
+        plan: the path of the robot; ``None`` if unknown.
+        outcomes: number of states ``accepted``, ``repeated`` (same counter, so not fresh) and
+            ``invalid``, and number of times that states ``contradicted`` each other or the
+            trajectory.
+        counters: in addition, ``velocity_wrong``, ``jumped``, ``miscounted`` and ``frozen``.
 
     Raises:
         RobotError: the trajectory or the standing position does not fit the robot.
@@ -147,17 +146,17 @@ class RobotTracker:
             self.plan = self._planned(motion.plan, base_dir)
 
     def update(self, state: RobotState, received_ns: int, link: str = "") -> None:
-        """Take a RobotState.
+        """Process a RobotState.
 
-        A counter that repeats on its link refreshes nothing: a frozen sender ages out. An
-        impossible state (joint count, NaN, limits, a base that is missing or should stand) makes
-        the position unknown until a good one comes. So do states that contradict each other, for
-        some seconds; see ``StateCheck``.
+        A repeated counter on a link does not refresh the state, so the data of a frozen sender
+        becomes stale. An impossible state (joint count, NaN, limits, a missing base, or a moving
+        base configured as fixed) makes the position unknown until a good state arrives. So do
+        states that contradict each other, for some seconds; see ``StateCheck``.
 
         Args:
             state: as received.
             received_ns: time of receipt, node's clock.
-            link: the link it came on; each link has its own counter.
+            link: link on which the state arrived; each link has its own counter.
         """
         line = self._lines.get(link)
         if line is None:
@@ -184,7 +183,7 @@ class RobotTracker:
         self._still.take(q, link)
 
     def advise(self, limit_m_s: float, now_ns: int) -> None:
-        """Note the speed limit that goes out to the robot at ``now_ns``; 0 for a stop."""
+        """Record the speed limit sent to the robot at ``now_ns``; 0 for a stop."""
         self._still.advise(limit_m_s, now_ns)
 
     def _new_line(self) -> Line:
@@ -205,13 +204,13 @@ class RobotTracker:
         return {**self.outcomes, **found}
 
     def at(self, now_ns: int) -> RobotNow:
-        """Return the robot's place at ``now_ns``, node's clock.
+        """Return the robot's state at ``now_ns``, node's clock.
 
-        With RobotState, the joints move on at their reported velocity over the state's age (its
-        link's delay plus at most ``stale_s`` since its receipt), but not past their limits.
+        With RobotState, the joints are extrapolated at their reported velocity over the state's age
+        (the link's delay plus at most ``stale_s`` since receipt), within their limits.
         ``uncertainty_m`` bounds the effect of a change of speed since then.
 
-        A robot configured as at rest or on a trajectory is unknown where a RobotState disagrees.
+        A robot configured as at rest or on a trajectory is unknown if a RobotState disagrees.
         """
         motion = self.settings.motion
         if isinstance(motion, StateMotion):
@@ -282,17 +281,17 @@ class RobotTracker:
         )
 
     def _fresh(self, now_ns: int) -> list[Line]:
-        """The controllers whose states are fresh."""
+        """Return the controllers with fresh states."""
         stale_s = self._reported.stale_s
         return [line for line in self._lines.values() if line.is_fresh(now_ns, stale_s)]
 
     def _newest(self) -> Line | None:
-        """The controller with the newest state."""
+        """Return the controller with the newest state."""
         heard = [line for line in self._lines.values() if line.state is not None]
         return max(heard, key=_received_ns, default=None)
 
     def _fastest(self, lines: Sequence[Line]) -> Line:
-        """The controller that counts: the newest, unless another reports the robot faster."""
+        """Return the decisive controller: the newest, unless another reports a higher speed."""
         newest = max(lines, key=_received_ns)
         if len(lines) == 1:
             return newest
@@ -307,9 +306,9 @@ class RobotTracker:
     def _off_m(
         self, place: RobotPlace, speed_m_s: float, others: Sequence[RobotPlace], now_ns: int
     ) -> float | None:
-        """Return the maximum distance of other states from a place; ``None``: too far.
+        """Return the maximum distance of other states from a position; ``None``: too far.
 
-        A contradiction counts for ``HELD_S`` after it was last seen.
+        A contradiction remains in effect for ``HELD_S`` after it was last seen.
         """
         model, most_m = self.model, 0.0
         for other in others:
@@ -325,27 +324,27 @@ class RobotTracker:
         return None if now_ns < self._contradict_until_ns else most_m
 
     def _named(self, state: RobotState) -> int | None:
-        """The tool that a state names, if it is confirmed and known."""
+        """Return the tool in a state, if it is confirmed and known."""
         tool = state.tool
         known = isinstance(tool, int) and not isinstance(tool, bool)
         known = known and tool in self.model.tool_numbers
         return tool if known and state.tool_confirmed is True else None
 
     def _tool(self, lines: Sequence[Line]) -> int | None:
-        """The tool that every controller confirms whose state is fresh; else the worst counts."""
+        """Return the tool confirmed by all controllers with fresh states; ``None``: worst case."""
         if not self.model.tool_numbers:
             return None
         said = {line.state.tool for line in lines if line.state is not None}
         return said.pop() if len(said) == 1 else None
 
     def _wrong(self, now_ns: int) -> tuple[Reason, ...]:
-        """Why the newest states cannot be believed."""
+        """Return why the newest states cannot be trusted."""
         stale_s = self._reported.stale_s
         lines = self._lines.values()
         return tuple(dict.fromkeys(r for line in lines for r in line.reasons(now_ns, stale_s)))
 
     def _along_plan(self, state: Received, ahead_s: float) -> OnPlan | None:
-        """The place of a state on the plan, moved on for ``ahead_s`` at its rate."""
+        """Return the place of a state on the plan, advanced by ``ahead_s`` at its rate."""
         if self.plan is None:
             return None
         expected_s = None
@@ -361,10 +360,11 @@ class RobotTracker:
         )
 
     def _placed(self, state: Received, asked: ModeRequest) -> float | None:
-        """The phase of the newest state by its joints alone, near the last one that is known.
+        """Return the phase of the newest state from its joints only, near the last known phase.
 
-        A path that goes there and back has each place twice. A robot that backs out on the way
-        there looks like one that continues, on the way back: only its previous place decides.
+        A path that goes forth and back contains each position twice. A robot that backs out on the
+        way forth looks like one that continues on the way back; only the previous place
+        distinguishes them.
         """
         before_s = self._place_s
         self._place_s = None if self._on_plan is None else self._on_plan.phase_s
@@ -385,14 +385,14 @@ class RobotTracker:
         if peak > self.settings.max_speed_m_s:
             raise RobotError(
                 f"robot '{self.settings.name}': its fastest point reaches {peak:.3g} m/s on "
-                f"trajectory '{file}', above max_speed_m_s "
-                f"{self.settings.max_speed_m_s:g}; raise that, or slow the trajectory"
+                f"trajectory '{file}', above max_speed_m_s {self.settings.max_speed_m_s:g}; raise "
+                "max_speed_m_s, or slow the trajectory down"
             )
         return Plan(trajectory, self.model)
 
 
 def _nowhere(reasons: tuple[Reason, ...]) -> RobotNow:
-    """A robot that may be anywhere."""
+    """Return the state of a robot that may be anywhere."""
     return RobotNow(q=None, qd=None, speed_m_s=0.0, reasons=reasons, age_s=None)
 
 

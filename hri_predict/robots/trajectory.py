@@ -24,9 +24,9 @@ from hri_predict.robots.model import RobotModel, StandingMotion
 
 _FARTHEST = (MAX_ROOM_M, MAX_ROOM_M, 2 * MAX_ANGLE_RAD)  # a base may turn round and back
 OTHER_UNIT = 2.0
-"""A position beyond its limits by this factor is in another unit rather than a little too far."""
+"""Factor beyond a position's limits above which a wrong unit is assumed."""
 PEAK = 15 / 8
-"""Greatest velocity of a minimum-jerk move divided by its mean velocity."""
+"""Maximum velocity of a minimum-jerk move divided by its mean velocity."""
 
 
 class Waypoint(Settings):
@@ -48,12 +48,12 @@ class Waypoint(Settings):
 
     @property
     def coordinates(self) -> list[float]:
-        """All of them, the base's first."""
+        """All positions, the base's first."""
         return [*(self.base or ()), *self.positions]
 
 
 class TrajectoryFile(Settings):
-    """A trajectory: the first waypoint is at 0 s; the last one repeats it and ends the cycle."""
+    """A trajectory: the first waypoint is at 0 s; the last repeats it and ends the cycle."""
 
     waypoints: Annotated[list[Waypoint], Field(min_length=2)]
 
@@ -80,15 +80,15 @@ class Trajectory:
         self._moments: list[float] = times_s.tolist()
 
     def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
-        """Positions and velocities (..., N), rad, m and per second, at times ``t_s`` (...)."""
+        """Return positions and velocities (..., N), rad, m, per second, at times ``t_s`` (...)."""
         return self.at_phase(t_s, 1.0)
 
     def at_phase(self, phase_s: float | Floats, rate: float | Floats) -> tuple[Floats, Floats]:
-        """Positions and velocities (..., N) of an arm that runs the path at another speed.
+        """Return positions and velocities (..., N) of an arm that follows the path at any speed.
 
         Args:
-            phase_s: (...) how far along the cycle, in seconds at full speed; any size.
-            rate: (...) phase per second: 1 is full speed, 0 standing.
+            phase_s: (...) progress in the cycle, in seconds at full speed; any value.
+            rate: (...) phase per second: 1 is full speed, 0 is at rest.
         """
         if isinstance(phase_s, float) and isinstance(rate, float):
             return self._at_one(phase_s, rate)
@@ -96,7 +96,7 @@ class Trajectory:
         return q, qd * np.asarray(rate)[..., None]
 
     def _at_one(self, phase_s: float, rate: float) -> tuple[Floats, Floats]:
-        """``at_phase`` of one place, in plain numbers: a controller asks in each of its cycles."""
+        """``at_phase`` for one place in plain numbers, fast enough for every controller cycle."""
         phase = phase_s % self.duration_s
         i = min(bisect_right(self._moments, phase) - 1, len(self._moments) - 2)
         span = self._moments[i + 1] - self._moments[i]
@@ -108,7 +108,7 @@ class Trajectory:
         return q, qd
 
     def peak_tip_speed(self, model: RobotModel, samples: int = 2000) -> float:
-        """Speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""
+        """Return the speed (m/s) of the fastest point of ``model`` over one cycle, sampled."""
         q, qd = self.at(np.linspace(0.0, self.duration_s, samples))
         return float(np.max(model.tip_speed(q, qd)))
 
@@ -140,12 +140,12 @@ def load_trajectory(file: str, model: RobotModel, base_dir: Path | None) -> Traj
 
 
 def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
-    """(N,) joints of a robot at rest.
+    """Return joints (N,) of a robot at rest.
 
     Args:
-        motion: its place.
+        motion: its configured position.
         model: the robot.
-        name: its own.
+        name: name of the robot.
 
     Raises:
         RobotError: the positions do not fit the robot.
@@ -165,7 +165,7 @@ def standing_at(motion: StandingMotion, model: RobotModel, name: str) -> Floats:
 
 
 def trajectory_path(file: str, base_dir: Path | None) -> Path:
-    """The trajectory's file, which need not be there if ``file`` is a path.
+    """Return the trajectory's file, which may not exist if ``file`` is a path.
 
     Raises:
         RobotError: no trajectory of this name is shipped.
@@ -177,10 +177,10 @@ def trajectory_path(file: str, base_dir: Path | None) -> Path:
 
 
 def _outside(model: RobotModel, j: int, position: float) -> str:
-    """That a joint would be outside its limits, and the remedy.
+    """Return the error for a joint outside its limits, with the remedy.
 
-    Another unit explains only a position that no joint of this size has: not one of 0 where the
-    limits leave out 0, nor one just beyond them.
+    A wrong unit is suggested only for implausible positions: not for 0 if the limits exclude 0, and
+    not just beyond the limits.
     """
     low, high = float(model.position_min[j]), float(model.position_max[j])
     unit = model.units[j]
@@ -203,7 +203,7 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
                 f"{model.reported} joints; give one for each of {', '.join(joints)}"
             )
         if (w.base is None) != (model.mobile is None):
-            moves = "moves: give base: [x, y, yaw]" if w.base is None else "stands: leave base out"
+            moves = "moves; give base: [x, y, yaw]" if w.base is None else "is fixed; omit base"
             return f"waypoints.{i}: the base of robot '{model.name}' {moves}"
     times = np.array([w.time_s for w in waypoints])
     positions = np.array([w.coordinates for w in waypoints])
@@ -211,7 +211,7 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
         return f"waypoints.0: time_s is {times[0]:g}; the first waypoint must be at 0"
     late = np.flatnonzero(np.diff(times) <= 0)
     if late.size:
-        return f"waypoints.{late[0] + 1}: time_s must be later than that of the waypoint before"
+        return f"waypoints.{late[0] + 1}: time_s must exceed that of the previous waypoint"
     if not np.array_equal(positions[0], positions[-1]):
         return "the last waypoint must repeat the first one's positions, to close the cycle"
     outside = np.argwhere((positions < model.position_min) | (positions > model.position_max))
@@ -233,6 +233,6 @@ def _problem(waypoints: list[Waypoint], model: RobotModel) -> str:
             i = int(fastest.argmax())
             return (
                 f"waypoints.{i + 1}: the base would reach {fastest[i]:.3g} m/s, above its {most:g};"
-                f" give the move more time"
+                f" allow more time for this move"
             )
     return ""

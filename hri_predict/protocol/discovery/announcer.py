@@ -1,4 +1,4 @@
-"""Announces a node, in a thread of its own because registration takes more than two seconds."""
+"""Announces a node from a separate thread, because registration takes more than two seconds."""
 
 import ipaddress
 import logging
@@ -22,14 +22,14 @@ STOP_S = 3.0  # a registration in progress takes 2.2 s, its withdrawal 0.3 s
 def node_properties(
     *, node: str, source: str, predictor: str, rate_hz: float, links: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return what a node announces: names and kinds, no addresses of links and no secrets.
+    """Return a node's announced properties: names and kinds, without link addresses or secrets.
 
     Args:
         node: its name.
         source: kind of its source.
         predictor: name of its predictor.
         rate_hz: ticks per second.
-        links: name of each link -> its kind.
+        links: kind of each link, by name.
     """
     return {
         "txtvers": "1",
@@ -46,7 +46,7 @@ def node_properties(
 
 
 class Announcer:
-    """Announces one service from ``start`` until ``stop``; it tries again after a failure.
+    """Announces one service from ``start`` until ``stop``; retries after a failure.
 
     Args:
         settings: interfaces to announce on.
@@ -66,11 +66,11 @@ class Announcer:
         self._thread = threading.Thread(target=self._run, name="announcer", daemon=True)
 
     def start(self) -> None:
-        """Start to announce; return at once."""
+        """Start announcing without waiting for the registration."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Withdraw the service; wait three seconds at most. Safe to call twice."""
+        """Withdraw the service, waiting at most three seconds. Safe to call twice."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(STOP_S)
@@ -115,10 +115,11 @@ class Announcer:
 
 
 def _free_name(said: Mapping[str, str], interfaces: Sequence[str]) -> str:
-    """Return a full name that no service answers to, or the last one that was tried.
+    """Return a full name that no service uses yet, or the last name tried.
 
-    ``register_service`` asks, too, but for a unicast answer to port 5353. Such an answer may reach
-    another program that shares the port. A port of our own receives every answer (RFC 6762, 6.7).
+    ``register_service`` checks this as well, but requests a unicast answer to port 5353, which may
+    reach another program that shares the port. A private port receives every answer (RFC 6762,
+    6.7).
     """
     from zeroconf import ServiceInfo, Zeroconf
 

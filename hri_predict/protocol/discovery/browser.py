@@ -1,9 +1,9 @@
-"""Searches for all services for a while, or for one service by its name.
+"""Search for all services for some time, or for one service by name.
 
-Each question goes out from two ports. Answers to a port of our own come straight back (RFC 6762,
-6.7). Unicast answers to port 5353 may reach another program that shares the port, so questions
-from there ask for multicast answers (5.4). Those are late if the same record was multicast within
-the last second (6), but they pass a firewall that admits only port 5353.
+Each query is sent from two ports. Answers to a private port come directly to this program (RFC
+6762, 6.7). Unicast answers to port 5353 may reach another program that shares the port, so queries
+from there request multicast answers (5.4). Those are delayed if the same record was multicast
+within the last second (6), but they pass a firewall that admits only port 5353.
 """
 
 import contextlib
@@ -39,18 +39,18 @@ NO_PROCESS, PORT_CLOSED = "no process", "port closed"
 
 
 def discover(seconds: float, interfaces: Sequence[str] = LOOPBACK) -> list[Service]:
-    """Search for ``seconds``, then check each service that was found, 64 at the same time.
+    """Search for ``seconds``, then check the services found, up to 64 in parallel.
 
-    A check takes some hundredths of a second if the service answers, otherwise ``ANSWER_S``.
+    A check takes a few hundredths of a second if the service answers, otherwise ``ANSWER_S``.
 
     The check sets ``liveness``:
 
-    - ``answers``: the service answered again. If a cheap test exists, it passed, too: the process
-      exists (a node on this machine), or the port accepts a connection (``_tcp``).
+    - ``answers``: the service answered again and passed the cheap test, if there is one: the
+      process exists (a node on this machine), or the port accepts a connection (``_tcp``).
     - ``no process``, ``port closed``: the service answered, but this test failed.
-    - ``vanished``: the service was found, but then withdrew or stopped answering.
+    - ``vanished``: the service was found, but was then withdrawn or stopped answering.
 
-    None of this proves that data arrive; only the data do.
+    None of these results proves that data will arrive.
 
     Raises:
         DiscoveryError: this machine has no such interface.
@@ -67,11 +67,11 @@ def discover(seconds: float, interfaces: Sequence[str] = LOOPBACK) -> list[Servi
 def resolve(
     service_type: str, name: str, timeout_s: float, interfaces: Sequence[str] = LOOPBACK
 ) -> tuple[str, int]:
-    """Return address and port of the service that announces itself as ``name``.
+    """Return the address and port of the service announced as ``name``.
 
     Args:
         service_type: such as ``_hri-source._tcp.local.``.
-        name: the service's own name, without its type.
+        name: name of the service, without its type.
         timeout_s: maximum time to wait for an answer.
         interfaces: addresses of the interfaces to search on.
 
@@ -93,7 +93,7 @@ def resolve(
 
 
 def find(service_type: str, settings: ServiceSettings) -> tuple[str, int]:
-    """Call ``resolve`` with a source's settings."""
+    """Resolve the service in the settings of a source."""
     return resolve(service_type, settings.name, settings.timeout_s, settings.interfaces)
 
 
@@ -117,7 +117,7 @@ def _ports(interfaces: Sequence[str]) -> Iterator[_Ports]:
 
 @contextlib.contextmanager
 def _browsing(ports: _Ports, types: list[str]) -> Iterator[dict[str, str]]:
-    """Yield a dict that collects each full name heard in the block, with its type."""
+    """Yield a dict that collects the services heard during the block: full name -> type."""
     seen: dict[str, str] = {}
 
     def note(service_type: str, name: str, **_: Any) -> None:
@@ -145,7 +145,7 @@ def _ask(ports: _Ports, info: ServiceInfo, seconds: float) -> bool:
 
 
 def _heard(ports: _Ports, service_type: str, name: str) -> Service | None:
-    """Return a service as its earlier answers describe it, or ``None``."""
+    """Return a service from its earlier answers, or ``None``."""
     info = _info(service_type, name)
     if info is None or not any(info.load_from_cache(zeroconf) for zeroconf in ports):
         return None
@@ -160,7 +160,7 @@ def _info(service_type: str, name: str) -> ServiceInfo | None:
 
 
 def _service(service_type: str, name: str, info: ServiceInfo | None = None) -> Service:
-    """Return a service as it announced itself, not yet checked."""
+    """Return a service as announced, not yet checked."""
     bare = printable(name.removesuffix(f".{service_type}"))
     if info is None:
         return Service(
@@ -186,7 +186,7 @@ def _service(service_type: str, name: str, info: ServiceInfo | None = None) -> S
 
 
 def _look(ports: _Ports, service_type: str, name: str, known: Service | None) -> Service:
-    """Ask a service again, with an empty cache, and make the cheap test of its liveness."""
+    """Query a service again with an empty cache, and run the cheap liveness test."""
     info = _info(service_type, name)
     if info is not None and _ask(ports, info, ANSWER_S):
         service = _service(service_type, name, info)

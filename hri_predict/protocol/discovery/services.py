@@ -1,4 +1,4 @@
-"""The types of services and their properties."""
+"""Service types and their properties."""
 
 import ipaddress
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ ServiceName = Annotated[str, Field(min_length=1, max_length=MAX_LABEL), AfterVal
 
 
 class DiscoverySettings(Settings):
-    """``discovery:``; without it a node announces nothing and opens no socket for discovery."""
+    """The ``discovery:`` section; without it a node opens no socket for discovery."""
 
     name: Annotated[str, AfterValidator(_printable)] | None = Field(
         None, min_length=1, max_length=MAX_NAME, description="default: the configuration's name"
@@ -51,9 +51,9 @@ class DiscoverySettings(Settings):
 
 
 class ServiceSettings(Abbreviated):
-    """``service:`` of a source: the announced name of the service to connect to."""
+    """The ``service:`` entry of a source: announced name of the service to connect to."""
 
-    name: ServiceName = Field(description="name that the service announces")
+    name: ServiceName = Field(description="announced name of the service")
     interfaces: Interfaces = Field(LOOPBACK, description="address of the interface to search on")
     timeout_s: float = Field(2.0, ge=0.1, le=30, description="duration of each search")
 
@@ -62,12 +62,12 @@ class ServiceSettings(Abbreviated):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Service:
-    """A service as it announced itself; all strings are made printable.
+    """A service as announced; all strings are made printable.
 
     Attributes:
         kind: ``node``, ``source`` or ``controller``.
         type, name: full type, and the name, unique within its type.
-        host, addresses, port: its announced place; the port of a node is 0, because it has none.
+        host, addresses, port: where it is reachable; 0 as the port of a node, which has none.
         properties: its other announced properties.
         liveness: the result of the check, a hint. See ``browser.discover``.
     """
@@ -82,7 +82,7 @@ class Service:
     liveness: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
+        """Return data that can be written as JSON."""
         return asdict(self)
 
 
@@ -96,7 +96,7 @@ def instance(name: str, host: str, pid: int, number: int = 1) -> str:
 
 
 def txt(properties: Mapping[str, str]) -> dict[str, bytes]:
-    """Return properties as a TXT record holds them; a value that is too long ends in "…"."""
+    """Return properties encoded for a TXT record; a value that is too long ends in "…"."""
     return {k: cut(v, MAX_TXT - len(k) - 1).encode() for k, v in properties.items()}
 
 

@@ -1,1 +1,1 @@
-"""Files written from the protocol definition: DBC, C header, documents, examples."""
+"""Files generated from the protocol definition: DBC, C header, documents, examples."""

@@ -1,4 +1,4 @@
-"""Parts of a file between two marks, which are generated; the text around them is kept."""
+"""Generated parts of a file, between two markers; the surrounding text is kept."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -15,10 +15,10 @@ CODE = (
 
 
 def renewed(text: str, blocks: Blocks, marks: str = CODE) -> str:
-    """Return the text with each of its marked parts written again.
+    """Return the text with each marked part generated again.
 
     Raises:
-        ConfigError: no function writes a part of this name.
+        ConfigError: no function generates a part of this name.
     """
 
     def part(match: re.Match[str]) -> str:

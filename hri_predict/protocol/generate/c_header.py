@@ -1,7 +1,7 @@
-"""The parts of the C code in ``drivers/c`` that follow from the definition.
+"""Generate the parts of the C code in ``drivers/c`` that depend on the definition.
 
-``hri-predict protocol c-header`` renews the parts between ``/* generated: begin`` and
-``/* generated: end */``, and writes ``fuzz/corpus.txt``. The rest is written by hand.
+``hri-predict protocol c-header`` regenerates the parts between ``/* generated: begin`` and ``/*
+generated: end */``, and writes ``fuzz/corpus.txt``. The rest is written by hand.
 """
 
 from collections.abc import Mapping
@@ -80,7 +80,7 @@ BLOCKS: Blocks = {
 
 
 def corpus() -> str:
-    """Return the worked examples of the node's messages for the fuzzer, one unit a line."""
+    """Return the worked examples of the node's messages for the fuzzer, one unit per line."""
     rows = ["# KIND [ID] BYTES; renew: hri-predict protocol files"]
     for message in EXAMPLES:
         if BY_TYPE[type(message)].sender == "node":

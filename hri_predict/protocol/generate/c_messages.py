@@ -1,7 +1,7 @@
-"""The messages of the node in C: structures, decoding, and the printing of ``examples/decode.c``.
+"""The messages of the node in C: structures, decoding, and printing in ``examples/decode.c``.
 
-Names are the signals' in lower case with the unit of one step: ``SPEED_LIMIT`` in steps of 1 mm/s
-is ``speed_limit_mm_s``; ``A_X``, ``A_Y``, ``A_Z`` become one array ``a_mm``.
+Member names are the signal names in lower case with the unit of one step: ``SPEED_LIMIT`` in steps
+of 1 mm/s is ``speed_limit_mm_s``; ``A_X``, ``A_Y``, ``A_Z`` become one array ``a_mm``.
 """
 
 import re
@@ -22,7 +22,7 @@ ENUMS = {
     RobotMode: "MODE",
     OperatingMode: "OPERATING_MODE",
 }
-"""The part of the names of their values that follows ``HRI_``."""
+"""Prefix of each enumeration's C constants, after ``HRI_``."""
 
 _PREFIXES = {1: "", 10: "d", 100: "c", 1000: "m", 1_000_000: "u"}
 _WIDTH = 100
@@ -34,13 +34,13 @@ def snake(definition: Definition) -> str:
 
 
 def name_of(field: Field, definition: Definition) -> str:
-    """Name of a field in the structure of its message."""
+    """Name of a field in the C structure of its message."""
     name = field.signal.removeprefix(f"{snake(definition)}_").lower()
     return name + _unit(field)
 
 
 def _unit(field: Field) -> str:
-    """Ending of the name: the unit of one step, such as ``_mm_s``, or ``_steps`` if it has none."""
+    """Suffix of the name: the unit of one step, such as ``_mm_s``, or ``_steps`` without a unit."""
     if not field.scale:
         return ""
     if not field.unit or field.scale not in _PREFIXES:
@@ -49,7 +49,7 @@ def _unit(field: Field) -> str:
 
 
 def bits_of(field: Field) -> int:
-    """Width of the type that holds a field."""
+    """Width in bits of the C type of a field."""
     return next(bits for bits in (8, 16, 32) if bits >= field.bits)
 
 
@@ -58,7 +58,7 @@ def _type(field: Field) -> str:
 
 
 def not_available(field: Field) -> str:
-    """Name of the code for "not available"."""
+    """Name of the constant for "not available"."""
     return f"HRI_NO_{'I' if field.signed else 'U'}{field.bits}"
 
 
@@ -75,7 +75,7 @@ def codes() -> dict[str, str]:
 
 
 def _members(fields: tuple[Field, ...], d: Definition) -> Iterator[tuple[str, int, list[Field]]]:
-    """Yield (name, first bit, fields) of each member; three fields are one array of a point."""
+    """Yield (name, first bit, fields) of each member; the fields of a point are one array."""
     start, i = 0, 0
     while i < len(fields):
         three = list(fields[i : i + 3])
@@ -112,7 +112,7 @@ def _declared(declaration: str, comment: str) -> list[str]:
 
 
 def kinds() -> str:
-    """Return the kinds of message, and how many there are."""
+    """Return the constants of the message kinds, and of their number."""
     rows = ["#define HRI_NOTHING 0u"]
     rows += [f"#define HRI_{snake(d)} {i}u" for i, d in enumerate(SENT, 1)]
     return "\n".join((*rows, f"#define HRI_KINDS {len(SENT) + 1}u")) + "\n"
@@ -127,7 +127,7 @@ def structures() -> str:
     """Return the structures of all messages that a controller receives.
 
     Raises:
-        ValueError: two messages with items have different other fields.
+        ValueError: two messages with items differ in their other fields.
     """
     if len({d.fields for d in BODIES}) > 1:
         raise ValueError("the C code keeps messages with items in one hri_body: one row of fields")
@@ -142,12 +142,12 @@ def structures() -> str:
         what = f"/* One frame of {' or of '.join(content)}: items first .. first + count - 1. */\n"
         parts.append(what + _structure("hri_body", BODIES[0].fields, BODIES[0], arrays))
     held = "".join(f"    hri_{h} {h};\n" for h in dict.fromkeys(map(_held, SENT)))
-    why = "/* Each kind keeps its newest; no union (MISRA C:2012, rule 19.2). */\n"
+    why = "/* The newest message of each kind; no union (MISRA C:2012, rule 19.2). */\n"
     return "\n".join((*parts, f"{why}typedef struct {{\n{held}}} hri_message;\n"))
 
 
 def _raw(field: Field, start: int) -> str:
-    """The expression that reads a field from the payload ``p``.
+    """Return the C expression that reads a field from the payload ``p``.
 
     Raises:
         ValueError: a signed field does not fill whole bytes.
@@ -167,7 +167,7 @@ def _raw(field: Field, start: int) -> str:
 
 
 def _read(field: Field, start: int) -> str:
-    """The same; a value that no one knows is the fallback of its enumeration."""
+    """Like ``_raw``, but an unknown value becomes the fallback of its enumeration."""
     raw = _raw(field, start)
     if field.flag:
         return f"({raw} == 1u)"
@@ -179,7 +179,7 @@ def _read(field: Field, start: int) -> str:
 
 
 def _reading(fields: tuple[Field, ...], d: Definition) -> tuple[list[str], list[str]]:
-    """Statements that read fields into ``m``, and what must hold of them."""
+    """Return the statements that read fields into ``m``, and the conditions that they must meet."""
     statements, conditions = [], []
     for member, start, held in _members(fields, d):
         for i, f in enumerate(held):
@@ -211,7 +211,7 @@ def _decoder(name: str, fields: tuple[Field, ...], d: Definition, more: str = ""
 
 
 def decoding() -> str:
-    """Return the functions that decode each message, and the one that chooses among them."""
+    """Return the functions that decode each message, and the function that dispatches to them."""
     parts = [_decoder(_held(d), d.fields, d) for d in SENT if not d.item]
     if BODIES:
         more = ",\n                        uint32_t room, uint32_t item_bytes"
@@ -279,7 +279,7 @@ uint8_t hri_lib_kind(uint32_t number, uint32_t robot, bool wide)
 
 
 def numbers() -> str:
-    """Return the function from the number of a frame to the kind of its message.
+    """Return the function that maps a frame number to the kind of its message.
 
     Raises:
         ValueError: a message without a robot has several parts on classic CAN.
@@ -291,7 +291,7 @@ def numbers() -> str:
             place = f"(number - ({first} + (HRI_ROBOT_STRIDE * robot)))"
             condition = f"{place} <\n        (wide ? 1u : {parts})"
         elif d.classic and d.parts > 1:
-            raise ValueError(f"{d.name}: the C code collects the parts of robots' messages only")
+            raise ValueError(f"{d.name}: the C code assembles parts only for messages per robot")
         else:
             condition = f"number == {first}" if d.classic else f"wide && (number == {first})"
         choices += f"if ({condition}) {{\n        kind = HRI_{snake(d)};\n    }} else "
@@ -299,7 +299,7 @@ def numbers() -> str:
 
 
 def printing() -> str:
-    """Return the function of ``examples/decode.c`` that prints a message."""
+    """Return the function in ``examples/decode.c`` that prints a message."""
     lines = [
         "static void print_message(uint8_t kind, unsigned robot, const hri_message *message)",
         *("{", "    switch (kind) {"),
@@ -321,7 +321,7 @@ def printing() -> str:
 
 
 def _printed(fields: tuple[Field, ...], d: Definition, held: str) -> Iterator[str]:
-    """Yield a statement for each field; of an item with its number i."""
+    """Yield a print statement for each field; for a field of an item, with its index i."""
     index, argument = ("_%u", "i, ") if fields is d.item else ("", "")
     for member, _, row in _members(fields, d):
         for i, f in enumerate(row):

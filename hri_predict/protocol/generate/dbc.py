@@ -1,7 +1,7 @@
 """The DBC files, one for classic CAN and one for FD, generated from the definition.
 
 ``hri-predict protocol dbc FOLDER`` writes both. The shipped files in ``drivers/dbc`` have the
-default base id. Only writing them needs cantools (extra ``dev``), not the node.
+default base id. Writing them requires cantools (extra ``dev``); the node does not.
 """
 
 from collections import OrderedDict
@@ -92,14 +92,14 @@ def frame_name(definition: Definition, robot: int, part: int, fd: bool) -> str:
 
 
 def frame_length(definition: Definition, fd: bool) -> int:
-    """Length in bytes of the longest such frame."""
+    """Maximum length of such a frame, in bytes."""
     if not fd:
         return CLASSIC_BYTES
     return next(n for n in FD_LENGTHS if n >= PROFILE_5_HEADER + definition.max_bytes)
 
 
 def choices(field: Field) -> dict[int, str]:
-    """Names of raw values: those of an enumeration, and "not available" for a number."""
+    """Names of raw values: the values of an enumeration, or "not available" for a number."""
     names = {int(e): e.name for e in field.enum} if field.enum else {}
     if field.not_available is not None:
         names[field.not_available] = "NOT_AVAILABLE"
@@ -107,7 +107,7 @@ def choices(field: Field) -> dict[int, str]:
 
 
 def frame_comment(definition: Definition, number: int, part: int, fd: bool) -> str:
-    """Return the purpose of the frame and the data id in its CRC."""
+    """Return the comment on a frame: its purpose, and the data id in its CRC."""
     text = definition.text + "." + (_part_of(definition, part) if not fd else "")
     if fd:
         return f"{text} E2E profile 5, data id {data_id_16(number):#06x}."
@@ -115,7 +115,7 @@ def frame_comment(definition: Definition, number: int, part: int, fd: bool) -> s
 
 
 def _part_of(definition: Definition, part: int) -> str:
-    """Which part it is, and with which others it counts."""
+    """Describe which part the frame is, and which other parts it must be used with."""
     if definition.parts == 1:
         return ""
     if not definition.extra:
@@ -125,7 +125,7 @@ def _part_of(definition: Definition, part: int) -> str:
     if part < definition.always:
         return text
     extra = definition.extra[part - definition.always]
-    return f"{text} It is sent if {extra.signal} is {extra.least} or more."
+    return f"{text} It is sent only if {extra.signal} is {extra.least} or more."
 
 
 def dbc_text(fd: bool, base_id: int = DEFAULT_BASE_ID, extended: bool = False) -> str:

@@ -1,7 +1,7 @@
 """The tables of ``drivers/PROTOCOL.md``, generated from the definition.
 
-``hri-predict protocol document drivers/PROTOCOL.md`` renews the text between each line
-``<!-- table: NAME -->`` and the next ``<!-- end -->``; the text around them is written by hand.
+``hri-predict protocol document drivers/PROTOCOL.md`` regenerates the text between each line ``<!--
+table: NAME -->`` and the next ``<!-- end -->``; the rest of the text is written by hand.
 """
 
 from collections.abc import Callable, Iterable
@@ -47,7 +47,7 @@ def hexadecimal(data: bytes) -> str:
 
 
 def field_table(definition: Definition) -> str:
-    """Return the table of a message's fields, then that of its repeated item."""
+    """Return the table of a message's fields, then the table of its repeated item."""
     text = _rows(definition, definition.fields)
     if definition.item:
         text += (
@@ -130,7 +130,7 @@ def frames() -> str:
 
 
 def _carried(d: Definition, part: int) -> str:
-    """Whether classic CAN carries a part, and when."""
+    """Return whether, and under which condition, classic CAN carries a part."""
     if not d.classic:
         return "no"
     if part < d.always:
@@ -141,7 +141,7 @@ def _carried(d: Definition, part: int) -> str:
 
 
 def reasons() -> str:
-    """Return the reasons and what clears them."""
+    """Return the table of the reasons and the conditions that clear them."""
     return table(
         ("value", "name", "meaning", "clears when"),
         ((int(r), r.name, r.text, r.clears_when or "–") for r in Reason),
@@ -149,7 +149,7 @@ def reasons() -> str:
 
 
 def enumeration(enum: type[IntEnum]) -> str:
-    """Return the values of an enumeration."""
+    """Return the table of an enumeration's values."""
     return table(("value", "name"), ((int(e), e.name) for e in enum))
 
 
@@ -181,7 +181,7 @@ def sizes() -> str:
 
 
 def example(message: Message) -> str:
-    """Return the worked example of a message: its units as sent, then its payload by field."""
+    """Return the worked example of a message: the bytes as sent, then the payload by field."""
     units = []
     for link, identifier, data in encodings(message):
         name = link if identifier is None else f"{link}, id `{identifier:#05x}`"
@@ -241,7 +241,7 @@ BLOCKS: Blocks = {
             ("MAX_DELTA", e2e.MAX_DELTA),
             ("RESYNC", e2e.RESYNC),
             ("longest serial frame, bytes, before COBS", MAX_DECODED),
-            ("the same after COBS, without the 16#00", MAX_ENCODED),
+            ("longest serial frame after COBS, without the 16#00", MAX_ENCODED),
         ),
     ),
 }

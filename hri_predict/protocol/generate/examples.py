@@ -1,6 +1,6 @@
-"""The worked examples of ``drivers/PROTOCOL.md``: each message once, in every encoding.
+"""The worked examples in ``drivers/PROTOCOL.md``: each message once, in every encoding.
 
-Each is the first of its kind (counter 0), and of robot 1 if it belongs to a robot.
+Each is the first message of its type (counter 0), for robot 1 if the type has a robot.
 """
 
 from collections.abc import Iterator

@@ -1,6 +1,6 @@
-"""Every file in ``drivers`` that follows from the definition of the messages.
+"""Generate every file in ``drivers`` that depends on the definition of the messages.
 
-Some are written whole. Of others the marked parts are renewed, and the text around them is kept.
+Some files are generated completely. In others, only the marked parts are regenerated.
 """
 
 from collections.abc import Callable, Iterable
@@ -40,14 +40,14 @@ PROJECTS = {"plc/hri_predict.xml": plcopen.xml, "plc/hri_predict.scl": scl.scl}
 
 
 def generated(folder: Path, part: str = "") -> dict[Path, str]:
-    """Return path -> text of all files.
+    """Return the text of all files by path.
 
     Args:
-        folder: ``drivers``, or the part of it that is asked for.
+        folder: ``drivers``, or the requested part of it.
         part: only files below this part, such as ``c/``.
 
     Raises:
-        ConfigError: a file of which parts are kept cannot be read or is not understood.
+        ConfigError: a file with parts to keep cannot be read or parsed.
     """
 
     def places(names: Iterable[str]) -> dict[str, Path]:
@@ -71,7 +71,7 @@ def _units(path: Path, text: str) -> list[structured_text.Unit]:
 
 
 def read(path: Path) -> str:
-    """Return the text of a file that is written again afterwards: a device may never end.
+    """Return the text of a file to be regenerated; refuse devices, whose data may never end.
 
     Raises:
         ConfigError: it is not a file, or not text.

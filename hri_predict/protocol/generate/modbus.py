@@ -45,7 +45,7 @@ def _table(registers: tuple[Register, ...], base: int, stride: int = 0) -> Calla
 
 
 def _stale(register: Register) -> str:
-    """The value that says so, or that it stays."""
+    """Return the value of a register without fresh data, or state that it is kept."""
     if register.stale is None:
         return "stays"
     return f"{register.stale - (1 << 16) if register.signed else register.stale}"

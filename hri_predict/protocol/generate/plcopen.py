@@ -24,7 +24,7 @@ _SCALES = "".join(f'<{kind}><scaling x="1" y="1" /></{kind}>' for kind in ("fbd"
 
 
 def xml(units: Iterable[Unit]) -> str:
-    """A whole project document with all ``units``."""
+    """Return a complete project document with all ``units``."""
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
         f'<project xmlns="{NAMESPACE}">',

@@ -1,7 +1,7 @@
-"""Structured text as a source of Siemens' SCL, which TIA Portal imports ("external source files").
+"""Structured text as Siemens SCL source, which TIA Portal imports ("external source files").
 
-SCL writes local names as ``#Name`` and names of blocks in quotes, ends declarations with BEGIN, and
-calls the local variables of a function temporary. The statements are the same.
+In SCL, local names have the form ``#Name``, block names are quoted, BEGIN ends the declarations,
+and the local variables of a function are called temporary. The statements are the same.
 """
 
 import re
@@ -15,7 +15,7 @@ _PIECE = re.compile(r"\(\*.*?\*\)|16#[0-9A-F]+|\w+|\s*:=|.|\n", re.DOTALL)
 
 
 def scl(units: Iterable[Unit]) -> str:
-    """One source with all ``units``, each after what it uses."""
+    """Return one source with all ``units``, each after the units that it uses."""
     units = list(units)
     blocks = {unit.name for unit in units}
     return "\n".join(line for unit in units for line in _unit(unit, blocks))

@@ -1,8 +1,8 @@
-"""The parts of the structured text in ``drivers/plc`` that follow from the definition.
+"""Generate the parts of the structured text in ``drivers/plc`` that depend on the definition.
 
-The block ``HRI_ADVICE_FIELDS``, which reads each field of an Advice, is written between two marks
-of ``hri_fields.st``. Constants with the names below are renewed wherever a block declares them, and
-the sizes of arrays that hold a whole frame of the serial line. The rest is written by hand.
+The block ``HRI_ADVICE_FIELDS``, which reads each field of an Advice, is written between two markers
+in ``hri_fields.st``. The constants listed below are updated wherever a block declares them, and so
+are the sizes of arrays for a serial frame. The rest is written by hand.
 """
 
 import re
@@ -26,7 +26,7 @@ _WIDTH = 105
 
 
 def constants() -> dict[str, str]:
-    """Name -> literal of each constant that follows from the definition."""
+    """Literals of the constants that depend on the definition, by name."""
     return {
         "SCHEMA_VERSION": f"{SCHEMA_VERSION}",
         "SCHEMA_HASH_LOW": f"16#{SCHEMA_HASH & 0xFFFF:04X}",
@@ -72,7 +72,7 @@ def _raw(field: Field, start: int) -> str:
     if field.signed and (inside, bits) == (0, 16):
         return f"HRI_INT{two}"
     if field.signed or inside + bits > 16:
-        raise ValueError(f"{field.signal}: structured text reads no field like this one")
+        raise ValueError(f"{field.signal}: the structured text cannot read this kind of field")
     wide = inside + bits > 8
     raw = f"HRI_UINT{two}" if wide else f"BYTE_TO_USINT(Payload[{byte}])"
     raw += f" / {1 << inside}" if inside else ""
@@ -117,7 +117,7 @@ BLOCKS: blocks.Blocks = {"fields": fields}
 
 
 def renewed(text: str) -> str:
-    """Return a source with its generated block and its constants written again."""
+    """Return a source with its generated block and constants updated."""
     known = constants()
     text = blocks.renewed(text, BLOCKS)
     if "LONGEST :" in text:  # the serial line's: a PLC does not refuse an index beyond its array

@@ -1,6 +1,6 @@
-"""Our structured text in parts: what ``plcopen`` and ``scl`` write in their own forms.
+"""Parse our structured text into parts, which ``plcopen`` and ``scl`` write in their own formats.
 
-It knows what ``drivers/plc`` uses of IEC 61131-3 and refuses the rest.
+Only the subset of IEC 61131-3 used in ``drivers/plc`` is supported; the rest is refused.
 """
 
 import re
@@ -28,7 +28,7 @@ _VARIABLE = re.compile(
 
 @dataclass(frozen=True)
 class Variable:
-    """One declaration; ``kind`` is the type of the elements if it has ``bounds``."""
+    """One declaration; ``kind`` is the element type if there are ``bounds``."""
 
     name: str
     kind: str
@@ -39,7 +39,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Unit:
-    """A function (it ``returns`` a type) or a function block.
+    """A function (``returns`` is its type) or a function block.
 
     Attributes:
         sections: variables by ``VAR_INPUT``, ``VAR_OUTPUT``, ``VAR`` or ``VAR CONSTANT``.
@@ -54,17 +54,17 @@ class Unit:
 
 
 def units(text: str) -> Iterator[Unit]:
-    """The functions and function blocks of a source, in order.
+    """Return the functions and function blocks of a source, in order.
 
     Raises:
-        ConfigError: there is none, or a declaration is not understood.
+        ConfigError: there is none, or a declaration cannot be parsed.
     """
     found = 0
     for match in _UNIT.finditer(text):
         found += 1
         yield _unit(match[2], match[3], match[4])
     if not found:
-        raise ConfigError("no FUNCTION and no FUNCTION_BLOCK in it; give structured text")
+        raise ConfigError("it has no FUNCTION or FUNCTION_BLOCK; provide structured text")
 
 
 def _unit(name: str, returns: str | None, rest: str) -> Unit:
@@ -85,7 +85,7 @@ def _variables(unit: str, text: str) -> Iterator[Variable]:
         match = _VARIABLE.match(text, place + gap)
         if match is None:
             line = text[place:].strip().splitlines()[0]
-            raise ConfigError(f"{unit}: declaration not understood: {line}; write NAME : TYPE;")
+            raise ConfigError(f"{unit}: cannot parse the declaration: {line}; write NAME : TYPE;")
         name, low, high, kind, initial, comment = match.groups()
         bounds = (low, high) if low else None
         yield Variable(name, kind, bounds, initial, comment or "")

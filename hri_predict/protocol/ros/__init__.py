@@ -1,1 +1,1 @@
-"""ROS messages that place people: read as plain values, without ROS."""
+"""ROS messages with positions of people, read as plain values without ROS."""

@@ -1,14 +1,14 @@
-"""Bodies in one ROS message, in the message's own frame, metres (REP-103).
+"""Bodies in one ROS message, in the frame of the message, metres (REP-103).
 
-``hri_msgs/IdsList`` and ``zed_msgs/ObjectsStamped`` have files of their own: ``tracked``, ``zed``.
+``hri_msgs/IdsList`` and ``zed_msgs/ObjectsStamped`` have separate modules: ``tracked``, ``zed``.
 
-``geometry_msgs/PoseArray``: the joints of one person after the other, in the joint map's order;
-people are numbered by their place. Orientations are not used.
+``geometry_msgs/PoseArray``: the joints of each person in turn, in the joint map's order; a person's
+id is the index in the message. Orientations are not used.
 
-``visualization_msgs/MarkerArray``, as Azure Kinect's driver publishes it: a marker for each joint,
-whose id is the body's number times 100 plus the joint's
-(github.com/microsoft/Azure_Kinect_ROS_Driver, ``k4a_ros_device.cpp``). Lines and texts among them
-are not joints. Deleted markers are not there.
+``visualization_msgs/MarkerArray``, as published by the Azure Kinect driver: one marker per joint,
+with the marker id 100 times the body's number plus the joint's number
+(github.com/microsoft/Azure_Kinect_ROS_Driver, ``k4a_ros_device.cpp``). Lines and texts are not
+joints; deleted markers are ignored.
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _ADD = 0
 
 
 class MessageError(ValueError):
-    """The message does not place people; one line with the remedy."""
+    """The message does not give positions of people; one line with the remedy."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ class Body:
     Attributes:
         id: number, 0..65535.
         positions: (J, 3) metres, NaN where a joint was not seen.
-        name: ending of the names of the person's frames in ``/tf``; "" without such frames.
+        name: suffix of the names of the person's frames in ``/tf``; "" without such frames.
     """
 
     id: int
@@ -54,11 +54,11 @@ class Bodies:
     """All people in one message.
 
     Attributes:
-        stamp_ns: the header's, ns of the publisher's clock; ``None`` where the message has no
-            header: an empty ``MarkerArray``.
-        frame: name of the frame; "" where the message has no header.
-        people: each with another id.
-        by_frames: whether ``/tf`` alone places them, each by frames of its own.
+        stamp_ns: stamp in the header, ns of the publisher's clock; ``None`` without a header, as in
+            an empty ``MarkerArray``.
+        frame: name of the frame; "" if the message has no header.
+        people: the people, with distinct ids.
+        by_frames: whether only ``/tf`` gives the positions, with separate frames for each person.
     """
 
     stamp_ns: int | None
@@ -68,10 +68,10 @@ class Bodies:
 
 
 def of_pose_array(message: Any, names: Sequence[str]) -> Bodies:
-    """Bodies of a ``PoseArray`` of people with these joints.
+    """Return the bodies in a ``PoseArray`` of people with these joints.
 
     Raises:
-        MessageError: a different number of joints, or too many people.
+        MessageError: the number of joints is wrong, or there are too many people.
     """
     joints = len(names)
     count, rest = divmod(len(message.poses), joints)
@@ -91,11 +91,11 @@ def of_pose_array(message: Any, names: Sequence[str]) -> Bodies:
 
 
 def of_marker_array(message: Any, names: Sequence[str]) -> Bodies:
-    """Bodies of a ``MarkerArray`` of people with these joints.
+    """Return the bodies in a ``MarkerArray`` of people with these joints.
 
     Raises:
-        MessageError: an id beyond the joints, a joint that comes twice, two frames, two stamps, or
-            too many people.
+        MessageError: an id outside the joint map, a repeated joint, two frames, two stamps, or too
+            many people.
     """
     shown = [m for m in message.markers if m.action == _ADD and m.type in _SOLID]
     if not shown:
@@ -109,8 +109,8 @@ def of_marker_array(message: Any, names: Sequence[str]) -> Bodies:
         body, joint = divmod(int(marker.id), IDS_PER_BODY)
         if joint >= joints or marker.id in seen or not 0 <= body <= MAX_ID:
             raise MessageError(
-                f"marker {marker.id} is not joint 0 to {joints - 1} of a body, each once (id = "
-                f"body x 100 + joint); correct 'joint_map' or the publisher"
+                f"marker {marker.id} is not joint 0 to {joints - 1} of a body, or is repeated (id "
+                "= body x 100 + joint); correct 'joint_map' or the publisher"
             )
         seen.add(marker.id)
         points = found.setdefault(body, np.full((joints, 3), np.nan))
@@ -129,10 +129,10 @@ def _capture(header: Any) -> tuple[str, int, int]:
 
 
 def stamp(header: Any) -> int:
-    """The stamp of a header, ns.
+    """Return the stamp of a header, ns.
 
     Raises:
-        MessageError: it is not a time.
+        MessageError: it is not a valid time.
     """
     try:
         return stamp_ns(header.stamp)
@@ -151,5 +151,5 @@ def check_people(count: int) -> None:
 
 
 def known(points: Floats) -> Floats:
-    """The points, a point with a coordinate that is not a number as not seen at all."""
+    """Return the points; a point with a NaN coordinate becomes NaN in all three."""
     return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)

@@ -1,8 +1,8 @@
-"""Frames of ``/tf`` and ``/tf_static``: the pose of one frame in another, at a time.
+"""Frames of ``/tf`` and ``/tf_static``: the pose of one frame in another at a given time.
 
-As tf2 (REP-105): each frame has one parent. A transform that moves is interpolated between two
-messages, and never extrapolated; after its newest message it holds only while it stands still.
-Unlike tf2, two publishers of one frame that disagree are both not believed.
+As in tf2 (REP-105), each frame has one parent. A moving transform is interpolated between two
+messages and never extrapolated; it stays valid after its newest message only while it does not
+change. Unlike in tf2, two publishers that disagree about a frame are both rejected.
 """
 
 import math
@@ -18,22 +18,22 @@ from hri_predict.protocol.ros.stamps import stamp_ns
 MAX_FRAMES = 1000
 MAX_DEPTH = 100
 HISTORY = 200
-"""Transforms of one frame that are kept: 2 s at 100 Hz."""
+"""Number of transforms kept per frame: 2 s at 100 Hz."""
 GAP_NS = 500_000_000
-"""Maximum time between two transforms, and after the newest one while it stands still."""
+"""Maximum time between two transforms, and after the newest one if the frame does not move."""
 STILL_M, STILL = 0.001, 0.0005
-"""Maximum change, metres and of the quaternion (1 mrad), of a transform that stands still."""
+"""Maximum change of a transform that counts as still: metres, and quaternion units (1 mrad)."""
 NORM_TOLERANCE = 0.01
 RIVALS_NS = 1_000_000_000
-"""Time for which a moving frame is unknown after a second publisher gave it another value."""
+"""Time for which a moving frame is unknown after a second publisher gave it a different value."""
 NO_PUBLISHER = bytes(16)
 
 
 class UnknownFrame(ValueError):
-    """Two frames have no transform at that time; one line with the cause.
+    """There is no transform between two frames at that time; one line with the cause.
 
     Attributes:
-        later: whether a message that is still on its way may give it.
+        later: whether a message that has not arrived yet may provide it.
     """
 
     def __init__(self, why: str, *, later: bool = False) -> None:
@@ -42,7 +42,7 @@ class UnknownFrame(ValueError):
 
 
 class _Edge:
-    """The transforms of one frame in its parent."""
+    """The transforms from one frame to its parent."""
 
     def __init__(self, parent: str, static: bool, publisher: bytes) -> None:
         self.parent = parent
@@ -69,15 +69,15 @@ class _Edge:
             self.poses.append(pose)
 
     def at(self, child: str, at_ns: int, holds: bool) -> Floats:
-        """(4, 4) at a time.
+        """Return the (4, 4) transform at a time.
 
         Args:
             child: the frame's name.
             at_ns: a stamp, ns.
-            holds: whether a frame that stands still does so after its newest message.
+            holds: whether a frame at rest remains valid after its newest message.
 
         Raises:
-            UnknownFrame: no transform holds then.
+            UnknownFrame: no transform is valid at that time.
         """
         self._check_publishers(child, at_ns)
         if self.static:
@@ -95,18 +95,18 @@ class _Edge:
             return _matrix(self.poses[-1])
         raise UnknownFrame(
             f"the transform of '{child}' in '{self.parent}' has no value at the message's stamp; "
-            f"publish it at least 10 times a second by the same clock, or on /tf_static",
+            "publish it at least 10 times a second with the same clock, or on /tf_static",
             later=later,
         )
 
     def _check_publishers(self, child: str, at_ns: int) -> None:
-        """Refuse a frame that two publishers give; a static one until the node starts again."""
+        """Refuse a frame from two publishers; a static frame until the node is restarted."""
         if self._rivals_ns is None:
             return
         if not self.static and at_ns >= self._rivals_ns + RIVALS_NS:
             self._rivals_ns = None
             return
-        remedy = "stop one of them, and start the node again" if self.static else "stop one of them"
+        remedy = "stop one of them and restart the node" if self.static else "stop one of them"
         raise UnknownFrame(f"two publishers give the transform of '{child}'; {remedy}")
 
     def _still(self) -> bool:
@@ -114,13 +114,13 @@ class _Edge:
 
 
 class FrameTree:
-    """Collects transforms; bounded in frames and in time.
+    """Collects a bounded number of frames, each for a limited time.
 
-    Frames that move are forgotten, with the static ones that hang on them, when others need their
-    room: the one that was not heard for longest goes first.
+    When it is full, the moving frame that was not updated for the longest time is dropped, with the
+    static frames below it.
 
     Attributes:
-        refused: transforms that were not valid, or of too many frames.
+        refused: number of transforms that were invalid or exceeded the number of frames.
     """
 
     def __init__(self) -> None:
@@ -128,12 +128,12 @@ class FrameTree:
         self._edges: dict[str, _Edge] = {}  # those that move in the order of their newest message
 
     def add(self, message: Any, *, static: bool, publisher: bytes = NO_PUBLISHER) -> None:
-        """Take a ``tf2_msgs/TFMessage``; invalid transforms in it are counted.
+        """Process a ``tf2_msgs/TFMessage``; invalid transforms in it are counted.
 
         Args:
-            message: with the attributes of that type.
+            message: an object with the attributes of that type.
             static: whether it came on ``/tf_static``.
-            publisher: the identity of its publisher, 16 bytes, where it is known.
+            publisher: 16-byte identity of its publisher, if known.
         """
         for each in message.transforms:
             try:
@@ -147,8 +147,8 @@ class FrameTree:
         Args:
             target: name of a frame.
             at_ns: a stamp of the transforms' clock, ns.
-            moving: ending of the names of frames that do not stand still after their newest
-                message, even if they did before it.
+            moving: suffix of the names of frames that are never valid after their newest message,
+                even if they were at rest.
         """
         return Moment(self, plain_frame(target), at_ns, moving)
 
@@ -165,11 +165,11 @@ class FrameTree:
         return self.at(target, at_ns).matrix(source)
 
     def root(self, frame: str) -> str:
-        """The topmost frame above this one."""
+        """Return the root frame above this frame."""
         return self.way(plain_frame(frame))[-1]
 
     def way(self, frame: str) -> list[str]:
-        """The frame, its parent, and so on, to the topmost one; a circle ends after MAX_DEPTH."""
+        """Yield the frame and its ancestors up to the root; stop after MAX_DEPTH in a loop."""
         way = [frame]
         while frame in self._edges and len(way) < MAX_DEPTH:
             frame = self._edges[frame].parent
@@ -177,19 +177,19 @@ class FrameTree:
         return way
 
     def in_parent(self, child: str, at_ns: int, holds: bool) -> Floats:
-        """(4, 4) from a frame to its parent.
+        """Return the (4, 4) transform from a frame to its parent.
 
         Args:
             child: the frame's name.
             at_ns: a stamp, ns.
-            holds: whether a frame that stands still does so after its newest message.
+            holds: whether a frame at rest remains valid after its newest message.
 
         Raises:
-            UnknownFrame: it has none, or it has no value then.
+            UnknownFrame: there is no transform, or none at that time.
         """
         edge = self._edges.get(child)
         if edge is None:
-            raise UnknownFrame(f"no transform places '{child}'")
+            raise UnknownFrame(f"no transform gives the pose of '{child}'")
         return edge.at(child, at_ns, holds)
 
     def _add(self, message: Any, static: bool, publisher: bytes) -> None:
@@ -210,7 +210,7 @@ class FrameTree:
         edge.add(at_ns, pose, publisher)
 
     def _forget_one(self) -> None:
-        """Forget the frame that moves and was not heard for longest.
+        """Drop the moving frame that was not updated for the longest time.
 
         Raises:
             ValueError: all frames are static.
@@ -226,7 +226,7 @@ class FrameTree:
 
 
 class Moment:
-    """The poses of frames in one of them at one time; each transform is looked up once."""
+    """The poses of frames in a target frame at one time; each transform is looked up once."""
 
     def __init__(self, tree: FrameTree, target: str, at_ns: int, moving: str) -> None:
         self._tree = tree
@@ -249,8 +249,8 @@ class Moment:
         for frames in (way, self._above):
             if len(set(frames)) < len(frames):  # two parents contradict each other
                 raise UnknownFrame(
-                    f"the frames above '{frames[0]}' form a circle; stop one of their publishers, "
-                    f"and start the node again"
+                    f"the frames above '{frames[0]}' form a loop; stop one of their publishers and "
+                    "restart the node"
                 )
         known = next((k for k, f in enumerate(way) if f in self._found or f in self._above), None)
         if known is None:
@@ -262,7 +262,7 @@ class Moment:
         return matrix
 
     def _of_above(self, frame: str) -> Floats:
-        """(4, 4) from a frame that was found before, or that is above the target."""
+        """Return the (4, 4) transform from a frame that was found before or is above the target."""
         if frame not in self._found:
             matrix = np.eye(4)
             for child in self._above[: self._above.index(frame)]:
@@ -276,7 +276,7 @@ class Moment:
 
 
 def plain_frame(name: str) -> str:
-    """A frame's name without the leading slash of ROS 1."""
+    """Return a frame's name without the leading slash of ROS 1."""
     return name.removeprefix("/")
 
 
@@ -287,7 +287,7 @@ def _alike(pose: Floats, other: Floats) -> bool:
 
 
 def _between(before: Floats, after: Floats, share: float) -> Floats:
-    """Interpolate two poses; the quaternion along the shorter arc, linearly, then normalised."""
+    """Interpolate two poses linearly; the quaternion along the shorter arc, then normalised."""
     sign = 1.0 if before[3:] @ after[3:] >= 0 else -1.0
     pose: Floats = before + share * (np.concatenate([after[:3], sign * after[3:]]) - before)
     norm = np.linalg.norm(pose[3:])

@@ -19,7 +19,7 @@ TYPES = {
     "forecast_markers": "visualization_msgs/msg/MarkerArray",
     "forecast": "geometry_msgs/msg/PoseArray",
 }
-"""Type of each topic, by the last part of its name."""
+"""Type of each topic, keyed by the last part of its name."""
 
 
 def type_of(topic: str) -> str:
@@ -31,8 +31,8 @@ class Topics:
     """Full names of topics.
 
     Args:
-        namespace: put before the names of all topics that are not absolute.
-        remap: other names, relative or absolute, by the topic's own.
+        namespace: prefix of all topic names that are not absolute.
+        remap: replacement names, relative or absolute, by topic name.
     """
 
     def __init__(self, namespace: str, remap: Mapping[str, str]) -> None:
@@ -46,12 +46,12 @@ class Topics:
 
 
 def unknown(remap: Mapping[str, str]) -> list[str]:
-    """Return the topics in ``remap`` that the link does not have."""
+    """Return the topics in ``remap`` that do not exist in the link."""
     return [topic for topic in remap if topic not in ALL]
 
 
 def doubled(topics: Topics, remap: Mapping[str, str]) -> list[str]:
-    """Return full names that ``remap`` gives to more than one topic."""
+    """Return the full names that ``remap`` assigns to more than one topic."""
     names = [topics.full(topic) for topic in remap]
     kept = {topics.full(topic) for topic in ALL if topic not in remap}
     return sorted({name for name in names if names.count(name) > 1 or name in kept})

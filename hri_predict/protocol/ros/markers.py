@@ -1,7 +1,8 @@
 """People, zones and forecast poses as ``visualization_msgs/MarkerArray``, for RViz and Foxglove.
 
-Each message stands alone: namespace and id of a marker follow from person, horizon and part, and a
-marker that is not renewed disappears after ``LIFETIME_NS``. Colours are those of the levels.
+Each message is self-contained: the namespace and id of a marker identify the person, horizon and
+part, and a marker that is not updated disappears after ``LIFETIME_NS``. The colours are those of
+the levels.
 """
 
 import math
@@ -15,7 +16,7 @@ from hri_predict.protocol.ros.bodies import IDS_PER_BODY
 from hri_predict.protocol.ros.cdr import HEAD, Point, Writer
 
 LIFETIME_NS = 500_000_000
-"""As old as a Zone may be when it is sent (``hri_drivers.links.bulk.STALE_NS``)."""
+"""Maximum age of a Zone when it is sent (``hri_drivers.links.bulk.STALE_NS``)."""
 SPHERE, CYLINDER, LINE_LIST, SPHERE_LIST, POINTS = 2, 3, 5, 7, 8
 """Types of ``visualization_msgs/Marker``."""
 ADD = 0
@@ -23,7 +24,7 @@ ALPHA_NOW, ALPHA_AHEAD = 0.5, 0.2
 BONE_M, JOINT_M = 0.03, 0.06
 PERSON_COLOUR = (0.1, 0.4, 0.9, 1.0)
 PARTS = 512
-"""Marker ids of one person: up to two for each of 255 capsules. Persons are below 65,536."""
+"""Marker ids per person: up to two for each of 255 capsules. Person numbers are below 65,536."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 Quaternion = tuple[float, float, float, float]
@@ -36,8 +37,8 @@ def people_markers(
     """Return people as ``bodies.of_marker_array`` reads them: a sphere for each joint seen.
 
     Args:
-        people: number and joints of each, metres, at most ``IDS_PER_BODY`` joints. A person without
-            a joint that was seen keeps the first, whose place is then not a number.
+        people: number and joints of each person, metres, at most ``IDS_PER_BODY`` joints. For a
+            person without a visible joint, the first joint is kept, with NaN as its position.
         stamp_ns, frame_id: for the headers.
     """
     drawn: list[tuple[int, Point]] = []
@@ -53,13 +54,13 @@ def people_markers(
 
 
 def zone_markers(zone: Zone, *, stamp_ns: int, frame_id: str, level: Level) -> bytes:
-    """Return the capsules of a zone: for each a cylinder, and its two ends as spheres.
+    """Return the capsules of a zone, each as a cylinder and a sphere at both ends.
 
     Args:
-        zone: metres, room frame. A capsule with a value that is not a number is left out.
+        zone: metres, room frame. A capsule that contains NaN is omitted.
         stamp_ns: UTC, for the headers.
         frame_id: the room's frame in ROS.
-        level: gives the colour.
+        level: determines the colour.
     """
     colour = _colour(level, ALPHA_AHEAD if zone.step else ALPHA_NOW)
     drawn = [
@@ -79,7 +80,7 @@ def zone_markers(zone: Zone, *, stamp_ns: int, frame_id: str, level: Level) -> b
 def pose_markers(pose: Pose, *, stamp_ns: int, frame_id: str, level: Level) -> bytes:
     """Return the bones of a forecast pose as lines; arguments as for ``zone_markers``.
 
-    A pose of a skeleton that is not the canonical one is drawn as points.
+    A pose with a different skeleton than the canonical one is drawn as points.
     """
     places = {j: (x, y, z) for j, x, y, z in pose.joints if _all_finite((x, y, z))}
     lines: list[float] = []
@@ -98,7 +99,7 @@ def pose_markers(pose: Pose, *, stamp_ns: int, frame_id: str, level: Level) -> b
 
 
 def _empty_end() -> bytes:
-    """Return the end of a marker, from its ``colors`` on: no texture, text or mesh."""
+    """Return the final fields of a marker, starting with ``colors``: no texture, text or mesh."""
     writer = Writer()
     writer.put(4, "I", 0)
     writer.text("")
@@ -118,7 +119,7 @@ _LIFETIME = divmod(LIFETIME_NS, 1_000_000_000)
 
 
 class _Markers:
-    """Writes markers of one namespace; all but a few numbers of each are the same bytes."""
+    """Writes markers of one namespace, which are identical except for a few numbers."""
 
     def __init__(self, count: int, stamp_ns: int, frame_id: str, name: str) -> None:
         begin = Writer()
@@ -138,7 +139,7 @@ class _Markers:
         colour: Colour,
         points: Sequence[float] = (),
     ) -> None:
-        """Append one; ``shape``: position, quaternion, scale; ``points``: x, y, z of each."""
+        """Append a marker; ``shape``: position, quaternion, scale; ``points``: x, y, z of each."""
         writer = self._writer
         writer.put(4, "")
         writer.append(self._begin)
@@ -155,7 +156,7 @@ class _Markers:
 
 
 def _between(a: Point, b: Point) -> tuple[Point, Quaternion, float]:
-    """Middle, rotation of the z axis and distance of two points."""
+    """Return the midpoint, z-axis rotation and distance of two points."""
     dx, dy, dz = (end - start for start, end in zip(a, b, strict=True))
     middle = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2)
     length = math.sqrt(dx * dx + dy * dy + dz * dz)

@@ -1,6 +1,6 @@
-"""Types of ROS messages by ``rosbags``, which reads their bytes without ROS.
+"""ROS message types from ``rosbags``, which reads their bytes without ROS.
 
-Only types of its own tables and of ours are read: a definition that a bag brings along is never
+Only types from its tables and from ours are read; definitions contained in a bag are never
 compiled.
 """
 
@@ -17,17 +17,17 @@ _TEXTS = {
     IDS_LIST: IDS_LIST_TEXT,
     **TEXTS,
 }
-"""Definitions of types that a release's table may lack."""
+"""Definitions of types that may be missing from a release's table."""
 _BEFORE = {OBJECTS: OBJECTS_BEFORE}
-"""Types whose definition changed, as they were before; nothing in the bytes says which it is."""
+"""Earlier definitions of types that changed; the bytes do not show which one was used."""
 
 Release = Literal["ros1", "foxy", "jazzy"]
-"""Releases by their messages. ``foxy``: markers without textures, up to Galactic."""
+"""Releases, grouped by their messages. ``foxy``: markers without textures, up to Galactic."""
 
 
 @functools.cache
 def typestore(release: Release) -> Any:
-    """The types of a release.
+    """Return the types of a release.
 
     Raises:
         ConfigError: rosbags is not installed.
@@ -51,10 +51,10 @@ def typestore(release: Release) -> Any:
 
 
 def of_cdr(store: Any, data: bytes, kind: str) -> Any:
-    """A message of ROS 2 as plain values; of whichever definition takes all of its bytes.
+    """Decode a ROS 2 message with the definition that consumes all of its bytes.
 
     Raises:
-        Exception: of any kind, if it is damaged.
+        Exception: of any type, if the message is damaged.
     """
     try:
         return store.deserialize_cdr(data, kind)

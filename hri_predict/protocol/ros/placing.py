@@ -1,4 +1,4 @@
-"""People of a ROS message in one frame, also where the publisher uses another."""
+"""Convert the people in a ROS message to one frame, even if the publisher uses another frame."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,19 +27,19 @@ READERS: dict[str, Callable[[Any, Sequence[str]], Bodies]] = {
     IDS_LIST: of_ids_list,
     OBJECTS: of_objects,
 }
-"""Types of messages that place people, and how each is read: a message, and the joints' names."""
+"""Parser for each message type with positions of people; arguments: message and joint names."""
 
 
 class NotYet(MessageError):
-    """A transform that is needed may still come."""
+    """A required transform may still arrive."""
 
 
 class PeopleReader:
-    """Turns messages into bodies in one frame.
+    """Converts messages to bodies in one frame.
 
     Args:
         joints: names of a person's joints.
-        frame: name of the frame in which people are wanted.
+        frame: name of the target frame.
         tree: the transforms, in metres.
         scale_to_m: metres per unit of the messages' positions; 1 by REP-103.
     """
@@ -54,26 +54,26 @@ class PeopleReader:
         self._numbers = Numbers()
 
     def parse(self, kind: str, message: Any) -> Bodies:
-        """People in the message's own frame and units.
+        """Return the people in the frame and units of the message.
 
         Args:
             kind: the message's type, a key of ``READERS``.
             message: with the attributes of that type.
 
         Raises:
-            MessageError: the message does not place people; one line with the remedy.
+            MessageError: the message does not give positions of people; one line with the remedy.
         """
         return READERS[kind](message, self._joints)
 
     def place(self, bodies: Bodies, *, waits: bool = False) -> Bodies:
-        """Parsed people, in metres in ``frame``.
+        """Return parsed people in ``frame``, metres.
 
         Args:
-            bodies: of ``parse``.
-            waits: whether transforms may still come.
+            bodies: result of ``parse``.
+            waits: whether transforms may still arrive.
 
         Raises:
-            NotYet: one of them is needed; only with ``waits``.
+            NotYet: a required transform has not arrived yet; only with ``waits``.
             MessageError: the message's frame is not connected to ``frame``, or a body has no frame
                 that is; one line with the remedy.
         """
@@ -91,7 +91,7 @@ class PeopleReader:
 
     def _matrix(self, frame: str, stamp_ns: int, waits: bool) -> Floats:
         if not frame:
-            raise MessageError("frame_id is empty; let the publisher name its frame")
+            raise MessageError("frame_id is empty; configure the publisher to name its frame")
         try:
             return self._tree.matrix(self._frame, frame, stamp_ns)
         except UnknownFrame as error:
@@ -102,7 +102,7 @@ class PeopleReader:
             ) from None
 
     def _by_frames(self, body: Body, stamp_ns: int, waits: bool) -> Body:
-        """The joints at the origins of their frames; those without one were not seen."""
+        """Return the body with its joints at their frames; joints without a frame were not seen."""
         moment = self._tree.at(self._frame, stamp_ns, moving=f"_{body.name}")
         positions: Floats = np.full((len(self._joints), 3), np.nan)
         why = self._at_its_sensor(body.name, stamp_ns)
@@ -118,7 +118,7 @@ class PeopleReader:
         return replace(body, id=self._numbers.of(body.name), positions=positions)
 
     def _at_its_sensor(self, name: str, stamp_ns: int) -> str:
-        """Why a body's place was not measured: trackers without depth leave it at the sensor."""
+        """Return why a body's position is not measured: without depth it stays at the sensor."""
         child = f"{ROOT}_{name}"
         try:
             place = self._tree.in_parent(child, stamp_ns, holds=False)[:3, 3]

@@ -1,6 +1,7 @@
-"""Advice, Status, Zone and Pose as plain ROS 2 messages: pure conversions, without rclpy.
+"""Convert Advice, Status, Zone and Pose to plain ROS 2 messages, without rclpy.
 
-None of them is protected end to end. Only ``frames`` is (``hri_drivers.links.ros2.codec``).
+None of these messages is protected end to end. Only ``frames`` is
+(``hri_drivers.links.ros2.codec``).
 """
 
 import json
@@ -31,7 +32,7 @@ _OF_NODE = {NodeState.RUNNING: OK, NodeState.FAULT: ERROR, NodeState.UNKNOWN: ST
 
 
 class Sample(NamedTuple):
-    """A serialised message and its topic: relative to the link's namespace, or absolute."""
+    """A serialised message and its topic, relative to the link's namespace or absolute."""
 
     topic: str
     data: bytes
@@ -40,7 +41,7 @@ class Sample(NamedTuple):
 def speed_fraction(advice: Advice, full_speed_m_s: float) -> float:
     """Return the permitted fraction of full speed, 0 to 1.
 
-    0 at every level at which the robot may not move, and without a limit that makes sense.
+    0 at each level at which the robot may not move, and without a valid limit.
     """
     limit = advice.speed_limit_m_s
     if not advice.level.may_move or limit is None or not 0.0 < limit < math.inf:
@@ -49,17 +50,17 @@ def speed_fraction(advice: Advice, full_speed_m_s: float) -> float:
 
 
 def percent(fraction: float) -> int:
-    """Return whole percent of a fraction, rounded down."""
+    """Return a fraction as a whole percentage, rounded down."""
     return min(100, max(0, math.floor(100.0 * fraction)))
 
 
 def rounded(
     value: float | None, to: Callable[[float], int] = math.floor, steps: float = 1e4
 ) -> float | None:
-    """Return a multiple of 1 / ``steps`` that JSON can hold; ``None`` is "not available".
+    """Return a value rounded to a multiple of 1 / ``steps``, for JSON; ``None`` is "not available".
 
-    ``to`` is the safe side: ``math.floor`` for distances and limits, ``math.ceil`` for ages. Where
-    the rounding of floating point would pass to the other side, the value stays as it is.
+    ``to`` is the safe direction: ``math.floor`` for distances and limits, ``math.ceil`` for ages.
+    If floating-point error would round in the wrong direction, the value is not changed.
     """
     if value is None or not math.isfinite(value):
         return None
@@ -91,7 +92,7 @@ def advice_fields(advice: Advice, fraction: float) -> dict[str, Any]:
 
 
 class PlainMessages:
-    """Turns the node's messages into samples; keeps the newest level of each robot.
+    """Converts the node's messages to samples; keeps the newest level of each robot.
 
     Args:
         full_speed_m_s: speed of the robot's fastest point at fraction 1.
@@ -132,7 +133,7 @@ class PlainMessages:
                 return []
 
     def last_words(self) -> list[Sample]:
-        """Return what stops every robot advised before: the node ends."""
+        """Return the samples that stop every robot advised so far, because the node exits."""
         words: list[Sample] = []
         for robot in list(self._advices):
             words += self._advice(
@@ -193,7 +194,7 @@ class PlainMessages:
         ]
 
     def _is_due(self, name: str, state: object, now_ns: int) -> bool:
-        """Whether a status changed or is due again; remember that it is sent if so."""
+        """Return whether a status changed or is due again; if so, record it as sent."""
         before, at_ns = self._shown.get(name, (None, 0))
         if before == state and 0 <= now_ns - at_ns < DIAGNOSTICS_NS:
             return False

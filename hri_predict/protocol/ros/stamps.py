@@ -1,15 +1,15 @@
-"""Stamps of ROS messages, and which clock they seem to be of."""
+"""Stamps of ROS messages, and the clock that they appear to come from."""
 
 from typing import Any, Literal
 
 CLOSE_NS = 3600 * 10**9
-"""Stamps within this time of a clock are of that clock: time zones and wrong dates are farther."""
+"""Maximum difference between a stamp and its clock; time zones and wrong dates differ by more."""
 
 StampClock = Literal["utc", "boot", "other"]
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Nanoseconds of a ``builtin_interfaces/Time``.
+    """Return the nanoseconds of a ``builtin_interfaces/Time``.
 
     Raises:
         ValueError: it has more than 999,999,999 nanoseconds.
@@ -20,9 +20,9 @@ def stamp_ns(stamp: Any) -> int:
 
 
 def clock_of(at_ns: int, utc_ns: int, boot_ns: int) -> StampClock:
-    """Return the clock that a stamp is of, by its distance from this machine's clocks then.
+    """Return the clock of a stamp, found by comparison with this machine's clocks at that time.
 
-    Simulated time, and the boot clock of another machine, are "other".
+    Simulated time and the boot clock of another machine are "other".
 
     Args:
         at_ns: the stamp.

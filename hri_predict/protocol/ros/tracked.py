@@ -1,7 +1,7 @@
-"""ROS4HRI (REP-155): ``hri_msgs/IdsList`` of ``/humans/bodies/tracked``.
+"""ROS4HRI (REP-155): ``hri_msgs/IdsList`` on ``/humans/bodies/tracked``.
 
-The message names the bodies that a tracker follows, and their frames in ``/tf`` place them: a joint
-map's joint ``l_wrist`` of the body ``abcde`` is at the origin of the frame ``l_wrist_abcde``.
+The message names the tracked bodies; their frames in ``/tf`` give the positions. For example, the
+joint ``l_wrist`` of the body ``abcde`` is at the origin of the frame ``l_wrist_abcde``.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import numpy as np
 from hri_predict.protocol.ros.bodies import Bodies, Body, MessageError, check_people, stamp
 
 ROOT = "body"
-"""The frame of a body that its tracker places in the sensor's frame."""
+"""Name prefix of the body frame that the tracker publishes relative to the sensor."""
 IDS_LIST = "hri_msgs/msg/IdsList"
 IDS_LIST_TEXT = "std_msgs/Header header\nstring[] ids"
 """Definition of the message (github.com/ros4hri/hri_msgs)."""
@@ -20,29 +20,29 @@ _REMEMBERED = 1024
 
 
 def of_ids_list(message: Any, names: Sequence[str]) -> Bodies:
-    """Bodies that are tracked, not yet placed; numbered by their places in the list.
+    """Return the tracked bodies without positions, numbered by their index in the list.
 
     Raises:
-        MessageError: an empty id, an id that comes twice, or too many people.
+        MessageError: an empty id, a repeated id, or too many people.
     """
     ids = [str(each) for each in message.ids]
     check_people(len(ids))
     if len(set(ids)) < len(ids) or "" in ids:
-        raise MessageError("an id is empty or comes twice; correct the tracker")
+        raise MessageError("an id is empty or repeated; correct the tracker")
     nowhere = np.full((len(names), 3), np.nan)
     people = tuple(Body(k, nowhere, name) for k, name in enumerate(ids))
     return Bodies(stamp_ns=stamp(message.header), frame="", people=people, by_frames=True)
 
 
 class Numbers:
-    """The numbers of names: a name keeps its number while it is seen, and long after."""
+    """Assigns a number to each name; a name keeps its number while it is seen, and long after."""
 
     def __init__(self) -> None:
         self._numbers: dict[str, int] = {}  # in the order in which they were seen last
         self._next = 1
 
     def of(self, name: str) -> int:
-        """A number, 0..65535, that no other name has of those that were seen lately."""
+        """Return a number, 0..65535, that no other recently seen name has."""
         number = self._numbers.pop(name, None)
         if number is None:
             taken = set(self._numbers.values())

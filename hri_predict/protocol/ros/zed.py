@@ -1,8 +1,8 @@
-"""ZED's bodies: ``zed_msgs/ObjectsStamped`` of ``body_trk/skeletons``, of the ZED ROS 2 wrapper.
+"""Bodies from the ZED ROS 2 wrapper: ``zed_msgs/ObjectsStamped`` on ``body_trk/skeletons``.
 
-Keypoints are metres in the camera's frame, x forward, y left, z up, as the wrapper sets its SDK;
-those that were not seen are not numbers, or zeros. A body that the camera does not see, whose way
-the SDK estimates, is there without any joint that was seen.
+Keypoints are in metres in the camera's frame, x forward, y left, z up, as the wrapper configures
+the SDK; keypoints that were not seen are NaN or zero. A body that the camera does not see but whose
+motion the SDK estimates is included without any visible joint.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from hri_predict.protocol.ros.frame_tree import plain_frame
 
 OBJECTS = "zed_msgs/msg/ObjectsStamped"
 OBJECTS_BEFORE = "zed_msgs/msg/ObjectsStampedBefore"
-"""The same as wrappers sent it whose objects had no confidence of each keypoint: a type of ours."""
+"""The message of older wrappers, without a confidence per keypoint, under a type name of ours."""
 _OBJECT = """
 string label
 int16 label_id
@@ -67,16 +67,16 @@ _OK = 1  # tracking_state
 
 
 def of_objects(message: Any, names: Sequence[str]) -> Bodies:
-    """Bodies of an ``ObjectsStamped`` of people with these joints.
+    """Return the bodies in an ``ObjectsStamped`` of people with these joints.
 
     Raises:
-        MessageError: objects without skeleton or without tracking, another body format, an id that
-            comes twice, or too many people.
+        MessageError: objects without a skeleton or tracking, a different body format, a repeated
+            id, or too many people.
     """
     check_people(len(message.objects))
     people = [_body(each, len(names)) for each in message.objects]
     if len({body.id for body in people}) < len(people):
-        raise MessageError("an id comes twice; set body_tracking.enable_tracking of the wrapper")
+        raise MessageError("an id is repeated; set body_tracking.enable_tracking in the wrapper")
     return Bodies(
         stamp_ns=stamp(message.header),
         frame=plain_frame(message.header.frame_id),
@@ -85,16 +85,18 @@ def of_objects(message: Any, names: Sequence[str]) -> Bodies:
 
 
 def keypoints_of(message: Any) -> int:
-    """Number of keypoints of the first skeleton; 0 if there is none."""
+    """Return the number of keypoints of the first skeleton; 0 if there is none."""
     formats = (each.body_format for each in message.objects if each.skeleton_available)
     return KEYPOINTS.get(next(formats, -1), 0)
 
 
 def _body(one: Any, joints: int) -> Body:
     if not one.skeleton_available:
-        raise MessageError("an object without skeleton; subscribe to body_trk/skeletons")
+        raise MessageError("an object has no skeleton; subscribe to body_trk/skeletons")
     if not one.tracking_available:
-        raise MessageError("ids are not kept; set body_tracking.enable_tracking of the wrapper")
+        raise MessageError(
+            "ids are not persistent; set body_tracking.enable_tracking in the wrapper"
+        )
     sent = KEYPOINTS.get(one.body_format, 0)
     if sent != joints:
         raise MessageError(

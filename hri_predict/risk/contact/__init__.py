@@ -1,1 +1,1 @@
-"""Contact that is permitted: limits by body region, fixtures, and the speed that they allow."""
+"""Permitted contact: limits by body region, fixtures, and the resulting robot speed."""

@@ -1,11 +1,12 @@
-"""Whether a robot may clamp a body part against a fixture or another robot.
+"""Check whether a robot may clamp a body part against a fixture or another robot.
 
-It may if a link can reach the part, the part can reach the fixture (by itself, or pushed by the
-robot until it stops), and the link may come nearer to the fixture than the part is thick (ISO
-13854:2017, Table 1, or the part's capsule, if that is thicker).
+Clamping is possible if a link can reach the part, the part can reach the fixture (by itself, or
+pushed by the robot until it stops), and the gap between link and fixture may become smaller than
+the part's thickness (ISO 13854:2017, Table 1, or the part's capsule if that is thicker).
 
-Where another robot will be is not predicted here: it may move anywhere at its highest speed, so it
-counts as a fixture that is thicker by that motion. Where its pose is unknown, it may be anywhere.
+The motion of other robots is not predicted here: another robot may move in any direction at its
+highest speed, so it is treated as a fixture enlarged by that motion. If its pose is unknown, it may
+be anywhere.
 """
 
 from collections.abc import Sequence
@@ -22,11 +23,11 @@ THICKNESS_M = {
     "head": 0.3, "shoulders": 0.5, "thorax": 0.5, "abdomen": 0.5, "pelvis": 0.5,
     "upper_arm": 0.12, "forearm": 0.12, "hand": 0.1, "thigh": 0.18, "shank": 0.18, "foot": 0.12,
 }  # fmt: skip
-"""Gaps in which nothing is crushed (ISO 13854:2017, Table 1: head, body, arm, hand, leg, foot)."""
+"""Minimum gaps against crushing (ISO 13854:2017, Table 1: head, body, arm, hand, leg, foot)."""
 
 
 def thickness_m(segments: Sequence[str], radii_m: Floats) -> Floats:
-    """Return (S,) distances from a fixture beyond which a link cannot clamp the segment."""
+    """Return the distance (S,) from a fixture beyond which a link cannot clamp each segment."""
     names = [s.removeprefix("l_").removeprefix("r_") for s in segments]
     crushed = np.array([THICKNESS_M.get(name, max(THICKNESS_M.values())) for name in names])
     return np.maximum(crushed, 2 * radii_m)
@@ -35,15 +36,15 @@ def thickness_m(segments: Sequence[str], radii_m: Floats) -> Floats:
 def anywhere_until(
     motion: RobotMotion, max_speed_m_s: float, until_s: float, uncertainty_m: float
 ) -> Capsules:
-    """(C,) capsules that hold a robot, however it moves until then; it may stand elsewhere by Z_r
-    and by what happened since it reported (``uncertainty_m``)."""
+    """Return capsules (C,) that contain a robot for any motion until then. They include Z_r and the
+    uncertainty since its last report (``uncertainty_m``)."""
     now = motion.capsules
     return Capsules(now.a, now.b, now.radius + max_speed_m_s * until_s + uncertainty_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clamping:
-    """Clamping by one robot.
+    """Checks for clamping by one robot.
 
     Attributes:
         fixtures: F of them.
@@ -62,14 +63,14 @@ class Clamping:
         travel: Floats,
         others: Sequence[Capsules | None],
     ) -> Bools:
-        """(V, N, S) whether a link may press a segment against a fixture or another robot.
+        """Return (V, N, S) whether a link may press a segment against a fixture or another robot.
 
         Args:
             motion: of the robot.
             zones: (N, K, S) of the people.
-            touched: (V, N, S, C) whether a link may reach a segment at each of V speeds.
-            travel: (V, K) how far any point may get by the end of each step, m.
-            others: R where each other robot may be meanwhile; ``None``: anywhere.
+            touched: (V, N, S, C) whether each link may reach each segment at each of V speeds.
+            travel: (V, K) maximum travel of any point by the end of each step, m.
+            others: R, space that each other robot may occupy during this time; ``None``: anywhere.
         """
         result = np.zeros(touched.shape[:3], np.bool_)
         people, segments = np.nonzero(touched.any(axis=(0, 3)))
@@ -94,9 +95,9 @@ class Clamping:
 
 @np.errstate(invalid="ignore")
 def robot_gaps(capsules: Capsules, robots: Sequence[Capsules | None]) -> Floats:
-    """(..., R) how far capsules (...) are from each robot, metres.
+    """Return distances (..., R) of capsules (...) from each robot, metres.
 
-    Minus infinity where something is not finite, and from a robot that may be anywhere (``None``).
+    Minus infinity if a value is not finite, or the robot may be anywhere (``None``).
     """
     result = np.full((*capsules.radius.shape, len(robots)), -np.inf)
     each = Capsules(capsules.a[..., None, :], capsules.b[..., None, :], capsules.radius[..., None])

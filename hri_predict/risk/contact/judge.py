@@ -1,13 +1,15 @@
-"""Maximum speed of a robot beside people that it may touch: mode ``hybrid``.
+"""Maximum speed of a robot near people that it may touch: mode ``hybrid``.
 
-A speed is permitted if, until the robot stops, it can reach no part of a body that does not bear a
-touch at this speed. For each part, that means: its zone stays away from the stopping robot, as in
-mode ``predictive``; or the speed is at most what the part bears (``limits``), less the part's own
-speed unless ``own_speed`` leaves it out. A part that may be clamped must bear the quasi-static
-limits as well (``clamping``). Head, face and neck bear nothing, and so does everything of a person
-who is lost or whose speed is unknown. A speed is permitted only together with every slower one.
+A speed is permitted if the stopping robot can reach no body part for which contact at this speed is
+not allowed. For each part, one of two conditions must hold: its zone stays away from the stopping
+robot, as in mode ``predictive``; or the speed does not exceed the part's contact limit
+(``limits``), reduced by the part's own speed unless ``own_speed`` is ``left_out``. A part that may
+be clamped must also meet the quasi-static limits (``clamping``). No contact is allowed with head,
+face and neck, or with a person who is lost or whose speed is unknown. A speed is permitted only if
+every slower speed is permitted.
 
-The cost is bounded: with more than ``MAX_BESIDE`` people within reach no contact is permitted.
+To bound the computing time, no contact is permitted with more than ``MAX_BESIDE`` people within
+reach.
 """
 
 from collections.abc import Sequence
@@ -33,9 +35,9 @@ from hri_predict.zones.body_zones import BodyZones
 
 MAX_BESIDE = 3
 RUNGS = 5 * SPEED_LEVELS
-"""Number of speeds to try in any direction; among them those tried in the present direction."""
+"""Number of speeds tried for any direction, including those tried for the present direction."""
 _FREE_M = 1e3
-"""Slack if nothing within reach is in danger."""
+"""Slack if no person within reach is in danger."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,9 +46,9 @@ class _Reachable:
 
     Attributes:
         who: (N,) their indices.
-        near_m: (V, N, S, C) smallest distance of segment and link until the robot stops. Of
-            the first speed, 0: while a robot that creeps would come to rest where it is.
-        bears: (V, N, S) whether the segment bears a touch at this speed.
+        near_m: (V, N, S, C) smallest distance between segment and link until the robot stops. The
+            first speed is 0: a creeping robot that stops where it is.
+        bears: (V, N, S) whether contact with the segment is allowed at this speed.
     """
 
     who: Ints
@@ -54,11 +56,11 @@ class _Reachable:
     bears: Bools
 
     def least_m(self, speed: int) -> float:
-        """The smallest distance of a segment that may not be touched at this speed."""
+        """Smallest distance of a segment that may not be touched at this speed."""
         return self._least_m(speed, self.near_m[speed])
 
     def creeping_m(self, speed: int) -> float:
-        """The same, of a robot that hardly moves."""
+        """The same for a robot that hardly moves."""
         return self._least_m(speed, self.near_m[0])
 
     def _least_m(self, speed: int, near_m: Floats) -> float:
@@ -67,11 +69,11 @@ class _Reachable:
 
 
 class ContactJudge:
-    """Judges contact with one robot; call it with the robot's motion and the bodies.
+    """Determines the speeds at which one robot may touch people.
 
     Args:
         robot: the robot.
-        limits: maximum speeds of contact with each of the S segments of the zones.
+        limits: maximum contact speed for each of the S segments of the zones.
         clamping: objects against which it may clamp a person.
     """
 
@@ -89,7 +91,7 @@ class ContactJudge:
         self._margins_m = slow, slow + robot.risk.band_m
 
     def revise(self, robot: RobotConstants) -> None:
-        """Take another stopping curve."""
+        """Replace the stopping curve."""
         self._robot = robot
 
     def __call__(
@@ -99,17 +101,18 @@ class ContactJudge:
         people: Finding,
         others: Sequence[Capsules | None] = (),
     ) -> Finding | None:
-        """Return the limits that contact permits.
+        """Return the speed limits with permitted contact.
 
         Args:
             motion: of the robot.
             bodies: all people.
-            people: the finding of the zones; the result has its distances.
-            others: places where each other robot may be until this one stands; ``None``: anywhere.
+            people: finding from the zones, which provides the distances of the result.
+            others: space that each other robot may occupy until this robot stops; ``None``:
+                anywhere.
 
         Returns:
-            Its slack says whether the present speed is permitted, its limits which are.
-            ``None``: too many people are within reach.
+            A finding; its slack shows whether the present speed is permitted, its limits show the
+            permitted speeds. ``None``: too many people are within reach.
         """
         curve = self._robot.curve
         rungs = curve.max_speed_m_s * np.arange(RUNGS + 1) / RUNGS
@@ -159,9 +162,10 @@ class ContactJudge:
         )
 
     def _travel_m(self, motion: RobotMotion, speeds: Floats) -> Floats:
-        """(V, K) how far any point may get by the end of each step; minus infinity once it stands.
+        """Return (V, K) maximum travel of any point by each step's end; minus infinity when
+        stopped.
 
-        The first speed is 0, of a robot that creeps; the last is the present one.
+        The first speed is 0, for a creeping robot; the last is the present speed.
         """
         curve = self._robot.curve
         stopping_s = np.interp(speeds, curve.speed_m_s, curve.time_s)
@@ -180,7 +184,7 @@ class ContactJudge:
         return np.where(motion.times_s[:-1] <= stands_s[:, None], travel, -np.inf)
 
     def _bears(self, bodies: BodyZones, who: Ints, speeds: Floats, clamps: Bools) -> Bools:
-        """(V, N, S) whether each segment bears a touch at each speed."""
+        """Return (V, N, S) whether contact with each segment is allowed at each speed."""
         own = np.where(bodies.speeds.unknown[who][:, None], np.inf, bodies.segments_m_s[who])
         if self._robot.risk.contact.own_speed == "left_out":
             own = np.where(np.isfinite(own), 0.0, np.inf)
@@ -199,11 +203,11 @@ class ContactJudge:
         limits: list[float],
         slack: float,
     ) -> tuple[list[float], float]:
-        """Limits and slack where the robot goes on in its present direction, if that permits more.
+        """Return limits and slack for the present direction, if these permit more.
 
-        A part that may be clamped on a way in any direction counts as such. What a level may not
-        touch must also stay away from a robot that creeps: one that recedes may be slower than the
-        lowest level.
+        A part that may be clamped in any direction of motion is treated as clamped. Parts that may
+        not be touched at a level must also stay away from a creeping robot, because a receding
+        robot may be slower than the lowest level.
         """
         top = self._robot.curve.max_speed_m_s
         levels = speed_levels(top, min(limits)) if min(limits) < top else []
@@ -235,7 +239,7 @@ class ContactJudge:
     def _deciding(
         self, found: _Reachable, rungs: Floats, limit: float, people: Finding
     ) -> tuple[int, int, int]:
-        """Person, segment and link that limit the speed."""
+        """Return the person, segment and link that limit the speed."""
         row = min(int(np.searchsorted(rungs, limit, side="right")), len(rungs) - 1)
         near = np.where(found.bears[row][..., None], np.inf, found.near_m[row])
         if not (near.size and near.min() < np.inf):
@@ -245,20 +249,20 @@ class ContactJudge:
 
 
 def _limit(rungs: Floats, least: Floats, needed_m: float) -> float:
-    """The highest rung that is clear, with all below it; 0 if none is."""
+    """Return the highest level that is clear together with all lower levels; 0 if none is clear."""
     blocked = np.flatnonzero(~(least >= needed_m))
     count = int(blocked[0]) if blocked.size else len(rungs)
     return float(rungs[count - 1]) if count else 0.0
 
 
 def _spheres(capsules: Capsules) -> tuple[Floats, Floats]:
-    """Middles and radii of the spheres around capsules."""
+    """Return centres and radii of the bounding spheres of capsules."""
     return (capsules.a + capsules.b) / 2, norm(capsules.b - capsules.a) / 2 + capsules.radius
 
 
 @np.errstate(invalid="ignore")
 def _within(zones: Capsules, robot: Capsules, far_m: float) -> Ints:
-    """Indices of the people who may be nearer than ``far_m``; those who are not finite are."""
+    """Return the indices of people who may be nearer than ``far_m``, including non-finite ones."""
     middle, size = _spheres(zones)
     links, length = _spheres(robot)
     centre = middle.mean(axis=(1, 2))  # (P, 3)
@@ -271,9 +275,9 @@ def _within(zones: Capsules, robot: Capsules, far_m: float) -> Ints:
 
 @np.errstate(invalid="ignore")
 def _near_m(zones: Capsules, robot: Capsules, travel: Floats, needed_m: float) -> Floats:
-    """(V, N, S, C) smallest distance until the robot stops; infinite where it is surely enough.
+    """Return (V, N, S, C) smallest distances until the robot stops; infinite if surely sufficient.
 
-    Minus infinity where something is not finite.
+    Minus infinity if a value is not finite.
     """
     middle, size = _spheres(zones)
     links, length = _spheres(robot)
@@ -294,11 +298,11 @@ def _near_m(zones: Capsules, robot: Capsules, travel: Floats, needed_m: float) -
 def _least_m(
     zones: Capsules, which: tuple[Ints, Ints, int], robot: Capsules, *, at_most: float
 ) -> float:
-    """The smallest distance of some segments to a robot's course, step by step, up to ``at_most``.
+    """Return the smallest distance of segments to a robot's course at each step, up to ``at_most``.
 
     Args:
         zones: (N, K, S).
-        which: people, segments (n,) each, and how many steps count.
+        which: indices (n,) of people and of segments, and the number of steps to use.
         robot: (steps, C).
         at_most: larger distances need not be known.
     """

@@ -1,4 +1,4 @@
-"""Builds the judges of contact: one for each robot that may touch people."""
+"""Build the contact judges, one for each robot that may touch people."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +26,7 @@ def contact_judges(
     floor_m: float,
     base_dir: Path | None = None,
 ) -> dict[int, ContactJudge]:
-    """Judges by the index of their robot; none in other modes than ``hybrid``.
+    """Return the judges by robot index; empty unless the mode is ``hybrid``.
 
     Args:
         settings: see ``RiskSettings``.
@@ -43,10 +43,9 @@ def contact_judges(
         return {}
     if "head" not in (s.name for s in segments):
         raise ConfigError(
-            "risk.mode hybrid: the zones leave out the head, so the robot may not touch any "
-            "person; take "
-            "torso out of people.absent_parts, choose a predictor whose skeleton has a head, or "
-            "use mode predictive"
+            "risk.mode hybrid: the zones do not include the head, so the robot may not touch any "
+            "person; remove torso from people.absent_parts, choose a predictor with a head in its "
+            "skeleton, or use mode predictive"
         )
     judges = {}
     for index, robot in enumerate(robots):
@@ -65,8 +64,8 @@ def contact_judges(
         )
     if not judges:
         raise ConfigError(
-            "risk.mode hybrid: no robot may touch a person; give one 'contact: allowed', or use "
-            "mode predictive"
+            "risk.mode hybrid: no robot is allowed to touch people; set 'contact: allowed' for "
+            "one, or use mode predictive"
         )
     return judges
 
@@ -74,25 +73,26 @@ def contact_judges(
 def segment_limits(
     settings: RiskSettings, model: RobotModel, names: Sequence[str], base_dir: Path | None
 ) -> SegmentLimits:
-    """Return the maximum speeds of a robot with ``contact: allowed`` for these segments."""
+    """Return the maximum contact speeds of a robot with ``contact: allowed`` for these segments."""
     assert model.contact is not None  # the robot would not have been loaded
     table = load_table(settings.contact.table, base_dir)
     return SegmentLimits.of(table, names, model.effective_kg, model.contact.area_cm2)
 
 
 def fixtures_of(settings: RiskSettings, robot: RobotSettings) -> list[Fixture]:
-    """The configured fixtures, or the table that the robot stands on."""
+    """Return the configured fixtures, or the table on which the robot stands."""
     if robot.room_from_robot is None:
         raise ConfigError(
-            f"risk.mode hybrid: the base of robot {robot.name} moves, so what it may clamp "
-            "people against is unknown; leave out its 'contact: allowed'"
+            f"risk.mode hybrid: the base of robot {robot.name} moves, so the objects against which "
+            "it may clamp people are unknown; remove its 'contact: allowed'"
         )
     matrix = robot.room_from_robot.matrix()
     if settings.contact.fixtures is not None:
         return list(settings.contact.fixtures)
     if matrix[2, 2] < _UPRIGHT:
         raise ConfigError(
-            f"risk.contact.fixtures: robot {robot.name} does not stand upright, so what it may "
-            "clamp people against is unknown; list its fixtures ([] if there are none)"
+            f"risk.contact.fixtures: robot {robot.name} is not mounted upright, so the objects "
+            "against which it may clamp people are unknown; list its fixtures ([] if there are "
+            "none)"
         )
     return [floor(float(matrix[2, 3]), f"table of {robot.name}")]

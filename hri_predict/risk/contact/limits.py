@@ -1,13 +1,14 @@
 """Maximum speed at which a robot may touch each body segment (ISO/TS 15066:2016, Annex A; ISO
 10218-2:2025).
 
-Robot and body region are two masses with a spring between them. At a relative speed v the contact
-stores the energy mu v^2 / 2 = F^2 / (2 k), so a force F is reached at v = F / sqrt(mu k), with
-1 / mu = 1 / m_H + 1 / m_R (A.3.5, A.3.6) and m_R = M / 2 + m_L of the robot's moving mass M and its
-load m_L. A pressure p on the area A is the force p A. The lower of both limits counts.
+The robot and the body region are modelled as two masses connected by a spring. At a relative speed
+v the contact stores the energy mu v^2 / 2 = F^2 / (2 k), so a force F is reached at v = F / sqrt(mu
+k), with 1 / mu = 1 / m_H + 1 / m_R (A.3.5, A.3.6) and m_R = M / 2 + m_L of the robot's moving mass
+M and its load m_L. A pressure p on the area A corresponds to the force p A. The lower of the two
+limits applies.
 
-A clamped body part cannot move away, so its mass counts as infinite (mu = m_R), and the
-quasi-static limits hold.
+A clamped body part cannot move away, so its mass is taken as infinite (mu = m_R), and the
+quasi-static limits apply.
 """
 
 import math
@@ -29,7 +30,7 @@ Region = Literal[
     "forearm", "hand", "thigh", "lower_leg",
 ]  # fmt: skip
 NEVER: frozenset[Region] = frozenset({"skull", "face", "neck"})
-"""No contact with these is ever permitted."""
+"""Regions with which contact is never permitted."""
 
 REGIONS: dict[str, tuple[Region, ...]] = {
     "head": ("skull", "face", "neck"),
@@ -44,11 +45,11 @@ REGIONS: dict[str, tuple[Region, ...]] = {
     "shank": ("lower_leg",),
     "foot": ("lower_leg",),
 }
-"""The regions within each body segment's capsule, sides left out. The most delicate one counts; a
-segment of any other name may not be touched."""
+"""The regions in each body segment's capsule, without left and right. The most sensitive region
+applies; a segment not listed here may not be touched."""
 
 FOLLOWS = 1.1
-"""Factor on limits: a robot that exceeds its limit by less than a tenth counts as obedient."""
+"""Factor on limits, because a robot may exceed its speed limit by up to a tenth unnoticed."""
 
 _CM2_PER_M2 = 1e4
 
@@ -63,12 +64,12 @@ class RegionLimits(Settings):
     mass_kg: float = Field(ge=0.1, le=150, description="m_H, effective")
 
     def speed_m_s(self, robot_kg: float, area_cm2: float, *, clamped: bool = False) -> float:
-        """The highest relative speed at which force and pressure stay within the limits.
+        """Return the highest relative speed at which force and pressure stay within the limits.
 
         Args:
             robot_kg: m_R.
             area_cm2: A.
-            clamped: the region cannot move away: quasi-static limits, infinite m_H.
+            clamped: the region cannot move away, so quasi-static limits and infinite m_H apply.
         """
         force_n = min(self.force_n, self.pressure_n_cm2 * area_cm2)
         if clamped:
@@ -80,7 +81,7 @@ class RegionLimits(Settings):
 
 
 class ContactTable(Settings):
-    """The limits of all regions; ``configs/contact/iso_ts_15066.yaml`` is the shipped one."""
+    """The limits of all regions; ``configs/contact/iso_ts_15066.yaml`` is the shipped table."""
 
     source: str = Field(min_length=1)
     regions: dict[Region, RegionLimits]
@@ -90,18 +91,19 @@ class ContactTable(Settings):
     def _complete(cls, value: dict[Region, RegionLimits]) -> dict[Region, RegionLimits]:
         missing = [region for region in get_args(Region) if region not in value]
         if missing:
-            raise ValueError(f"{', '.join(missing)} missing; give every region")
+            raise ValueError(f"{', '.join(missing)} missing; list every region")
         return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentLimits:
-    """Maximum speeds at which one robot may touch the S segments of a body, m/s; 0: not at all.
+    """Maximum speeds at which one robot may touch the S segments of a body, m/s; 0: never.
 
     Attributes:
-        transient_m_s: (S,) between robot and a body part that is free to move away, relative.
-        clamped_m_s: (S,) of the robot towards a fixture that the body part is in front of.
-        region: (S,) name of the region that decides.
+        transient_m_s: (S,) relative speed between the robot and a body part that is free to move
+            away.
+        clamped_m_s: (S,) speed of the robot towards a fixture behind the body part.
+        region: (S,) name of the region with the lowest limit.
     """
 
     transient_m_s: Floats
@@ -112,7 +114,7 @@ class SegmentLimits:
     def of(
         cls, table: ContactTable, segments: Sequence[str], robot_kg: float, area_cm2: float
     ) -> "SegmentLimits":
-        """The limits of a robot of effective mass m_R, whose smallest area of contact is given."""
+        """Return the limits for a robot with effective mass m_R and this smallest contact area."""
         free, clamped, names = [], [], []
         for segment in segments:
             regions = REGIONS.get(segment.removeprefix("l_").removeprefix("r_"), ())

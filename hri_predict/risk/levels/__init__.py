@@ -1,1 +1,1 @@
-"""Levels: from the findings to each robot's advice."""
+"""Levels: determine each robot's advice from the findings."""

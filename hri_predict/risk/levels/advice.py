@@ -1,6 +1,6 @@
-"""The levels stage: from the findings to each robot's advice and its reason.
+"""The levels stage: determines each robot's advice and its reason from the findings.
 
-The only memory is one ``LevelMachine`` per robot, and one ``SteadyReason``.
+Its only memory is one ``LevelMachine`` and one ``SteadyReason`` per robot.
 """
 
 import math
@@ -33,14 +33,14 @@ from hri_predict.zones.body_zones import BodyZones
 
 
 class Levels:
-    """The stage: call it with findings.
+    """The levels stage, called with findings.
 
     Args:
         settings: see ``RiskSettings``.
         robots: the R robots.
         named: the user's zones.
-        horizon_s: the advice leaves out a breach that is more than this time ahead.
-        segment_index: index in the skeleton of each of the zones' segments.
+        horizon_s: maximum time ahead of a breach included in the advice.
+        segment_index: skeleton index of each segment of the zones.
         last_latch_id: see ``LatchIds``.
     """
 
@@ -79,11 +79,11 @@ class Levels:
         """Advise every robot.
 
         Args:
-            snapshot: this tick's snapshot; its time and its number of captures count.
-            bodies: the bodies behind the findings.
+            snapshot: this tick's snapshot, which provides the time and the number of captures.
+            bodies: the bodies on which the findings are based.
             findings: see ``Separation``.
-            remarks: for each robot, where it departs from its advice. A robot that was too fast is
-                no longer slowed: it runs or it stands, and it may touch no one.
+            remarks: for each robot, its deviations from the advice. A robot that was too fast is no
+                longer slowed but stopped, and may not touch any person.
         """
         self.sets.update(snapshot.now_ns)
         return tuple(
@@ -98,7 +98,7 @@ class Levels:
         )
 
     def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
-        """Release the latch ``latch_id``; see ``LevelMachine``. Return whether it was."""
+        """Release the latch ``latch_id``; see ``LevelMachine``. Return whether it was released."""
         for robot, machine in enumerate(self._machines):  # a number is of one latch
             if machine.acknowledge(latch_id, down_ns):
                 self._notes[robot] = ""
@@ -106,20 +106,20 @@ class Levels:
         return False
 
     def remember(self) -> dict[str, Any]:
-        """The latches, and the muted time that has not recovered, for a restart of the node."""
+        """Return the latches and the muted time not yet recovered, for a restart of the node."""
         times = self._muted_times().items()
         muted = {name: time.used_s for name, time in times if time.used_s}
         return {**remembered(self._by_name()), **({"muted_s": muted} if muted else {})}
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take what an earlier run left; see ``latches.recall``."""
+        """Restore the state of an earlier run; see ``latches.recall``."""
         recall(self._by_name(), data)
         muted, times = data.get("muted_s", {}), self._muted_times()
         for name in times.keys() & muted.keys():
             times[name].recall(muted[name])
 
     def distrust(self, why: str) -> None:
-        """Latch for every configured cause: an earlier run's data is unreadable or too old.
+        """Latch for every configured cause, because an earlier run's data is unreadable or too old.
 
         ``why`` goes into the detail of the advice until the latch is acknowledged.
         """
@@ -134,12 +134,12 @@ class Levels:
         return {r.name: m for r, m in zip(self._robots, self._machines, strict=True)}
 
     def _muted_times(self) -> dict[str, MutedTime]:
-        """By robot, where muting is allowed."""
+        """Return the muted time by robot, where muting is allowed."""
         pairs = zip(self._robots, self._modes, strict=True)
         return {r.name: m.muted_time for r, m in pairs if m.muted_time is not None}
 
     def reset(self) -> None:
-        """Forget everything that supports a release: a tick has failed."""
+        """Forget everything that supports a release, after a failed tick."""
         for machine in self._machines:
             machine.reset()
         for modes in self._modes:
@@ -147,15 +147,15 @@ class Levels:
 
     @property
     def mode_counters(self) -> Counter[str]:
-        """Number of times that each operating mode began and was refused, over all robots."""
+        """Return how often each operating mode started and was refused, over all robots."""
         return sum((modes.counters for modes in self._modes), Counter())
 
     def limit_m_s(
         self, robot: int, snapshot: PeopleSnapshot, bodies: BodyZones, findings: Findings
     ) -> float:
-        """The speed limit of one robot's advice alone, which takes no words; m/s.
+        """Return only the speed limit of one robot's advice, m/s, without any text.
 
-        It counts as that robot's tick: call either this or the stage itself.
+        It advances that robot's tick: call either this or the stage itself.
         """
         self.sets.update(snapshot.now_ns)
         found = findings.robots[robot]
@@ -164,7 +164,7 @@ class Levels:
         return self._advance(robot, snapshot, bodies, demand).limit_m_s
 
     def asked_m_s(self, robot: int, bodies: BodyZones, findings: Findings) -> float:
-        """The limit that these findings alone ask of a robot, m/s; memory can only lower it."""
+        """Return the limit that these findings require, m/s; memory can only lower it."""
         return self._demand(robot, findings.robots[robot], bodies, findings.named)[0].limit_m_s
 
     def _advance(
@@ -236,7 +236,7 @@ class Levels:
         )
 
     def _decide(self, robot: int, demand: Demand, found: RobotFindings, now_ns: int) -> Decision:
-        """The operating mode, and what it demands instead."""
+        """Return the operating mode, and its replacement for the demand."""
         constants, unseen = self._robots[robot], found.unseen
         beside_unseen = unseen is not None and (
             demand_of(unseen, constants.risk, constants.max_speed_m_s, Reason.OUT_OF_VIEW).level
@@ -278,25 +278,25 @@ class Levels:
         return people.breach_s
 
     def _latched(self, robot: int, advised: Advised) -> str:
-        """Return what to acknowledge, and the causes of a latch, in words; "" without any."""
+        """Return what to acknowledge and the causes of a latch, as text; "" if there are none."""
         number = f" {advised.latch_id}" if advised.latch_id else ""
         if not advised.causes:
-            unseen = f"; people may be there unseen: look, then acknowledge latch id{number}"
+            unseen = f"; people may be present unseen: check, then acknowledge latch id{number}"
             return unseen if number else ""
         note = f" ({self._notes[robot]})" if self._notes[robot] else ""
         if not number and self._settings.restart == "supervised":
-            note += ", which needs a level that would be clear"
+            note += ", which requires that the level would otherwise be clear"
         return f"; latch{number}: {', '.join(advised.causes)}{note}"
 
 
 def asked_of(
     robot: RobotConstants, found: RobotFindings, bodies: BodyZones
 ) -> tuple[Demand, Finding | None]:
-    """Return the demand of people and unseen places on a robot, and the deciding finding.
+    """Return the demand from people and unseen space on a robot, and the deciding finding.
 
-    Mode ``predictive`` takes the milder of two demands: that of the zones over time, and that of
-    the standard's separation for people who move as it assumes. Either demand keeps the robot away
-    from these people. Only the zones keep it away from all others (``Separation``).
+    Mode ``predictive`` uses the milder of two demands: from the zones over time, and from the
+    separation distance of the standard for people who move as the standard assumes. Each demand
+    protects these people. Only the zones protect all others (``Separation``).
     """
     risk, max_speed_m_s = robot.risk, robot.max_speed_m_s
     if found.unknown:
@@ -325,9 +325,9 @@ def asked_of(
 def _with_contact(
     contact: Finding, robot: RobotConstants, apart: Demand, people: Finding
 ) -> tuple[Demand, Finding]:
-    """The milder of two demands, and the finding that decides; ``apart`` is without contact.
+    """Return the milder of two demands and the deciding finding; ``apart`` is without contact.
 
-    If neither permits motion, the part that may not be touched is named.
+    If neither permits motion, the finding names the part that may not be touched.
     """
     touching = demand_of(contact, robot.risk, robot.max_speed_m_s, Reason.CONTACT_POSSIBLE)
     touching = touching.at_least(Level.WARN, Reason.CONTACT_POSSIBLE)
@@ -354,5 +354,5 @@ def _reason(finding: Finding, bodies: BodyZones) -> Reason:
 
 
 def _wire_m(distance_m: float) -> float:
-    """A distance for the wire: never below 0, and 0 if it is not finite."""
+    """Return a distance for the wire: at least 0, and 0 if not finite."""
     return max(0.0, distance_m) if math.isfinite(distance_m) else 0.0

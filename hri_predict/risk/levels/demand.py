@@ -1,4 +1,4 @@
-"""Demands: what one tick demands of one robot, and how the worst of several is picked."""
+"""Demands: the demand of one tick on one robot, and the combination of several demands."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,10 +18,10 @@ class Demand:
 
     Attributes:
         level: the level demanded now.
-        release: the level that it would demand if everything were nearer by the band. A release may
-            go no further; it is never milder than ``level``.
+        release: level demanded if all hazards were nearer by the band. A release may go no further
+            than this level, which is never milder than ``level``.
         limit_m_s: speed limit now.
-        release_limit_m_s: the speed limit may rise up to this value.
+        release_limit_m_s: maximum value to which the speed limit may rise.
         reason: reason of ``level``.
     """
 
@@ -44,7 +44,7 @@ class Demand:
 
     @classmethod
     def unknown(cls, reason: Reason) -> "Demand":
-        """The situation is unknown, for ``reason``."""
+        """Return the demand for an unknown situation with this ``reason``."""
         return cls(
             level=Level.UNKNOWN,
             release=Level.UNKNOWN,
@@ -54,7 +54,7 @@ class Demand:
         )
 
     def milder(self, other: "Demand") -> "Demand":
-        """One demand is enough: take the lower levels and the higher limits."""
+        """Combine demands if one is sufficient: the lower levels and the higher limits."""
         rank, other_rank = self.level.rank, other.level.rank
         mild = other if (other_rank, self.limit_m_s) < (rank, other.limit_m_s) else self
         return Demand(
@@ -66,7 +66,7 @@ class Demand:
         )
 
     def at_least(self, level: Level, reason: Reason) -> "Demand":
-        """The same, but no milder than ``level``, for ``reason``."""
+        """Return this demand, but no milder than ``level``, with this ``reason``."""
         milder = self.level.rank < level.rank
         return replace(
             self,
@@ -76,7 +76,7 @@ class Demand:
         )
 
     def full_or_stop(self, reason: Reason) -> "Demand":
-        """The same for a robot that keeps no speed limit: a demand to slow becomes a stop."""
+        """Return this demand for a robot that does not follow speed limits: slow becomes stop."""
         slows = self.level is Level.SLOW
         release_slows = self.release.rank >= Level.SLOW.rank
         return Demand(
@@ -88,7 +88,7 @@ class Demand:
         )
 
     def __or__(self, other: "Demand") -> "Demand":
-        """Both demands hold: take the severer level with its reason and the lower limits."""
+        """Combine demands that both apply: the severer level with its reason, the lower limits."""
         rank, other_rank = self.level.rank, other.level.rank
         worse = other if (other_rank, self.limit_m_s) > (rank, other.limit_m_s) else self
         release = max(self.release, other.release, key=by_rank)
@@ -104,7 +104,7 @@ class Demand:
 def demand_of(
     finding: Finding, settings: RiskSettings, max_speed_m_s: float, reason: Reason
 ) -> Demand:
-    """Level and limits of one finding; its ``limits`` belong to ``settings.margins_m``.
+    """Return level and limits of one finding; its ``limits`` correspond to ``settings.margins_m``.
 
     stop: the separation is violated at the present speed, or the limit is below ``min_speed_m_s``.
     slow: the limit is below the robot's highest speed. warn: the limit would be below it if the
@@ -131,7 +131,7 @@ def demand_of(
 
 
 def combined(demands: Sequence[Demand], max_speed_m_s: float) -> Demand:
-    """All demands at once."""
+    """Return the combination of all demands."""
     result = Demand.nothing(max_speed_m_s)
     for demand in demands:
         result = result | demand

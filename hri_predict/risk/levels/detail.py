@@ -1,4 +1,4 @@
-"""The words of an advice: the problem and its remedy."""
+"""Text of an advice: the problem and its remedy."""
 
 from collections.abc import Sequence
 from itertools import compress, count
@@ -32,7 +32,7 @@ def detail_of(
     who: Finding | None,
     found: RobotFindings,
 ) -> str:
-    """The problem and its remedy, in words; at *clear*, what there is to note."""
+    """Return the problem and its remedy as text; at *clear*, notes only."""
     if reason is Reason.NONE:
         return ""
     ids, speeds = bodies.zones.ids, bodies.speeds
@@ -61,12 +61,12 @@ def detail_of(
         names = [z.name for z in named if z.occupied == inside and z.entry_s is not None]
         parts.append("zone " + ", ".join(names))
     if robot.tools and found.tool is None:
-        parts.append("no tool is confirmed: the worst of all counts")
+        parts.append("no tool is confirmed: the worst case over all tools is used")
     return "; ".join(parts if is_clear else [*parts, f"clears when {clears_when}"])
 
 
 def where(robot: RobotConstants, people: Finding, apart_m: float | None = None) -> str:
-    """The deciding pair's distance, and from what it is measured, in words.
+    """Return the deciding pair's distance and its reference, as text.
 
     ``apart_m``: that distance; by default the minimum distance of all pairs.
     """

@@ -1,4 +1,4 @@
-"""Grounds of a robot's advice, taken from the findings: for recordings, never for the advice."""
+"""Grounds of a robot's advice, derived from the findings; for recordings only."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ from hri_predict.zones.body_zones import BodyZones
 
 
 def mildest(found: RobotFindings) -> tuple[str, Finding | None]:
-    """Return the judgement of the same people that leaves the most slack, and its name."""
+    """Return the assessment of these people with the most slack, and its name."""
     there = {name: way for name, way in _ways(found).items() if way is not None}
     if not there:
         return "", None
@@ -27,7 +27,7 @@ def grounds_of(
     bodies: BodyZones,
     settings: RiskSettings,
 ) -> tuple[Grounds, ...]:
-    """The grounds of each robot's advice."""
+    """Return the grounds of each robot's advice."""
     return tuple(
         _of_one(robot, each, bodies, settings) for robot, each in zip(robots, found, strict=True)
     )
@@ -36,9 +36,9 @@ def grounds_of(
 def _of_one(
     robot: RobotConstants, found: RobotFindings, bodies: BodyZones, settings: RiskSettings
 ) -> Grounds:
-    """The grounds of one robot's advice: the same finding as it names.
+    """Return the grounds of one robot's advice, from the finding that the advice names.
 
-    That need not be the mildest one: where no way permits motion, the zones are named.
+    This need not be the mildest finding: if none permits motion, the advice names the zones.
     """
     motion = found.motion
     if motion is None:

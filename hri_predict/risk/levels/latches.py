@@ -1,4 +1,4 @@
-"""Causes of a latch besides a stop, and what a restarted node must know of latches."""
+"""Causes of a latch other than a stop, and the latch data that a restarted node needs."""
 
 import secrets
 from collections.abc import Mapping, Sequence
@@ -9,37 +9,36 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.levels.machine import LevelMachine
 
 MAX_LATCH_ID = 65_000
-"""Latch ids wrap here: they are 16 bits on the wire."""
+"""Latch ids wrap at this value, because they have 16 bits on the wire."""
 
 
 class LatchIds:
-    """Numbers what is to be acknowledged: each number once, over all robots.
+    """Assigns ids for acknowledgement; each id is used once over all robots.
 
-    Each run begins at a random number, so that an Acknowledge of an earlier run names nothing.
+    Each run starts at a random id, so that an Acknowledge from an earlier run matches nothing.
 
     Args:
-        last: the number before the first; ``None``: a random one.
+        last: id before the first one; ``None``: random.
     """
 
     def __init__(self, last: int | None = None) -> None:
         self.last = random_latch_id() if last is None else last % MAX_LATCH_ID
 
     def __call__(self) -> int:
-        """A new number, never 0."""
+        """Return a new id, never 0."""
         self.last = self.last % MAX_LATCH_ID + 1
         return self.last
 
 
 def random_latch_id() -> int:
-    """First number of a run."""
+    """First id of a run."""
     return secrets.randbelow(MAX_LATCH_ID)
 
 
 def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[str]:
-    """The present causes that may latch.
+    """Return the present causes that may latch.
 
-    Before the first capture, nothing was seen, so nothing can be lost from view: the cause is
-    ``start``.
+    Before the first capture no person was seen, so none can be lost: the cause is ``start``.
     """
     of_reasons = {reason.row.latches for reason in untrusted}
     causes = []
@@ -51,17 +50,17 @@ def causes_now(snapshot: PeopleSnapshot, untrusted: Sequence[Reason]) -> list[st
 
 
 def remembered(machines: Mapping[str, LevelMachine]) -> dict[str, Any]:
-    """The latches of all robots, by name."""
+    """Return the latches of all robots, by name."""
     return {"robots": {name: machine.remember() for name, machine in machines.items()}}
 
 
 def recall(machines: Mapping[str, LevelMachine], data: Mapping[str, Any]) -> None:
-    """Take the latches that an earlier run left, and latch for ``restart``.
+    """Restore the latches of an earlier run, and latch for ``restart``.
 
-    A robot that this configuration does not have is left out.
+    Robots that are not in this configuration are ignored.
 
     Raises:
-        KeyError, TypeError, ValueError: ``data`` does not come from ``remembered``.
+        KeyError, TypeError, ValueError: ``data`` is not a result of ``remembered``.
     """
     for name, latch in data["robots"].items():
         if name in machines:

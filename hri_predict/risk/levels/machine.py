@@ -1,17 +1,17 @@
-"""The level machine: from this tick's demand to the advised level, with memory.
+"""The level machine: determines the advised level from this tick's demand and its memory.
 
-Levels become severer at once: one capture is enough, and the speed limit falls without delay. They
-become milder slowly: a milder level needs its condition, plus a band, for a number of *distinct*
-captures, and the speed limit rises at a limited rate. A latch also needs an acknowledgement; the
-acknowledgement alone starts nothing. The causes of a latch are configured (``risk.latch``), and
-every cause that has set it since the last acknowledgement is named.
+Levels become severer without delay: one capture is enough, and the speed limit falls immediately.
+They become milder slowly: a milder level requires its condition, plus a band, for a number of
+*distinct* captures, and the speed limit rises at a limited rate. A latch also requires an
+acknowledgement, which alone does not start any motion. The causes of a latch are configured
+(``risk.latch``), and all causes since the last acknowledgement are listed.
 
-A number says what an acknowledgement would end now: the latch, lost people, or both. Anything added
-to it later gets a new number, because the operator who presses has not seen that.
+An id identifies the content of an acknowledgement: the latch, lost people, or both. When something
+is added, the id changes, because the operator who presses the button has not seen the addition.
 
-A stop also removes its own cause: a person who is too close for a moving robot is not too close for
-a standing one. So a stop is released only if the new speed can last: if the permitted speed falls
-while captures are counted, it must be enough for the same number of further captures.
+A stop also removes its own cause: a person who is too close to a moving robot is not too close to a
+standing robot. So a stop is released only if the new speed can be kept: if the permitted speed
+falls while captures are counted, it must remain sufficient for the same number of further captures.
 """
 
 import math
@@ -35,7 +35,7 @@ from hri_predict.risk.settings import RiskSettings
 
 
 class FirstSight:
-    """The advice from before a person of unknown speed appeared.
+    """Keeps the advice from before a person of unknown speed appeared.
 
     Args:
         captures: grace period in captures, during which an unknown speed is accepted.
@@ -57,7 +57,7 @@ class FirstSight:
 
         Args:
             demand: this tick's demand.
-            level, limit_m_s: the level and limit advised until now.
+            level, limit_m_s: the level and limit advised so far.
             captures: number of distinct captures so far.
 
         Returns:
@@ -83,14 +83,14 @@ class FirstSight:
 # --------------------------------------------------------------------------------------------------
 
 _MAX_STEP_S = 1.0
-"""A pause between ticks counts for at most this long when the speed limit rises."""
+"""Maximum time between ticks that is credited to the rise of the speed limit."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advised:
-    """Advice: level, reason, speed limit, what is to be acknowledged, causes of the latch.
+    """Advice: level, reason, speed limit, id to acknowledge, causes of the latch.
 
-    ``latch_id`` is 0 while an acknowledgement would end nothing.
+    ``latch_id`` is 0 while there is nothing to acknowledge.
     """
 
     level: Level
@@ -101,14 +101,14 @@ class Advised:
 
 
 class LevelMachine:
-    """The memory of one robot's advice.
+    """Memory for one robot's advice.
 
-    It begins at *unknown*, so nothing moves before ``release_captures`` captures have come.
+    It starts at *unknown*, so that the robot cannot move before ``release_captures`` captures.
 
     Args:
         settings: band, counts, rates.
         max_speed_m_s: the robot's highest speed.
-        next_latch_id: gives a new number of what is to be acknowledged, never 0.
+        next_latch_id: returns a new id for acknowledgement, never 0.
     """
 
     def __init__(
@@ -133,7 +133,7 @@ class LevelMachine:
 
     @property
     def latch_id(self) -> int:
-        """Number of what an acknowledgement would end now; 0 if it would end nothing."""
+        """Id to acknowledge now; 0 if there is nothing to acknowledge."""
         return self._latch_id if self._lost or self._cause_cleared else 0
 
     def reset(self) -> None:
@@ -145,18 +145,18 @@ class LevelMachine:
         self._first_sight.reset()
 
     def latch(self, cause: str) -> None:
-        """Latch for ``cause`` if that is configured; an existing latch gains the cause."""
+        """Latch for ``cause`` if it is configured; add the cause to an existing latch."""
         if cause not in self._settings.latch or cause in self._causes:
             return
         self._causes += (cause,)
         self._has_grown = True
 
     def remember(self) -> dict[str, Any]:
-        """The data that must survive the node: the latch."""
+        """Return the data to be kept over a restart: the latch."""
         return {"causes": list(self._causes)}
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take the latch that an earlier run left; ``data`` as from ``remember``."""
+        """Restore the latch of an earlier run; ``data``: result of ``remember``."""
         causes = [str(cause) for cause in data["causes"]]
         self._causes = tuple(dict.fromkeys([*causes, *self._causes]))
         self._has_grown = True
@@ -177,9 +177,9 @@ class LevelMachine:
             demand: this tick's demand.
             captures: number of distinct captures so far.
             now_ns: the tick's time.
-            causes: present causes of a latch, besides a stop.
+            causes: present causes of a latch, other than a stop.
             lost: as ``PeopleSnapshot.to_acknowledge``.
-            cap_m_s: limit besides the robot's highest speed; it alone changes no level.
+            cap_m_s: additional speed limit, which does not change the level by itself.
         """
         self._max_speed = min(self._robot_m_s, cap_m_s)
         seconds = 0.0 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
@@ -202,11 +202,11 @@ class LevelMachine:
         return Advised(self._level, reason, self._limit, self.latch_id, self._causes)
 
     def acknowledge(self, latch_id: int, down_ns: int = 0) -> bool:
-        """Release the latch if ``latch_id`` is the present number and its cause has cleared.
+        """Release the latch if ``latch_id`` is the present id and its cause has cleared.
 
-        A supervised restart also needs that it had cleared when the button went down, at
-        ``down_ns``. The number is used up: what remains gets a new one. The captures that a release
-        needs count from here on.
+        For a supervised restart the cause must also have been cleared when the button was pressed,
+        at ``down_ns``. The id is then used up; anything that remains gets a new id. The captures
+        for a release are counted from now on.
         """
         if latch_id == 0 or latch_id != self._latch_id:
             return False
@@ -220,13 +220,13 @@ class LevelMachine:
         return True
 
     def _allows(self, demand: Demand) -> bool:
-        """Whether a latch may be acknowledged as far as this tick's demand goes."""
+        """Return whether this tick's demand permits acknowledging a latch."""
         if self._settings.restart == "supervised":
             return demand.release is Level.CLEAR
         return demand.release.may_move
 
     def _renumber(self, lost: int) -> None:
-        """Give a new number to what has grown."""
+        """Assign a new id if something was added."""
         self._has_grown |= lost not in (0, self._lost)
         self._lost = lost
         if not self._causes and not lost:
@@ -236,7 +236,7 @@ class LevelMachine:
             self._has_grown = False
 
     def _advance(self, demand: Demand, captures: int) -> Reason | None:
-        """Change the level. Return why it is severer than the demand; ``None`` if it is not."""
+        """Update the level. Return why it is severer than the demand; ``None`` if it is not."""
         if demand.level is Level.STOP:
             self.latch("stop")
         if self._causes and demand.level.may_move:
@@ -270,7 +270,7 @@ class LevelMachine:
         return None if release.rank == demand.level.rank else Reason.RELEASE_PENDING
 
     def _lasts(self, demand: Demand) -> bool:
-        """Whether the speed, if it keeps falling, is enough for that many further captures."""
+        """Return whether a speed that keeps falling suffices for that many further captures."""
         then = 2 * demand.release_limit_m_s - self._counted_from
         return self._level.may_move or then >= self._settings.min_speed_m_s
 

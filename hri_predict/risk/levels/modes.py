@@ -1,9 +1,8 @@
-"""Operating modes: teach, recovery and muting, where they are allowed, asked for and safe.
+"""Operating modes: teach, recovery and muting, if allowed, requested and safe.
 
-A mode replaces what people and zones demand of a robot; it never replaces *unknown* or a fault.
-``Modes`` decides in each tick. It remembers which mode is in force, for the log, and whether
-muting may begin: only a request that was seen released before counts, and only while the robot has
-not been muted for too long (``MutedTime``).
+A mode replaces the demand of people and zones on a robot, but never *unknown* or a fault. ``Modes``
+decides in each tick. It remembers the mode in force, for the log, and whether muting may start: the
+request must have been released before, and the muted time must not be used up (``MutedTime``).
 """
 
 import logging
@@ -22,8 +21,8 @@ log = logging.getLogger(__name__)
 
 REFUSED_EVERY_NS = 1_000_000_000
 SETTLED_NS = 200_000_000
-"""A reason that lasts for less is not logged: two controllers never ask at the same time."""
-"""Minimum interval between logged refusals: a controller must not fill the log."""
+"""Minimum duration of a reason before it is logged; two controllers never switch simultaneously."""
+"""Minimum interval between logged refusals, so that a controller cannot fill the log."""
 _KEYS = {
     OperatingMode.TEACH: "teach",
     OperatingMode.RECOVERY: "recovery",
@@ -39,7 +38,7 @@ _WITHIN_BAND = (
     "people are not near enough to stop the robot again; a stop that holds clears when they "
     "are farther away by risk.band_m"
 )
-_NOT_RELEASED = "the request was there before; release it first"
+_NOT_RELEASED = "the request was already active; release it first"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,12 +46,12 @@ class Situation:
     """Inputs of the decision.
 
     Attributes:
-        asked: by the robot's controllers.
-        demand: what people, zones and unseen places demand, or *unknown*.
-        is_known: whether the situation is known: neither the scene, the robot nor the configuration
-            set is in doubt.
-        beside_unseen: whether space that the sensor does not see stops the robot.
-        not_backing_out: why it would not recede from each person on its way back; "" if it would.
+        asked: requests of the robot's controllers.
+        demand: demand of people, zones and unseen space, or *unknown*.
+        is_known: whether the scene, the robot and the configuration set are all known reliably.
+        beside_unseen: whether unseen space stops the robot.
+        not_backing_out: why the robot would not recede from every person while backing out; "" if
+            it would.
     """
 
     asked: ModeRequest
@@ -64,7 +63,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The mode in force, what it demands, and a note for people ("" if nothing is asked)."""
+    """The mode in force, its demand, and a note for people ("" without a request)."""
 
     mode: OperatingMode
     demand: Demand
@@ -72,18 +71,18 @@ class Decision:
 
 
 def why_no_teaching(settings: ModeSettings, asked: ModeRequest) -> str:
-    """Why a robot may not be taught now; "" if it may."""
+    """Return why teaching is not permitted now; "" if it is."""
     if settings.teach is None:
         return _not_allowed(OperatingMode.TEACH)
     if not asked.agreed or asked.request is not OperatingMode.TEACH:
-        return "its controllers do not all ask for it"
+        return "not all of its controllers request it"
     if asked.mode is not RobotMode.MANUAL:
         return "the controller is not in manual mode"
     return "" if asked.enabling else "the enabling device is not held"
 
 
 def admitted(now: RobotNow, settings: ModeSettings) -> RobotNow:
-    """The robot without the reason that it is not in automatic mode, while it may be taught."""
+    """Return the robot's state, while teaching is permitted without the reason for manual mode."""
     if Reason.ROBOT_NOT_AUTOMATIC in now.reasons and not why_no_teaching(settings, now.asked):
         return now.without(Reason.ROBOT_NOT_AUTOMATIC)
     return now
@@ -93,15 +92,15 @@ class Modes:
     """The operating modes of one robot.
 
     Args:
-        settings: what is allowed.
+        settings: the allowed modes.
         name: of the robot.
         max_speed_m_s: its highest speed.
 
     Attributes:
         mode: in force.
-        muted_time: how long it may still be muted; ``None``: muting is not allowed.
-        counters: how often each mode began (``teach``, ``recovery``, ``muted``), and how often a
-            request was ``refused``.
+        muted_time: remaining time for muting; ``None``: muting is not allowed.
+        counters: number of times that each mode started (``teach``, ``recovery``, ``muted``) and
+            that a request was ``refused``.
     """
 
     def __init__(self, settings: ModeSettings, name: str, max_speed_m_s: float) -> None:
@@ -117,7 +116,7 @@ class Modes:
         self._told_ns: int | None = None
 
     def decide(self, situation: Situation, now_ns: int) -> Decision:
-        """The mode of this tick.
+        """Return the mode for this tick.
 
         Args:
             situation: of this tick.
@@ -145,19 +144,19 @@ class Modes:
         return Decision(mode, demand, self._note(mode, asked.request, why))
 
     def reset(self) -> None:
-        """A tick has failed: no mode is in force."""
+        """End the mode after a failed tick."""
         self._change(OperatingMode.AUTOMATIC, "the tick failed")
         self._barred = _NOT_RELEASED
 
     def _why_not(self, situation: Situation, now_ns: int) -> str:
-        """Why the request is refused; "" if it is granted."""
+        """Return why the request is refused; "" if it is granted."""
         asked, settings = situation.asked, self._settings
         if asked.request is OperatingMode.TEACH:
             why = why_no_teaching(settings, asked)
         elif getattr(settings, _KEYS[asked.request]) is None:
             why = _not_allowed(asked.request)
         elif not asked.agreed:
-            why = "its controllers do not all ask for it"
+            why = "not all of its controllers request it"
         elif asked.mode is not RobotMode.AUTOMATIC:
             why = "the controller is not in automatic mode"
         elif asked.request is OperatingMode.MUTED:
@@ -180,7 +179,7 @@ class Modes:
         )
 
     def _why_no_recovery(self, situation: Situation) -> str:
-        """It begins where people stop the robot, and continues until they would release it."""
+        """Recovery starts when people stop the robot, and continues until they would release it."""
         demand = situation.demand
         goes_on = self.mode is OperatingMode.RECOVERY
         level = demand.release if goes_on else demand.level
@@ -219,7 +218,7 @@ class Modes:
         )
 
     def _change(self, mode: OperatingMode, ended: str) -> None:
-        """Note and log that another mode is in force."""
+        """Record and log a change of mode."""
         before, self.mode = self.mode, mode
         if mode is before:
             return
@@ -230,7 +229,7 @@ class Modes:
             log.warning("robot %s: %s begins: %s", self._name, _word(mode), REASONS[mode].text)
 
     def _refuse(self, request: OperatingMode, why: str, now_ns: int) -> None:
-        """Count a refusal, and log it if it is news."""
+        """Count a refusal, and log it if it is new."""
         refused = (request, why) if why else None
         if refused != self._refused:
             self._refused, self._refused_ns = refused, now_ns

@@ -1,12 +1,12 @@
-"""Remaining time for which a robot may be muted: a budget that muting uses up.
+"""Time budget for muting a robot.
 
 It recovers while muting is not requested.
 
-A limit for each request alone would limit nothing: a request that is released for a moment would
-begin it again. So all the muted time counts. The budget recovers at ``max_s`` in ``rest_s``, and
-only while the request is seen released. Once it is used up, muting may begin again when the whole
-of it is back. So in any T seconds a robot is muted for at most
-``max_s`` + T x ``max_s`` / (``max_s`` + ``rest_s``).
+A limit per request would have no effect, because releasing the request for a moment would restart
+the time. So the budget covers all muted time. It recovers ``max_s`` in ``rest_s``, but only while
+the request is seen released. After it was used up, muting may start again only when the budget has
+recovered completely. So in any T seconds a robot is muted for at most ``max_s`` + T x ``max_s`` /
+(``max_s`` + ``rest_s``).
 """
 
 import math
@@ -17,10 +17,10 @@ _NS = 1_000_000_000
 
 
 class MutedTime:
-    """The budget of one robot.
+    """The muting budget of one robot.
 
     Args:
-        settings: how much it is, and how fast it recovers.
+        settings: size of the budget, and its recovery rate.
     """
 
     def __init__(self, settings: MutingMode) -> None:
@@ -33,11 +33,11 @@ class MutedTime:
         self._was_released = False
 
     def count(self, now_ns: int, *, muted: bool, released: bool) -> None:
-        """Count the time since the tick before.
+        """Account for the time since the previous tick.
 
         Args:
             now_ns: this tick's time.
-            muted: whether the robot was muted since the tick before.
+            muted: whether the robot was muted since the previous tick.
             released: whether the request is seen released at this tick.
         """
         since_ns = max(now_ns - (self._before_ns if self._before_ns is not None else now_ns), 0)
@@ -51,26 +51,26 @@ class MutedTime:
         self._used_up = self._used_up and self._debt_ns > 1.0
 
     def use_up(self) -> None:
-        """Leave nothing: what was used is not known, or all of it was."""
+        """Empty the budget, because it was used up or its use is unknown."""
         self._debt_ns, self._used_up = self._whole_ns, True
 
     @property
     def may_begin(self) -> bool:
-        """Whether muting may begin, or continue."""
+        """Whether muting may start or continue."""
         return not self._used_up
 
     @property
     def left_s(self) -> float:
-        """Seconds that it may still last."""
+        """Remaining seconds of muting."""
         return 0.0 if self._used_up else self._max_s - self._debt_ns / self._rate / _NS
 
     @property
     def used_s(self) -> int:
-        """Whole seconds used, rounded up; all of them until a budget that was used up is back."""
+        """Seconds used, rounded up; the full budget until a used-up budget has recovered."""
         return math.ceil(self._max_s - self.left_s)
 
     def recall(self, used_s: float) -> None:
-        """Take ``used_s`` from an earlier run.
+        """Restore ``used_s`` from an earlier run.
 
         Raises:
             TypeError, ValueError: it is not a number of seconds.

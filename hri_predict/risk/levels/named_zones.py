@@ -1,4 +1,4 @@
-"""Demand of a user's named zone on a robot."""
+"""Demand of a named zone on a robot."""
 
 from hri_predict.protocol.messages import Level
 from hri_predict.protocol.reasons import Reason
@@ -12,7 +12,7 @@ _LEVELS = {"warn": Level.WARN, "slow": Level.SLOW, "stop": Level.STOP}
 def zone_demand(
     zone: NamedZoneSettings, state: NamedZoneState, robot: str, max_speed_m_s: float
 ) -> Demand:
-    """Return what ``zone`` asks of ``robot`` in this state."""
+    """Return the demand of ``zone`` on ``robot`` in this state."""
     asked = not zone.robots or robot in zone.robots
     soon = state.entry_s is not None and state.entry_s <= zone.entry_warning_s
     entering = soon and zone.entry_warning_s > 0

@@ -1,4 +1,4 @@
-"""Near misses: a robot that moves while a person is hardly farther away than its motion needs."""
+"""Near misses: a robot moves with hardly more distance to a person than its motion requires."""
 
 from hri_predict.risk.levels.grounds import mildest
 from hri_predict.risk.separation.stage import Findings
@@ -6,15 +6,15 @@ from hri_predict.risk.types import NearMiss
 from hri_predict.zones.body_zones import BodyZones
 
 SHARE = 0.2
-"""Margin above the limit within which a separation is a near miss."""
+"""Maximum excess of a separation over its limit for a near miss."""
 MOVING_M_S = 0.01
 
 
 def near_misses(findings: Findings, bodies: BodyZones) -> tuple[NearMiss, ...]:
-    """The near misses of one tick: at most one for each robot.
+    """Return the near misses of one tick, at most one per robot.
 
-    Of several ways to judge the same people the mildest counts, as for the advice. A separation
-    below the limit is not a near miss: it is a stop.
+    If the same people are judged by several rules, the mildest applies, as for the advice. A
+    separation below the limit is a stop, not a near miss.
     """
     found: list[NearMiss] = []
     for robot, each in enumerate(findings.robots):

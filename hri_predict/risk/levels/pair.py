@@ -1,4 +1,4 @@
-"""The pair that decides: one segment of a body, one capsule of a robot."""
+"""The deciding pair: one segment of a body and one capsule of a robot."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ from hri_predict.zones.body_zones import BodyZones
 def pair_of(
     people: Finding, bodies: BodyZones, motion: RobotMotion
 ) -> tuple[Capsules, Capsules] | None:
-    """The deciding segment and capsule as they are now; ``None`` if no capsule of the robot
-    decides."""
+    """Return the deciding segment and capsule at present; ``None`` without a deciding robot
+    capsule."""
     link, numbering = people.link, motion.model.numbering
     if numbering is not None:  # findings count the capsules of all tools
         own = np.flatnonzero(numbering == link)
@@ -26,6 +26,6 @@ def pair_of(
 
 
 def pair_m(people: Finding, bodies: BodyZones, motion: RobotMotion) -> float | None:
-    """The distance now of the deciding pair; ``None`` if no capsule of the robot decides."""
+    """Return the deciding pair's present distance; ``None`` without a deciding robot capsule."""
     pair = pair_of(people, bodies, motion)
     return None if pair is None else float(capsule_distance(*pair))

@@ -1,10 +1,10 @@
-"""Which configuration set is in force, and what holds while it changes.
+"""Selects the configuration set in force, and combines sets while the choice changes.
 
-A set must be chosen again and again: a PLC that fell silent, or never spoke, has chosen none, and
-what the node then assumed could be too mild. Each set asked for since the number was last steady
-holds at once, and together with the others: so what is stricter about the new one comes with the
-next tick, and what was stricter about the old one goes when the number has been steady for
-``STEADY_S``. A number that changes to and fro, or two PLCs that differ, have the stricter of each.
+A PLC must renew its choice continually: after a PLC has fallen silent, or before it sends, any
+assumed set could be too mild. All sets requested since the number was last steady apply together:
+stricter rules of the new set apply from the next tick, and stricter rules of the old set until the
+number has been steady for ``STEADY_S``. If a number alternates, or two PLCs differ, the stricter
+rules of each set apply.
 """
 
 import logging
@@ -17,10 +17,10 @@ from hri_predict.risk.areas import NamedZoneSettings
 from hri_predict.risk.sets import SetSettings, set_hash
 
 STALE_S = 1.0
-"""A choice that is older than this has ended; PLCs write in each of their cycles."""
+"""Age at which a choice expires; PLCs write in each of their cycles."""
 STEADY_S = 0.2
-"""Two cycles of a slow PLC (100 ms), whose number passes through others while a switch turns; and
-far less than the captures that a release needs anyway."""
+"""Two cycles of a slow PLC (100 ms), whose number passes through other values while a switch is
+turned. This is far less than the captures for a release take anyway."""
 
 log = logging.getLogger(__name__)
 
@@ -30,10 +30,10 @@ class InForce:
     """Content of the set in force.
 
     Attributes:
-        number: of the set; 0: none is in force, or it changes just now.
+        number: number of the set; 0: none is in force, or it is changing.
         hash: see ``sets.set_hash``; 0 like ``number``.
         is_known: whether a configured set is chosen.
-        zones: names of the zones that ask; ``None``: all.
+        zones: names of the active zones; ``None``: all.
         max_speed_m_s: limit for all robots.
     """
 
@@ -44,13 +44,13 @@ class InForce:
     max_speed_m_s: float = math.inf
 
     def asks(self, zone: str) -> bool:
-        """Whether a named zone asks anything of robots."""
+        """Return whether a named zone is active."""
         return self.zones is None or zone in self.zones
 
 
 @dataclass(slots=True)
 class _Line:
-    """A link's choice: its number, since when without a gap, and when it came last."""
+    """A link's choice: the number, the start of its uninterrupted renewal, and its last arrival."""
 
     number: int
     since_ns: int
@@ -58,14 +58,14 @@ class _Line:
 
 
 class SetChooser:
-    """Follows the choices of all links.
+    """Tracks the choices of all links.
 
     Args:
-        sets: as configured; without any there is nothing to choose, and all is in force.
+        sets: as configured; if there are none, everything is in force.
         zones: the user's zones.
 
     Attributes:
-        in_force: by the newest call of ``update``.
+        in_force: result of the last ``update``.
     """
 
     def __init__(self, sets: Sequence[SetSettings], zones: Sequence[NamedZoneSettings]) -> None:
@@ -86,7 +86,7 @@ class SetChooser:
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Reason for the node's status where no set is in force."""
+        """Reason for the node's status if no set is in force."""
         return () if self.in_force.is_known else (Reason.SET_UNKNOWN,)
 
     @property
@@ -95,7 +95,7 @@ class SetChooser:
         return (self.in_force.number, self.in_force.hash) if self._known else None
 
     def choose(self, link: str, number: int, at_ns: int) -> None:
-        """Take a PLC's choice, received at ``at_ns``."""
+        """Process a PLC's choice, received at ``at_ns``."""
         self._came.add(number)
         line = self._lines.get(link)
         if line is None or number != line.number or at_ns - line.heard_ns > STALE_S * 1e9:
@@ -104,7 +104,7 @@ class SetChooser:
             line.heard_ns = max(line.heard_ns, at_ns)
 
     def update(self, now_ns: int) -> InForce:
-        """Return what is in force now."""
+        """Update and return the set in force."""
         before, self.in_force = self.in_force, self._found(now_ns) if self._known else InForce()
         if (before.number, before.is_known) != (self.in_force.number, self.in_force.is_known):
             self._say(now_ns)
@@ -137,15 +137,17 @@ class SetChooser:
     def _why(self, now_ns: int) -> str:
         silent = [k for k, line in self._lines.items() if now_ns - line.heard_ns > STALE_S * 1e9]
         if silent:
-            return f"no choice has come for {STALE_S:g} s by link {', '.join(sorted(silent))}"
+            return (
+                f"no choice has been received for {STALE_S:g} s by link {', '.join(sorted(silent))}"
+            )
         asked = sorted({line.number for line in self._lines.values()} - self._known.keys())
         if asked:
-            return f"no set has number {', '.join(map(str, asked))}"
+            return f"there is no set with number {', '.join(map(str, asked))}"
         return "a set was chosen a moment ago" if self._lines else "none was chosen yet"
 
 
 def _strictest(held: Sequence[InForce]) -> InForce:
-    """All of them at once."""
+    """Return the combination of all sets."""
     zones = frozenset[str]().union(*(each.zones or () for each in held))
     return InForce(
         zones=None if any(each.zones is None for each in held) else zones,

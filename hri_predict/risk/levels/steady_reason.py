@@ -1,11 +1,11 @@
-"""A steady reason: noise at a threshold must not make an advice's reason alternate.
+"""A steady reason, which does not alternate because of noise at a threshold.
 
-A person at the edge between "too close" and "may get too close" changes sides at every capture. An
-operator cannot read a reason that changes thirty times a second, and a log of it is useless. Some
-reasons pass into each other without a step in between. Among these, a milder reason replaces a
-severer one only after a number of captures, and this number doubles whenever the severer reason
-comes back at the same level. A severer reason, another level, and every reason that names a fault
-are given at once. The level and the speed limit do not depend on this.
+A person at the threshold between "too close" and "may get too close" can cross it with every
+capture. An operator cannot read a reason that changes thirty times a second, and its log is
+useless. Some reasons change into each other continuously. Among these, a milder reason replaces a
+severer one only after a number of captures, which doubles each time the severer reason returns at
+the same level. A severer reason, a different level, and every reason for a fault are shown without
+delay. Level and speed limit do not depend on this.
 """
 
 from hri_predict.protocol.messages import Level
@@ -13,11 +13,11 @@ from hri_predict.protocol.reasons import Reason
 
 
 class SteadyReason:
-    """The reason's memory of one robot's advice.
+    """Memory for the reason of one robot's advice.
 
     Args:
         captures: initial number of distinct captures that must agree before a milder reason is
-            given.
+            shown.
     """
 
     def __init__(self, captures: int) -> None:
@@ -30,7 +30,7 @@ class SteadyReason:
         self._last_capture: int | None = None
 
     def update(self, level: Level, reason: Reason, captures: int) -> Reason:
-        """The reason to give.
+        """Return the reason to show.
 
         Args:
             level: the level advised at this tick.

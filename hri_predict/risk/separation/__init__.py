@@ -1,1 +1,1 @@
-"""Separation: how far people and robots are apart, and how far they must be."""
+"""Separation: present and required distances between people and robots."""

@@ -1,7 +1,7 @@
-"""Separation judged time by time until the robot has stopped: modes ``predictive``, ``reactive``.
+"""Separation at each time until the robot has stopped: modes ``predictive`` and ``reactive``.
 
-Zone and stopping robot must be C + Z_d + Z_r apart at every moment. The zones and the stopping
-robot already contain how far people and robot move.
+Zone and stopping robot must be C + Z_d + Z_r apart at every moment. Both already include the motion
+of people and robot.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,14 +19,14 @@ from hri_predict.robots.stopping import StoppingCurve
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DistanceCourse:
-    """Distances of one hazard over the zones' K steps after now.
+    """Distances of one hazard during the zones' K steps after now.
 
     Attributes:
         separation_m: distance now, as captured.
-        standing: to the robot where it is now.
+        standing: (K,) distances to the robot at its present position.
         at_speeds: (L,) speeds and (L,) distances -> (L,) smallest distance to the robot while it
-            moves on at each speed, along its plan or in its present direction, until it has
-            stopped; or the given distance if that is smaller. ``None`` if the direction is unknown.
+            continues at each speed, along its plan or in its present direction, until it has
+            stopped; or the given distance if smaller. ``None`` if the direction is unknown.
     """
 
     separation_m: float
@@ -35,7 +35,7 @@ class DistanceCourse:
 
 
 _NEVER_M = 1e9
-"""Used instead of infinity, so that a distance of minus infinity remains so."""
+"""Used instead of infinity, so that a distance of minus infinity is preserved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +43,11 @@ class AnyWay:
     """Speed permitted in any direction, and the speeds to try in the robot's present direction.
 
     Attributes:
-        limits: highest speed by margin. spare_m: distance left beyond the clearance if it stands
-        where it is. speeds_m_s: (L,) the present speed and those above the limits; empty if any
+        limits: highest speed by margin. spare_m: distance beyond the clearance if the robot stays
+            where it is. speeds_m_s: (L,) the present speed and those above the limits; empty if any
         direction permits
             enough.
-        enough_m: (L,) larger distances need not be known.
+        enough_m: (L,) distances that are sufficient; larger ones need not be computed.
     """
 
     limits: tuple[float, ...]
@@ -58,26 +58,25 @@ class AnyWay:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class TimeByTime:
-    """Judges zones against one stopping robot, time by time, in two steps.
+    """Compares zones with one stopping robot at each time, in two steps.
 
-    First, the robot may move in *any* direction: the bound comes from its present distance and from
-    how far it can get. If this permits its highest speed, nothing else is needed, and the figures
-    are those of this bound. Otherwise the robot moves on along its plan or in its *present*
-    direction. The speed limit is then the larger of two: what any direction permits, and the
-    highest of ``SPEED_LEVELS`` speeds for which it and all slower ones are clear. (A faster robot
-    may pass a person before a slower one would meet them, so all slower speeds must be clear.) Each
-    distance is the smallest over all links and people: a robot may be faster only if no link comes
-    too close to a person.
+    First, the robot may move in *any* direction: the bound follows from its present distance and
+    its maximum travel. If this permits its highest speed, the result is this bound. Otherwise the
+    robot continues along its plan or in its *present* direction. The speed limit is then the larger
+    of two values: the speed permitted in any direction, and the highest of ``SPEED_LEVELS`` speeds
+    that is clear together with all slower ones. (A faster robot may pass a person before a slower
+    robot would reach that person, so all slower speeds must be clear.) Each distance is the minimum
+    over all links and people: a robot may be faster only if no link comes too close to a person.
 
     Attributes:
         times_s: (K+1,) as in ``Zones``; a course's steps are 1..K of it.
         speed_m_s: of the robot's fastest point now.
         stopping: T_s and S_s at that speed.
         curve: the robot's stopping curve.
-        reaction_s: from *now* until the robot begins to brake.
+        reaction_s: time from *now* until the robot starts to brake.
         clearance_m: C + Z_d + Z_r.
-        margins_m: for the limits, each on top of the clearance. The first two regard the present
-            direction; the others only warn and regard any direction.
+        margins_m: margins for the limits, added to the clearance. The first two apply to the
+            present direction; the others are for warnings only and apply to any direction.
         farthest_m: ``farthest(curve, times_s, reaction_s)``.
     """
 
@@ -91,7 +90,7 @@ class TimeByTime:
     farthest_m: Floats
 
     def judged(self, course: DistanceCourse) -> Finding:
-        """Both steps, of one course."""
+        """Run both steps for one course."""
         any_way = self.any_way(course.standing, course.at_speeds is not None)
         ahead = None
         if course.at_speeds is not None and len(any_way.speeds_m_s):
@@ -100,10 +99,10 @@ class TimeByTime:
 
     def any_way(self, standing: NearestInTime, is_foreseen: bool) -> AnyWay:
         """Return the speed permitted in any direction by the distances to the robot's present
-        place.
+        position.
 
         Args:
-            standing: (K,) for the steps after now.
+            standing: (K,) distances for the steps after now.
             is_foreseen: whether the robot's direction is known.
         """
         top, reserve_m = self.curve.max_speed_m_s, self.clearance_m + max(self.margins_m[:2])
@@ -135,8 +134,8 @@ class TimeByTime:
 
         Args:
             separation_m: distance now, as captured.
-            standing, any_way: argument and result of ``any_way``.
-            ahead: (L,) the distances at its speeds; ``None`` without speeds.
+            standing, any_way: argument and result of the method ``any_way``.
+            ahead: (L,) distances at its speeds; ``None`` without speeds.
         """
         limits = list(any_way.limits)
         if ahead is None:
@@ -181,7 +180,7 @@ class TimeByTime:
 def farthest(curve: StoppingCurve, times_s: Floats, reaction_s: float) -> Floats:
     """(K, N) how far the fastest point gets by the end of each step, at each of the curve's speeds.
 
-    Steps that begin after the robot has stopped do not count: minus ``_NEVER_M``.
+    For steps that start after the robot has stopped: minus ``_NEVER_M``.
     """
     begins, ends = times_s[:-1, None], times_s[1:, None]
     travel = travel_m(

@@ -1,4 +1,4 @@
-"""Which body segment is nearest to which part of the robot, step by step."""
+"""Nearest pair of body segment and robot part at each step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from hri_predict.zones.toward import NOTHING, Toward
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NearestInTime:
-    """Nearest pair of any person and the robot per step or course: distance and indices."""
+    """Nearest pair of people and robot per step or course: distance and indices."""
 
     distance: Floats
     person: Ints
@@ -23,7 +23,7 @@ class NearestInTime:
     link: Ints
 
     def __getitem__(self, some: slice) -> "NearestInTime":
-        """Some of the steps."""
+        """A selection of the steps."""
         return NearestInTime(
             self.distance[some], self.person[some], self.segment[some], self.link[some]
         )
@@ -31,12 +31,12 @@ class NearestInTime:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Courses:
-    """L ways in which one robot may move on.
+    """L possible courses of one robot.
 
     Attributes:
-        capsules: (L, K, C) of each course, step by step.
-        until: (L,) the last step that counts, at least 1; the first is step 1.
-        enough_m: (L,) larger distances need not be known: the result is then ``enough_m``.
+        capsules: (L, K, C) capsules of each course at each step.
+        until: (L,) last step to be considered, at least 1; the first step is 1.
+        enough_m: (L,) upper limit of the result; larger distances are not computed.
     """
 
     capsules: Capsules
@@ -45,11 +45,11 @@ class Courses:
 
 
 class BodiesInTime:
-    """The capsules of all people, step by step, ready for comparison with a robot's.
+    """The capsules of all people at each step, prepared for comparison with a robot's.
 
     Args:
         people: (P, K, S) capsules, P >= 1.
-        toward: how near the first of them may come by direction; ``None``: as their capsules say.
+        toward: extent by direction of the first people; ``None``: the extent of their capsules.
     """
 
     def __init__(self, people: Capsules, toward: Toward | None = None) -> None:
@@ -59,24 +59,24 @@ class BodiesInTime:
         self._spheres = spheres_of(*self._people)
 
     def nearest(self, robot: Capsules) -> NearestInTime:
-        """Smallest distance between any of the people and the robot, step by step.
+        """Return the smallest distance between the people and the robot at each step.
 
         Args:
-            robot: (K, C) capsules; (1, C): it stays where it is.
+            robot: (K, C) capsules; (1, C): the robot does not move.
 
         Returns:
-            (K,) each. If anything in a step is not finite, its distance is minus infinity.
+            (K,) each. If any value in a step is not finite, its distance is minus infinity.
         """
         step = np.arange(self._steps)
         place = step if len(robot.radius) > 1 else np.zeros_like(step)
         return self._search(robot, (step, place))
 
     def standing(self, robots: Sequence[Capsules], steps: Sequence[int]) -> list[NearestInTime]:
-        """``nearest`` of each of several robots that stay where they are.
+        """Return ``nearest`` for each of several robots that do not move.
 
         Args:
-            robots: (C,) capsules each.
-            steps: for each robot, how many of the K steps are wanted.
+            robots: (C,) capsules per robot.
+            steps: for each robot, the number of the K steps to compute.
         """
         places = [r[None] for r in robots]
         step, place = np.empty((2, sum(steps)), np.int64)
@@ -88,10 +88,10 @@ class BodiesInTime:
         return _parted(found, steps)
 
     def least(self, robots: Sequence[Courses]) -> list[NearestInTime]:
-        """Smallest distance along each of several courses of each of several robots.
+        """Return the smallest distance along each of several courses of several robots.
 
         Returns:
-            (L,) each; minus infinity if anything is not finite.
+            (L,) per robot; minus infinity if any value is not finite.
         """
         flat, first, count, before = [], [], [], 0
         for robot in robots:
@@ -117,9 +117,9 @@ class BodiesInTime:
         count: Ints | None = None,
         enough_m: Floats | None = None,
     ) -> NearestInTime:
-        """See ``search``; ``first`` are steps and places with which courses begin.
+        """Call ``search``; ``first``: initial steps and positions of the courses.
 
-        Without ``count``, each course is one step, however far it is.
+        Without ``count``, each course is one step, without a limit on the distance.
         """
         if count is None:
             count = np.ones(len(first[0]), np.int64)
@@ -132,12 +132,12 @@ class BodiesInTime:
 
 
 def nearest_in_time(people: Capsules, robot: Capsules) -> NearestInTime:
-    """``BodiesInTime(people).nearest(robot)``, for one comparison."""
+    """Return ``BodiesInTime(people).nearest(robot)``, for a single comparison."""
     return BodiesInTime(people).nearest(robot)
 
 
 def _one_by_one(robots: Sequence[Capsules]) -> Capsules:
-    """(Q, C) capsules of all robots, one after the other; missing ones repeat the first."""
+    """Return (Q, C) capsules of all robots in sequence; missing capsules repeat the first."""
     if len(robots) == 1:
         return robots[0]
     links = max(r.radius.shape[1] for r in robots)
@@ -158,11 +158,11 @@ def _parted(found: NearestInTime, counts: Sequence[int]) -> list[NearestInTime]:
 
 
 def _flat(capsules: Capsules, places: int, links: int) -> Capsules:
-    """(L, K, C) capsules as (L K, C)."""
+    """Return (L, K, C) capsules as (L K, C)."""
     a, b = (end.reshape(places, links, 3) for end in (capsules.a, capsules.b))
     return Capsules(a, b, capsules.radius.reshape(places, links))
 
 
 def _plain(capsules: Capsules) -> tuple[Floats, Floats, Floats]:
-    """Its arrays, as compiled loops take them."""
+    """Its arrays, in the form for compiled loops."""
     return plain(capsules.a), plain(capsules.b), plain(capsules.radius)

@@ -1,4 +1,4 @@
-"""Separation judged by where body and robot are now: modes ``iso`` and ``fixed``."""
+"""Separation at the present positions of body and robot: modes ``iso`` and ``fixed``."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -27,15 +27,15 @@ from hri_predict.zones.body_zones import BodyZones
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Braking:
-    """One robot's way to a stop.
+    """Data on how one robot stops.
 
     Attributes:
-        speed_m_s: of its fastest point now.
+        speed_m_s: present speed of its fastest point.
         stopping: T_s and S_s at that speed.
         curve: its stopping curve.
         reaction_s: T_r from the capture.
         clearance_m: C + Z_d + Z_r.
-        margins_m: for the limits.
+        margins_m: margins for the limits.
     """
 
     speed_m_s: float
@@ -47,7 +47,7 @@ class Braking:
 
     @classmethod
     def of(cls, robot: RobotConstants, motion: RobotMotion, age_s: float) -> "Braking":
-        """Return the braking of a robot that moves, from the capture on."""
+        """Return the stopping data of a moving robot, starting at the capture."""
         return cls(
             speed_m_s=motion.speed_m_s,
             stopping=(motion.stopping_s, motion.stopping_m),
@@ -65,11 +65,11 @@ def judge_iso(
     who: tuple[int, int, int] = (-1, -1, -1),
     human_m_s: float = 0.0,
 ) -> Finding:
-    """Judge one distance by the protective separation distance.
+    """Compare one distance with the protective separation distance.
 
     Args:
-        robot: how it would stop.
-        distance_m: between body as captured and robot now.
+        robot: how the robot would stop.
+        distance_m: distance between body as captured and robot now.
         who: person, segment and robot capsule of that distance.
         human_m_s: speed of a person who is faster than the standard assumes; else 0.
     """
@@ -103,16 +103,17 @@ def judge_iso(
 def judge_receding(
     robot: Braking, found: Finding, recedes: Callable[[Floats], Bools], human_m_s: float
 ) -> Finding:
-    """Let a robot that recedes from all people be as fast as the people alone permit.
+    """Limit a robot that recedes from all people only by the motion of the people.
 
-    If every link's distance to every person grows until the robot stops, the robot moves towards
-    no person: S_r and S_s are 0, and S_h + C + Z_d + Z_r must fit. As in ``TimeByTime``, a speed is
-    permitted only together with every slower one, and warnings regard any direction.
+    If every link's distance to every person increases until the robot stops, the robot does not
+    move towards a person: S_r and S_s are 0, and only S_h + C + Z_d + Z_r is required. As in
+    ``TimeByTime``, a speed is permitted only if every slower speed is permitted, and warnings
+    assume any direction.
 
     Args:
         robot, human_m_s: as for ``judge_iso``.
-        found: as ``judge_iso`` found it.
-        recedes: (L,) speeds -> (L,) whether the robot recedes until it stops.
+        found: result of ``judge_iso``.
+        recedes: (L,) speeds -> (L,) whether the robot keeps receding until it stops.
     """
     curve, clearance_m = robot.curve, robot.clearance_m
     levels = speed_levels(curve.max_speed_m_s, min(found.limits[:2]))
@@ -143,15 +144,15 @@ def judge_fixed(
     margins_m: Sequence[float],
     speed_m_s: float,
 ) -> Finding:
-    """Judge a circle around the robot's base: a person inside stops it; else it runs at full speed.
+    """Check a circle around the robot's base: stop if a person is inside, otherwise full speed.
 
     Args:
-        found: the separation, as ``judge_iso`` found it; its distances are kept.
+        found: the separation from ``judge_iso``; its distances are kept.
         from_base_m: horizontal distance of the nearest body's surface from the base's axis.
         radius_m: of the circle.
         max_speed_m_s: of the robot.
-        margins_m: for the limits. The first one is the circle's edge, because a robot without a
-            slow speed has nothing to slow down for.
+        margins_m: margins for the limits. The first one is the circle's edge, because mode
+            ``fixed`` has no slow speed.
         speed_m_s: of the robot's fastest point now.
     """
     slack = from_base_m - radius_m
@@ -177,19 +178,19 @@ def by_standard(
     standing: NearestInTime | None = None,
     by_motion: bool = True,
 ) -> Finding:
-    """By the protective separation distance: all people together, and each fast person alone.
+    """Apply the protective separation distance to all people, and to each fast person alone.
 
-    Of a fast person only the segments that are fast count alone, at their own speed. A person whose
-    speed is unknown counts as fast with all segments.
+    For a fast person, only the fast segments are checked separately, at their own speed. A person
+    of unknown speed is treated as fast in all segments.
 
     Args:
         robot, motion: the robot and how it moves.
         bodies: the people.
-        who: indices of those who count, one at least; ``None``: all people.
-        standing: the distances of zones over time to the robot where it is now, if all people
-            count; ``None``: they are not known.
-        by_motion: whether to look for a receding robot. Zones over time take its motion into
-            account already.
+        who: indices of the people to consider, at least one; ``None``: all people.
+        standing: the distances of the zones over time to the robot at its present position, if all
+            people are considered; ``None``: unknown.
+        by_motion: whether to check for a receding robot; zones over time already take its motion
+            into account.
     """
     groups: list[tuple[Ints | None, Ints | None, float]] = [(who, None, 0.0)]
     beyond_m_s = bodies.speeds.beyond_standard_m_s
@@ -215,7 +216,7 @@ def by_standard(
 
 
 def wherever_it_is(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones) -> Finding:
-    """By all places that the robot can reach: it may be elsewhere than it says.
+    """Check all positions that the robot can reach, because its reported position may be wrong.
 
     Around a standing base, this is the circle of mode ``fixed``. A moving base may be anywhere.
     """
@@ -226,10 +227,10 @@ def wherever_it_is(robot: RobotConstants, motion: RobotMotion, bodies: BodyZones
 def by_circle(
     robot: RobotConstants, motion: RobotMotion, bodies: BodyZones, radius_m: float | None = None
 ) -> Finding:
-    """By the circle around the base, for the person nearest to it; it is wider for fast people.
+    """Check the circle around the base for the nearest person; the circle is wider for fast people.
 
-    The circle moves with a base that moves. With tools, it is that of the worst. ``radius_m``:
-    default: that of mode ``fixed``.
+    The circle moves with a moving base. With tools, the worst case is used. ``radius_m``: default:
+    the radius of mode ``fixed``.
     """
     zones = bodies.zones.capsules
     human_m_s = bodies.speeds.beyond_standard_m_s.max(1, initial=0.0)
@@ -263,7 +264,7 @@ def _receding(
     *,
     human_m_s: float,
 ) -> Finding:
-    """The same, where the robot recedes from all people while it continues and stops."""
+    """Return the finding, improved if the robot recedes from all people until it stops."""
     is_free = found.slack_m >= 0 and min(found.limits[:2]) >= robot.max_speed_m_s
     if is_free or not motion.is_foreseen or not motion.is_one_path:
         return found
@@ -283,12 +284,12 @@ def _receding(
 def _nearest_now(
     zones: Capsules, motion: RobotMotion, who: Ints | None = None, segments: Ints | None = None
 ) -> NearestInTime:
-    """The nearest pair of people and robot as captured.
+    """Return the nearest pair of people and robot as captured.
 
     Args:
         zones: (P, K+1, S).
         motion: of the robot.
-        who, segments: indices of the people and of their segments that count; ``None``: all.
+        who, segments: indices of the people and segments to consider; ``None``: all.
     """
     persons, _, count = zones.radius.shape
     who = np.arange(persons) if who is None else who

@@ -1,4 +1,4 @@
-"""Effect of the zones over time on each robot; the distances of all robots are found together."""
+"""Effect of the zones over time on each robot; distances of all robots are computed together."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ class Outlook:
     """Effect of the zones over time on one robot.
 
     Attributes:
-        standing: (K+1,) distances to the robot where it is now; entry 0 as captured.
-        finding: judged time by time.
+        standing: (K+1,) distances to the robot at its present position; entry 0 as captured.
+        finding: result of the comparison at each time.
     """
 
     standing: NearestInTime
@@ -25,10 +25,11 @@ class Outlook:
 def outlooks(
     motions: Sequence[RobotMotion], judging: Sequence[TimeByTime], bodies: BodiesInTime
 ) -> list[Outlook]:
-    """The outlooks of one or more robots in two searches.
+    """Return the outlooks of one or more robots, computed in two searches.
 
-    The first search takes all robots where they are now. The second takes those that are not free
-    in any direction, as they move on. One search for two robots costs about as much as for one.
+    The first search uses the present positions of all robots. The second uses the continued motion
+    of those that are limited in some direction. A search for two robots takes about as long as for
+    one.
     """
     standing = bodies.standing([m.capsules for m in motions], [len(m.times_s) for m in motions])
     later = [near[1:] for near in standing]  # without the bodies as captured

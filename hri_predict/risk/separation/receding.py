@@ -1,8 +1,8 @@
-"""Distance along its path over which every part of a robot recedes from all people.
+"""Part of its path on which every part of a robot recedes from all people.
 
-In ISO/TS 15066, v_r is the robot's speed *towards* the person. A robot whose tool recedes while its
-elbow swings out does not recede. So each link's distance to each person is followed separately, and
-the first that falls ends it.
+In ISO/TS 15066, v_r is the robot's speed *towards* the person. A robot does not recede if its tool
+recedes but its elbow swings outwards. So each link's distance to each person is checked separately;
+the first decrease ends the part.
 """
 
 import numpy as np
@@ -11,19 +11,19 @@ from hri_predict.base.arrays import Floats
 from hri_predict.base.geometry import Capsules, capsule_distance
 
 FALLS_M = 1e-9
-"""A smaller change counts as none: a link may turn about its own axis."""
+"""Smaller changes are ignored, because a link may turn about its own axis."""
 
 
 def receding_steps(people: Capsules, robot: Capsules) -> int:
-    """The number of steps of a path during which no distance between link and person falls.
+    """Return the number of steps of a path without a decrease of any link-person distance.
 
     Args:
         people: (P, S) capsules, as captured.
         robot: (K, C) capsules at instants along the path, K >= 2; the first is now.
 
     Returns:
-        0..K-1. Distances are compared at the instants, not in between. A distance that is not
-        finite ends it.
+        0..K-1. Distances are compared only at the instants. A distance that is not finite ends the
+        count.
     """
     steps = len(robot.radius)
     before = link_distances(people, robot[0:1])
@@ -41,6 +41,6 @@ def receding_steps(people: Capsules, robot: Capsules) -> int:
 
 
 def link_distances(people: Capsules, robot: Capsules) -> Floats:
-    """(K, C, P) distance of each robot capsule (K, C) to each person (P, S)."""
+    """Return the distance (K, C, P) of each robot capsule (K, C) from each person (P, S)."""
     distance: Floats = capsule_distance(people, robot[:, :, None, None]).min(-1)
     return distance

@@ -1,16 +1,16 @@
-"""The search for the nearest pair of body segment and robot capsule, as loops and as arrays.
+"""Search for the nearest pair of body segment and robot capsule, with loops and with arrays.
 
-Bounding spheres rule out most pairs, first those of whole people. The distance between two capsules
-is at least that of the spheres around them, and at most that of the spheres about their middles.
-The distances of the remaining pairs are exact. Both versions compute each distance by the same
-operations in the same order, so they find the same to the last bit.
+Bounding spheres exclude most pairs, first for whole people. The distance between two capsules is at
+least that of the spheres around them, and at most that of the spheres around their centres. The
+distances of the remaining pairs are exact. Both versions compute each distance with the same
+operations in the same order, so the results are bit-identical.
 
-A body may also state how far it extends in one direction (``zones.toward``): less than its capsule
-does. With n, the unit vector from the segment's nearest point to the link's, the distance is then
-at least the gap between both along n (docs/decisions/zones-toward-the-robot.md). It is never less
-than that of the capsules, which rule out pairs as before.
+A body may also have a smaller extent in one direction than its capsule (``zones.toward``). If n is
+the unit vector from the segment's nearest point to the link's, the distance is then at least the
+gap between segment and link along n (docs/decisions/zones-toward-the-robot.md). This distance is
+never less than that of the capsules, which therefore exclude pairs as before.
 
-A *course* is a number of bodies' steps, one after the other, and the robot's place at each.
+A *course* is a sequence of steps of the bodies, with the robot's position at each step.
 """
 
 from math import inf, isfinite, sqrt
@@ -37,7 +37,7 @@ from hri_predict.risk.separation.search_loops import (
 
 
 def _spheres_by_arrays(a: Floats, b: Floats, radius: Floats) -> Spheres:
-    """Spheres (5, P, K, S) about the middles of people's capsules, and (5, P, K) around people.
+    """Spheres (5, P, K, S) around the capsules of people, and (5, P, K) around whole people.
 
     Rows: x, y, z, the capsule's radius (or that of the sphere), the radius of the sphere.
     """
@@ -90,15 +90,15 @@ spheres_of = kernel(_spheres_by_loops, _spheres_by_arrays)
 
 @np.errstate(invalid="ignore")  # numbers that are not finite are handled below
 def _search_by_arrays(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found:
-    """The minimum distance along each of G courses, and the first pair that has it.
+    """Return the minimum distance along each of G courses, and the first pair that has it.
 
     Args:
-        bodies: of people, step by step.
-        robot: (Q, C) capsules at Q places.
+        bodies: the people at each step.
+        robot: (Q, C) capsules at Q positions.
         courses: see ``CourseRows``.
 
     Returns:
-        Where nothing is as near as ``enough``, that and the first pair of all. If anything in a
+        If no distance is below ``enough``, ``enough`` and the very first pair. If any value in a
         course is not finite, its distance is minus infinity.
     """
     people, spheres, toward = bodies
@@ -166,13 +166,13 @@ search = kernel(search_by_loops, _search_by_arrays)
 
 
 def _groups(group: Ints) -> tuple[Ints, Ints]:
-    """Return the start of each group (ascending, not empty), and the groups' numbers."""
+    """Return the start of each non-empty group (ascending), and the group numbers."""
     starts = np.flatnonzero(np.concatenate([[True], group[1:] != group[:-1]]))
     return starts, group[starts]
 
 
 def _nearest(exact: Floats, group: Ints, enough_m: Floats, who: tuple[Ints, Ints, Ints]) -> Found:
-    """The minimum distance of each group (ascending), and the pair that has it."""
+    """Return the minimum distance of each group (ascending), and the pair that has it."""
     distance, found = enough_m.astype(np.float64), np.zeros((3, len(enough_m)), np.intp)
     if len(group):
         exact = np.where(np.isfinite(exact), exact, -np.inf)
@@ -184,7 +184,7 @@ def _nearest(exact: Floats, group: Ints, enough_m: Floats, who: tuple[Ints, Ints
 
 
 def _rows(capsules: Capsules) -> Floats:
-    """(7, M) of M capsules: the axis's start, the vector to its end, the radius."""
+    """Return (7, M) for M capsules: start of the axis, vector to its end, radius."""
     start = capsules.a.reshape(-1, 3)
     rows = np.empty((7, len(start)))
     rows[:3] = start.T
@@ -194,12 +194,12 @@ def _rows(capsules: Capsules) -> Floats:
 
 
 def _axes(rows: Floats) -> tuple[Xyz, Xyz]:
-    """Start and direction of the axes in rows."""
+    """Return start and direction of the axes in rows."""
     return (rows[0], rows[1], rows[2]), (rows[3], rows[4], rows[5])
 
 
 def _spheres(rows: Floats) -> Floats:
-    """(5, M) sphere about each capsule's middle: x, y, z, and the rows below."""
+    """Return (5, M) spheres around the capsules: x, y, z, and the rows described at ``Spheres``."""
     spheres = np.empty((5, rows.shape[1]))
     axis = rows[3:6]
     np.add(rows[:3], 0.5 * axis, out=spheres[:3])
@@ -209,7 +209,7 @@ def _spheres(rows: Floats) -> Floats:
 
 
 def _around(spheres: Floats) -> Floats:
-    """(5, ...) a sphere that holds all (5, ..., S) of the last axis."""
+    """Return (5, ...) spheres that contain all spheres (5, ..., S) of the last axis."""
     result = np.empty(spheres.shape[:-1])
     result[:3] = 0.5 * (spheres[:3].min(-1) + spheres[:3].max(-1))
     result[SIZE] = (_apart(result[..., None], spheres) + spheres[SIZE]).max(-1)
@@ -218,13 +218,13 @@ def _around(spheres: Floats) -> Floats:
 
 
 def _apart(a: Floats, b: Floats) -> Floats:
-    """Distance between the spheres' centres, broadcast."""
+    """Return the distance between the centres of spheres, broadcast."""
     distance = _square(a[:3] - b[:3])
     return np.sqrt(distance, out=distance)
 
 
 def _square(vectors: Floats) -> Floats:
-    """Squared length of (3, ...) vectors."""
+    """Return the squared length of (3, ...) vectors."""
     square = vectors * vectors
     result: Floats = square[0]
     result += square[1]
@@ -233,7 +233,7 @@ def _square(vectors: Floats) -> Floats:
 
 
 def _at_most(part: Floats, body: Floats) -> Floats:
-    """The largest possible distance of capsules: that of their middles less both radii."""
+    """Return an upper bound of capsules' distance: distance of the centres minus both radii."""
     most = _apart(part, body)
     most -= part[THICK] + body[THICK]
     return most

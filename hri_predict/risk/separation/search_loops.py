@@ -1,4 +1,4 @@
-"""The search for the nearest pair as loops; ``search`` says what it does, and has it as arrays."""
+"""The search for the nearest pair, with loops; see ``search`` for details and the array version."""
 
 from math import inf, isfinite, sqrt
 
@@ -10,24 +10,25 @@ from hri_predict.zones.loops.spheres import UNSEEN
 from hri_predict.zones.toward import BINS, COSINES, STEEP, Toward
 
 ROUNDING_M = 1e-9
-"""Pairs within this of a bound are kept: two orders of addition may differ in the last bit."""
+"""Tolerance when excluding pairs, because two orders of addition may differ in the last bit."""
 LEAST_GAP_M = 1e-6
-"""Axes nearer than this have no direction from one to the other."""
+"""Minimum distance of two axes that defines a direction between them."""
 _POINT_M2 = 1e-24  # as in ``geometry``
 
 THICK, SIZE = 3, 4
-"""Rows of spheres: the capsule's radius, and the radius of the sphere around all of it."""
+"""Rows of sphere arrays: the capsule's radius, and the radius of its bounding sphere."""
 
 Arrays = tuple[Floats, Floats, Floats]
-"""Ends a and b and radius of capsules."""
+"""Ends a and b, and radius, of capsules."""
 Spheres = tuple[Floats, Floats]
 """See ``spheres_of``."""
 Bodies = tuple[Arrays, Spheres, Toward]
 """(P, K, S) capsules, their spheres, and the support of the first people (``NOTHING``: capsules
-alone)."""
+only)."""
 CourseRows = tuple[Ints, Ints, Ints, Floats]
-"""(G,) each: the bodies' step with which a course begins; the robot's place then, which moves on by
-one with each step; how many steps, one at least; and which larger distances need not be known."""
+"""(G,) each: first step of the bodies in a course; position of the robot at that step, which
+advances by one per step; number of steps, at least one; and upper limit of the distances to
+compute."""
 Found = tuple[Floats, Ints, Ints, Ints]
 """(G,) each: distance, person, segment and link."""
 
@@ -101,7 +102,7 @@ def search_by_loops(bodies: Bodies, robot: Arrays, courses: CourseRows) -> Found
 def apart_exactly(
     bodies: Bodies, body: tuple[int, int, int], robot: Arrays, part: tuple[int, int]
 ) -> float:
-    """The distance of a segment at (person, step, segment) and a link at (place, link)."""
+    """Return the distance of a segment at (person, step, segment) to a link at (place, link)."""
     p, k, s = body
     q, c = part
     (a, b, radius), _, toward = bodies
@@ -121,7 +122,7 @@ def apart_exactly(
 
 @part
 def _axis_gap(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> tuple[float, float, float]:
-    """The vector between the nearest points, as ``geometry.axis_distance`` finds them."""
+    """Return the vector between the nearest points, as in ``geometry.axis_distance``."""
     ux, uy, uz = b1[0] - a1[0], b1[1] - a1[1], b1[2] - a1[2]
     vx, vy, vz = b2[0] - a2[0], b2[1] - a2[1], b2[2] - a2[2]
     rx, ry, rz = a1[0] - a2[0], a1[1] - a2[1], a1[2] - a2[2]
@@ -143,7 +144,7 @@ def _axis_gap(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> tuple[float, fl
 
 @part
 def _unit(parameter: float) -> float:
-    """Clamped to 0..1; NaN stays."""
+    """Return the value clamped to 0..1; NaN remains NaN."""
     if parameter < 0.0:
         return 0.0
     return 1.0 if parameter > 1.0 else parameter
@@ -151,7 +152,7 @@ def _unit(parameter: float) -> float:
 
 @part
 def extent(toward: Toward, body: tuple[int, int, int], n: tuple[float, float, float]) -> float:
-    """Extent of a segment along a unit vector, from the room's origin."""
+    """Return the extent of a segment along a unit vector, from the room's origin."""
     p, k, s = body
     x, y, z = n
     most = -inf

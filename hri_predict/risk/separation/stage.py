@@ -1,7 +1,7 @@
-"""The separation stage: how far people and robots are apart, and what that permits each robot.
+"""The separation stage: computes distances between people and robots, and the permitted speeds.
 
-It is a pure function of this tick's bodies and robots, and has no memory. It only measures:
-``levels`` turns its findings into advice.
+It is a pure function of this tick's bodies and robots, without memory. It only measures; ``levels``
+derives the advice from its findings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,25 +37,26 @@ from hri_predict.zones.body_zones import BodyZones
 
 @dataclass(frozen=True, slots=True)
 class RobotFindings:
-    """Findings on one robot from one tick's bodies.
+    """Findings for one robot from one tick's bodies.
 
     Attributes:
         unknown: why the situation is unknown; the other fields are then ``None``.
-        people: about the people, as the mode judges them; ``None`` if there are no people.
-        standard: in mode ``predictive``, if the zones do not permit the highest speed: the same
-            people, by the standard's separation where its assumptions hold, and by their zones
-            where not (``BodyZones.as_assumed``). The milder of the two counts.
-        contact: in mode ``hybrid``, in the same case: what contact permits a robot that may touch
-            people.
-        wherever: of a robot that is not proven to be where it says: about the people, for all
-            places that it can reach; ``None`` if it is proven, or no person is here.
-        unseen: about the space that the sensor does not see; ``None`` if it sees everything.
-        speed_m_s: of the robot's fastest point.
-        tool: number of the tool counted with; ``None``: none is named, or the worst of all.
+        people: finding for the people according to the mode; ``None`` if there are no people.
+        standard: in mode ``predictive``, if the zones do not permit the highest speed: finding for
+            the same people, using the separation distance of the standard where its assumptions
+            hold, and the zones elsewhere (``BodyZones.as_assumed``). The milder of the two findings
+            applies.
+        contact: in mode ``hybrid``, in the same case: finding with permitted contact, for a robot
+            that may touch people.
+        wherever: for a robot with an unproven reported position: finding for the people and all
+            positions that the robot can reach; ``None`` if it is proven, or no person is present.
+        unseen: finding for unseen space; ``None`` if the sensor sees everything.
+        speed_m_s: speed of the robot's fastest point.
+        tool: number of the assumed tool; ``None``: no tool is named, or the worst case is assumed.
         asked: requests of the robot's controllers.
-        not_backing_out: why it would not recede from all people if it backed out; "" if it would,
-            or if it was not requested.
-        motion: the robot as it was judged; ``None`` if the situation is unknown.
+        not_backing_out: why the robot would not recede from all people if it backed out; "" if it
+            would, or without a request.
+        motion: the assumed motion of the robot; ``None`` if the situation is unknown.
     """
 
     unknown: tuple[Reason, ...] = ()
@@ -73,7 +74,7 @@ class RobotFindings:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """Findings of the separation stage in one tick: by robot, and by named zone of the user's."""
+    """Findings of the separation stage in one tick, by robot and by named zone."""
 
     robots: tuple[RobotFindings, ...]
     named: tuple[NamedZoneState, ...]
@@ -84,7 +85,7 @@ _AboutPeople = tuple[Finding, Finding | None, Finding | None]
 
 
 class Separation:
-    """The stage: call it with bodies and robots.
+    """The separation stage, called with bodies and robots.
 
     Args:
         settings: see ``RiskSettings``.
@@ -93,7 +94,7 @@ class Separation:
         view: space that the sensor sees; ``None``: everything.
         times_s: (K+1,) the zones' times, see ``Zones``.
         horizon_s: the forecast's last step after the capture.
-        contact: judges of contact by the index of the robot that may touch people.
+        contact: contact judges, by index of the robot that may touch people.
     """
 
     def __init__(
@@ -121,7 +122,7 @@ class Separation:
         warm_up(self._robots, self._times_s)
 
     def revise(self, robot: int) -> None:
-        """Take the stopping curve of a robot from its model again: it was measured to stop late."""
+        """Update a robot's stopping curve from its model, after it was measured to stop late."""
         revised = self._robots[robot].revised()
         self._robots[robot] = revised
         if robot in self._contact:
@@ -133,8 +134,8 @@ class Separation:
 
         Args:
             bodies: all people. If ``bodies.untrusted``, people may be anywhere: every robot's
-                situation is unknown, and every named zone counts as occupied.
-            robots: R, where each robot is now.
+                situation is unknown, and every named zone is treated as occupied.
+            robots: R present robot states.
         """
         if bodies.untrusted:
             return Findings(
@@ -200,7 +201,7 @@ class Separation:
     def _motion(
         self, robot: int, now: RobotNow, bodies: BodyZones
     ) -> RobotMotion | tuple[Reason, ...]:
-        """Return the robot's motion, or why it is unknown."""
+        """Return the robot's motion, or the reasons why it is unknown."""
         if now.reasons:
             return now.reasons
         if not _is_known(now):
@@ -238,7 +239,7 @@ class Separation:
     def _over_time(
         self, motions: Mapping[int, RobotMotion], bodies: BodyZones
     ) -> list[_AboutPeople]:
-        """All robots together; also by the standard and by contact, if that may permit more."""
+        """Assess all robots; also with the standard and with contact, if that may permit more."""
         judging = [self._time_by_time(i, motion) for i, motion in motions.items()]
         people = BodiesInTime(bodies.zones.capsules, bodies.toward)
         found = outlooks(list(motions.values()), judging, people)
@@ -258,7 +259,7 @@ class Separation:
     def _others(
         self, robot: int, motions: Mapping[int, RobotMotion], until_s: float
     ) -> list[Capsules | None]:
-        """Return where each other robot may be until then; ``None``: unknown, or it is too fast."""
+        """Return the space that other robots may occupy by then; ``None``: unknown or too fast."""
         result: list[Capsules | None] = []
         for i in range(len(self._robots)):
             if i == robot:
@@ -284,10 +285,10 @@ class Separation:
         bodies: BodyZones,
         outlook: Outlook,
     ) -> Finding | None:
-        """By the standard for those who move as it assumes, by their zones for all others.
+        """Apply the standard to people who move as it assumes, and zones to all others.
 
-        Each person is judged by one argument that holds for that person, and the robot meets the
-        demands of all. ``None``: no person moves as assumed.
+        For each person one valid argument is used, and the robot meets the demands for all people.
+        ``None``: no person moves as assumed.
         """
         assumed = np.flatnonzero(bodies.as_assumed)
         if not assumed.size:
@@ -346,12 +347,12 @@ class Separation:
         )
 
     def _constants(self, robot: int, motion: RobotMotion) -> RobotConstants:
-        """Return the constants of a robot with the tool that its motion counts with."""
+        """Return the constants of a robot with the tool assumed in its motion."""
         return self._robots[robot].counting(motion.tool)
 
 
 def _farthest(robot: RobotConstants, times_s: Floats) -> dict[int | None, Floats]:
-    """By tool number and for the worst; see ``in_time.farthest``."""
+    """Return maximum travel by tool number and for the worst case; see ``in_time.farthest``."""
     return {
         tool: farthest(robot.counting(tool).curve, times_s, robot.until_braking_s)
         for tool in (None, *robot.tools)
@@ -359,7 +360,7 @@ def _farthest(robot: RobotConstants, times_s: Floats) -> dict[int | None, Floats
 
 
 def _numbered(found: Finding | None, motion: RobotMotion) -> Finding | None:
-    """The finding with its capsule's number among those of all tools, as Advice names it."""
+    """Return the finding with the capsule's index over all tools, as used in Advice."""
     numbering = motion.model.numbering
     if found is None or numbering is None or found.link < 0:
         return found

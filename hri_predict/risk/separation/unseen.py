@@ -1,4 +1,4 @@
-"""Unseen space: a person may stand just outside the sensor's field of view and come in."""
+"""Unseen space: a person may stand just outside the sensor's field of view and enter it."""
 
 import numpy as np
 
@@ -21,14 +21,14 @@ def beside_view(
     judging: TimeByTime | None = None,
     margin_m: float = 0.0,
 ) -> Finding:
-    """The finding about a person who may stand just outside the field of view since the capture.
+    """Return the finding for a person who may have been just outside the view since the capture.
 
     Args:
         robot, motion: the robot and how it moves.
         view: space that the sensor sees.
-        age_s: of that capture.
-        judging: judgement of distances over time; ``None``: only the distance now counts.
-        margin_m: distance to keep beyond C + Z_d + Z_r.
+        age_s: age of that capture.
+        judging: check of distances over time; ``None``: use only the present distance.
+        margin_m: required distance beyond C + Z_d + Z_r.
     """
     distance_m = float(view.distance_outside(motion.capsules).min()) - margin_m
     if judging is None:
@@ -47,6 +47,6 @@ def beside_view(
 
 
 def _nobody(distance_m: Floats) -> NearestInTime:
-    """Return distances to no particular person."""
+    """Return distances that belong to no specific person."""
     unknown = np.full(len(distance_m), -1)
     return NearestInTime(distance_m, unknown, unknown, unknown)

@@ -1,4 +1,4 @@
-"""Calls every compiled loop once, so that none is compiled while robots move."""
+"""Call every compiled loop once, so that none is compiled while robots move."""
 
 from collections.abc import Sequence
 
@@ -15,11 +15,12 @@ _SPEED_M_S = 0.1
 
 
 def warm_up(robots: Sequence[RobotConstants], times_s: Floats) -> None:
-    """Judge a person who is a point beside robots that hardly move; the result does not matter.
+    """Assess a point-like person near slow robots, to compile the loops; the result is not used.
 
     Args:
-        robots: with the worst of their tools; the tools' own arrays are of the same types.
-        times_s: (K+1,) of the zones.
+        robots: the robots with the worst case of their tools; arrays of single tools have the same
+            types.
+        times_s: (K+1,) times of the zones.
     """
     point = np.zeros((1, len(times_s), 1, 3))
     bodies = BodiesInTime(Capsules(point, point.copy(), np.zeros(point.shape[:3])))

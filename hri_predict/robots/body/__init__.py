@@ -1,1 +1,1 @@
-"""A robot's capsules: which there are, and the space that they sweep."""
+"""A robot's capsules and the space that they sweep."""

@@ -1,6 +1,6 @@
-"""Positions of a robot on its path as it moves on and stops: as loops and as arrays.
+"""Positions of a robot that continues on its path and stops, with loops and with arrays.
 
-Each version computes the same; the order of operations differs, so they agree to rounding. L
+Both versions give the same results except for rounding, because the order of operations differs. L
 speeds, K times, N joints.
 """
 
@@ -14,12 +14,12 @@ from hri_predict.robots.stopping import STANDING_M_S, StoppingTable
 
 Tables = tuple[Floats, Floats, Floats, Floats, Floats, float]
 """(T,) speeds, times and distances of a stopping table (m/s, s, m); (B,) speeds and times of the
-moving base's, nothing without one; and by how much all are stretched."""
+moving base's table, empty without one; and the stretch factor of all."""
 Speeds = tuple[Floats, Floats, float]
-"""(G,) phases of one cycle of a path, both ends, s; (G,) speed of the fastest point there at full
-speed, m/s; and the step between the phases."""
+"""(G,) phases of one cycle of a path, including both ends, s; (G,) speed of the fastest point at
+these phases at full speed, m/s; and the step between phases."""
 Moves = tuple[Floats, Floats, Floats]
-"""(W,) times and (W, N) positions of a trajectory's waypoints; (W-1, N) greatest acceleration of
+"""(W,) times and (W, N) positions of a trajectory's waypoints; (W-1, N) maximum acceleration of
 each move."""
 
 
@@ -29,13 +29,13 @@ each move."""
 def _phases_by_arrays(
     path: Speeds, tables: Tables, start: tuple[float, float], asked: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """(L, K) phases of a robot that follows its path, and (L,) when it stands.
+    """Return (L, K) phases of a robot that follows its path, and (L,) the times when it stops.
 
     Args:
-        path: of the robot.
+        path: path of the robot.
         tables: its stopping tables.
-        start: its phase at time 0, and seconds from there until it brakes.
-        asked: (L,) speeds of its fastest point; (K,) times, from 0, not falling.
+        start: phase at time 0, and seconds from then until it brakes.
+        asked: (L,) speeds of its fastest point; (K,) times from 0, non-decreasing.
     """
     (start_s, reaction_s), (speeds_m_s, times_s) = start, asked
     closed, fastest, step_s = path
@@ -111,7 +111,7 @@ def _straight_by_arrays(
     moves: tuple[Floats, Floats, float],
     times: tuple[Floats, float],
 ) -> tuple[Floats, Floats]:
-    """(L, K, N) joints of a robot that goes straight on and stops, and (L, K) half the stretches.
+    """Return (L, K, N) joints of a robot that stops on a straight path, and (L, K) half stretches.
 
     Args:
         joints: (N,) positions and velocities now.
@@ -161,9 +161,9 @@ def _straight_by_loops(
 
 
 def _stretches_by_arrays(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Stretches of a trajectory between phases (L, K): places q, bounds of |q'|, |q''|, and h.
+    """Return stretches between trajectory phases (L, K): q, bounds of |q'| and |q''|, and h.
 
-    As ``sweep`` wants them: (L, K, N) three times, and (L, K). Entry 0 is where it begins.
+    In the form for ``sweep``: (L, K, N) three times, and (L, K). Entry 0 is the start.
     """
     before = np.concatenate([phases_s[:, :1], phases_s[:, :-1]], axis=1)
     q, dq = at_phases(moves, phases_s)
@@ -176,7 +176,7 @@ def _stretches_by_arrays(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats
 
 
 def at_phases(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats]:
-    """Positions and velocities (..., N) at full speed at phases (...) of any size."""
+    """Return positions and velocities (..., N) at full speed at any phases (...)."""
     times, positions, _ = moves
     phase = phases_s % times[-1]
     i = move_of(times, phase)
@@ -190,9 +190,10 @@ def at_phases(moves: Moves, phases_s: Floats) -> tuple[Floats, Floats]:
 
 
 def acceleration_most(moves: Moves, from_s: Floats, to_s: Floats) -> Floats:
-    """(..., N) bound of each joint's acceleration at full speed between two phases.
+    """Return a bound (..., N) of each joint's acceleration at full speed between two phases.
 
-    The moves before and after both count; if the arm passes more than two moves, all of them count.
+    The moves at both phases are included; if the arm passes more than two moves, all moves are
+    included.
     """
     times, _, acceleration = moves
     first, last = move_of(times, from_s % times[-1]), move_of(times, to_s % times[-1])
@@ -202,7 +203,7 @@ def acceleration_most(moves: Moves, from_s: Floats, to_s: Floats) -> Floats:
 
 
 def move_of(times: Floats, phase_s: Floats) -> Ints:
-    """(...) which move each phase within the cycle is in."""
+    """Return the index (...) of the move that contains each phase within the cycle."""
     i = np.searchsorted(times, phase_s, side="right") - 1
     return np.minimum(i, len(times) - 2)
 
@@ -263,7 +264,7 @@ def _before(xs: Floats, x: float) -> int:
 
 @part
 def _between(x: float, xs: Floats, ys: Floats) -> float:
-    """As ``numpy.interp`` of one number."""
+    """Like ``numpy.interp`` for one number."""
     if x >= xs[-1]:
         return float(ys[-1])
     if x < xs[0]:
@@ -274,7 +275,7 @@ def _between(x: float, xs: Floats, ys: Floats) -> float:
 
 @part
 def _followed(passed: Floats, time_s: float, start_s: float, step_s: float) -> float:
-    """The phase at a time before braking; ``passed`` (cells + 1,) is when each cell ends."""
+    """Return the phase at a time before braking; ``passed`` (cells + 1,): end time of each cell."""
     last = len(passed) - 1
     if time_s >= passed[last]:
         return start_s + last * step_s
@@ -310,7 +311,7 @@ def _hold_s(speed: float, stopping_s: float, tables: Tables) -> float:
 
 @part
 def _travel_s(time_s: float, onset_s: float, braking_s: float) -> float:
-    """As ``StoppingTable.travel_s``, of a robot that slows down from ``onset_s`` on."""
+    """Like ``StoppingTable.travel_s``, for a robot that brakes from ``onset_s`` onwards."""
     after = min(max(time_s - onset_s, 0.0), braking_s)
     lost = after * after / (2 * braking_s) if braking_s > 0.0 else 0.0
     return min(max(time_s, 0.0), onset_s) + after - lost

@@ -1,4 +1,4 @@
-"""A robot's capsules, link by link: of the arm, of what it carries, of the base that moves it."""
+"""A robot's capsules by link: of the arm, of tool and load, and of a moving base."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from hri_predict.robots.file import CapsuleFile, RobotFile
 from hri_predict.robots.settings import MobileBaseSettings, ToolSettings
 
 MAX_CAPSULES = 62
-"""Advice names the deciding capsule by a number of six bits."""
+"""Maximum number of capsules: Advice has six bits for the deciding capsule."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,17 +40,17 @@ class Shape:
         with_payload: bool,
         base: MobileBaseSettings | None,
     ) -> "Shape":
-        """All capsules that count.
+        """Return all relevant capsules.
 
         Args:
             file: the robot file.
-            lead: number of joints before the arm's.
-            tools: that may be mounted; without any, the file's tool counts.
-            with_payload: whether the file's payload counts, too.
-            base: a moving base, whose body turns with the arm's first link.
+            lead: number of joints before the arm's joints.
+            tools: tools that may be mounted; if empty, the file's tool is used.
+            with_payload: whether the file's payload is included.
+            base: a moving base; its body turns with the arm's first link.
 
         Raises:
-            RobotError: more than Advice can name.
+            RobotError: more capsules than Advice can name.
         """
         links = {link: lead + i for i, link in enumerate(file.links())}
         found: list[tuple[int, str, CapsuleFile]] = sorted(
@@ -70,8 +70,8 @@ class Shape:
             ends += [(turn @ c.a + shift, turn @ c.b + shift) for c in base.capsules]
         if len(found) > MAX_CAPSULES:
             raise RobotError(
-                f"tools: with all of them the robot has {len(found)} capsules, but Advice can name "
-                f"only {MAX_CAPSULES}; describe them by fewer, larger ones"
+                f"tools: with all of them the robot has {len(found)} capsules, but Advice can "
+                f"identify only {MAX_CAPSULES}; use fewer, larger capsules"
             )
         return cls(
             tuple(name for _, name, _ in found),

@@ -1,14 +1,14 @@
 """Maximum error of the computed ends of a capsule, along a stretch of a path.
 
-Let x be an end of a capsule's axis and h half the stretch. From the chord between the stretch's
-ends x departs by at most max|x''| h^2 / 2, and the chord from its own middle by half its length; so
-|x(u) - (x_{k-1} + x_k) / 2| <= |x_k - x_{k-1}| / 2 + max|x''| h^2 / 2. Likewise x is at most
-h max|x'| from that middle; the smaller bound serves. The path's first derivative must be
-continuous; its second may jump.
+Let x be an end of a capsule's axis and h half the stretch. x deviates from the chord between the
+stretch's ends by at most max|x''| h^2 / 2, and the chord from its own midpoint by half its length;
+so |x(u) - (x_{k-1} + x_k) / 2| <= |x_k - x_{k-1}| / 2 + max|x''| h^2 / 2. Likewise x is at most h
+max|x'| from that midpoint; the smaller bound is used. The path's first derivative must be
+continuous; the second may jump.
 
-The end is a sum of rigid pieces and of what prismatic joints put between them (``Chain.arms``).
-Write W_i for the sum over revolute j <= i of max|q_j'|: it bounds |omega_i|, the turn rate of the
-link behind joint i.
+The end is a sum of rigid pieces and of the displacements of prismatic joints between them
+(``Chain.arms``). Write W_i for the sum over revolute j <= i of max|q_j'|: it bounds |omega_i|, the
+turn rate of the link after joint i.
 
 Piece i is fixed to that link, so |piece_i'| <= length_i W_i and |piece_i''| <= length_i (W_i^2 +
 |omega_i'|). Here omega_i' = sum over revolute j <= i of q_j'' axis_j + q_j' omega_{j-1} x axis_j is
@@ -30,15 +30,16 @@ from hri_predict.base.geometry import norm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """Joints that carry C capsules, joint by joint of N.
+    """Lever arms of C capsules about each of N joints.
 
     Attributes:
-        arms: (C, N) lengths of the rigid pieces behind each joint, to the capsule's farther end.
+        arms: (C, N) lengths of the rigid pieces after each joint, up to the capsule's farther end.
         slides: (N,) which joints are prismatic.
-        behind: (C, N) 1.0 where the capsule is behind that prismatic joint, else 0.
-        extent: (N,) the largest amount of each prismatic position within its limits, m; else 0.
-        beyond: (C, N) how far a capsule's end is from each joint's axis at most, within the limits;
-            1 for prismatic joints: an end moves with them metre by metre.
+        behind: (C, N) 1.0 where the capsule is after that prismatic joint, otherwise 0.
+        extent: (N,) maximum absolute position of each prismatic joint within its limits, m;
+            otherwise 0.
+        beyond: (C, N) maximum distance of a capsule's end from each joint's axis within the limits;
+            1 for prismatic joints, because an end moves one metre per metre.
     """
 
     arms: Floats
@@ -49,7 +50,7 @@ class Pieces:
 
     @classmethod
     def of(cls, arms: Floats, slides: Bools, links: Ints, extent: Floats) -> "Pieces":
-        """The pieces of capsules on ``links`` (C,); see the attributes."""
+        """Compute the pieces of capsules on ``links`` (C,)."""
         behind = (slides & (np.arange(arms.shape[1]) < links[:, None])).astype(np.float64)
         beyond = np.cumsum((arms + behind * extent)[:, ::-1], axis=1)[:, ::-1]
         beyond = np.where(slides, behind, beyond)
@@ -65,13 +66,13 @@ class Pieces:
         ddq: Floats,
         half: Floats,
     ) -> Floats:
-        """(..., K, C) maximum distance of an axis from the mean of its two places, at the ends of a
-        stretch.
+        """Return (..., K, C) maximum distance of an axis from the mean of its positions at both
+        ends.
 
         Args:
-            ends, before: (2, ..., K, C, 3) both ends at the stretch's end and at its start.
+            ends, before: (2, ..., K, C, 3) both ends of the axes at the stretch's end and start.
             q: (..., K, N) at the stretch's end.
-            dq, ddq: (..., K, N) or (N,) bounds of the path's derivatives' amounts.
+            dq, ddq: (..., K, N) or (N,) bounds of the absolute derivatives of the path.
             half: (..., K) h of each stretch.
         """
         reach_a, reach_b = 0.5 * norm(ends - before)
@@ -86,7 +87,7 @@ class Pieces:
         return np.minimum(grow, first * h)
 
     def _derivatives(self, q: Floats, dq: Floats, ddq: Floats, h: Floats) -> tuple[Floats, Floats]:
-        """(..., K, C) bounds of |x'| and |x''| along each stretch."""
+        """Return bounds (..., K, C) of |x'| and |x''| along each stretch."""
         dq, ddq = np.broadcast_to(dq, q.shape), np.broadcast_to(ddq, q.shape)
         before = np.concatenate([q[..., :1, :], q[..., :-1, :]], axis=-2)
         # no place of a stretch is farther than half of it from one of its ends

@@ -1,8 +1,7 @@
-"""Positions and speeds of a robot's capsules, and the space that they sweep: as loops and as
-arrays.
+"""Positions, speeds and swept space of a robot's capsules, with loops and with arrays.
 
-Each version computes the same; the sums' order differs, so they agree to rounding. N joints, C
-capsules, M configurations or paths, K places on a path.
+Both versions give the same results except for rounding, because the order of sums differs. N
+joints, C capsules, M configurations or paths, K places on a path.
 """
 
 from math import cos, inf, sin, sqrt
@@ -19,7 +18,7 @@ Geometry = tuple[Floats, Floats, Bools, Floats, Ints, Floats, Floats]
 """(3, 4) base, (N, 3, 16) blocks, (N,) slides and (N, 3, 2) axis and origin of a ``Chain``; (C,)
 link, (C, 4, 2) ends and (C,) radius of its capsules."""
 Path = tuple[Floats, Floats, Floats, Floats]
-"""(M, K, N) places q, bounds of their derivatives' amounts (M, K, N) or (1, 1, N) each, and (M, K)
+"""(M, K, N) positions q, bounds of the absolute derivatives (M, K, N) or (1, 1, N) each, and (M, K)
 h of each stretch; see ``sweep``."""
 
 
@@ -27,10 +26,10 @@ h of each stretch; see ``sweep``."""
 
 
 def _moving_by_arrays(geometry: Geometry, q: Floats, qd: Floats) -> tuple[Floats, Floats]:
-    """Ends (2, M, C, 3) of all capsules at ``q`` (M, N), and a bound (M,) of their speed, m/s.
+    """Return ends (2, M, C, 3) of all capsules at ``q`` (M, N), and a speed bound (M,), m/s.
 
-    ``qd`` is (M, N). It is exact for the axes: speed is convex along an axis, so an end is the
-    fastest point. A point off the axis adds at most |omega| x radius.
+    ``qd`` is (M, N). The bound is exact for the axes: speed is convex along an axis, so an end is
+    the fastest point. A point off the axis adds at most |omega| x radius.
     """
     link, radius = geometry[4], geometry[6]
     links = links_of(geometry[0], geometry[1], geometry[2], q)
@@ -43,7 +42,7 @@ def _moving_by_arrays(geometry: Geometry, q: Floats, qd: Floats) -> tuple[Floats
 
 
 def ends_of(geometry: Geometry, links: Floats) -> Floats:
-    """(2, ..., C, 3) both ends of every capsule on links (N+1, ..., 3, 4)."""
+    """Return both ends (2, ..., C, 3) of every capsule on links (N+1, ..., 3, 4)."""
     link, lead = geometry[4], links.shape[1:-2]
     at = links.take(link, axis=0).reshape(len(link), -1, 4)
     # one product of matrices for each capsule's ends
@@ -97,12 +96,12 @@ def _moving_by_loops(geometry: Geometry, q: Floats, qd: Floats) -> tuple[Floats,
 def _swept_by_arrays(
     geometry: Geometry, pieces: tuple[Floats, Floats, Floats], path: Path
 ) -> tuple[Floats, Floats, Floats]:
-    """Capsules (M, K, C) that contain the robot along each stretch of some paths: a, b, radius.
+    """Return capsules (M, K, C) that contain the robot along each stretch of paths: a, b, radius.
 
     Args:
-        geometry: of the robot.
+        geometry: geometry of the robot.
         pieces: ``arms``, ``behind`` and ``beyond`` of its ``Pieces``.
-        path: see ``Path``; the first place of each is where it begins.
+        path: see ``Path``; the first position of each path is its start.
     """
     q, dq, ddq, half = path
     ends = ends_of(geometry, links_of(geometry[0], geometry[1], geometry[2], q))
@@ -170,9 +169,9 @@ def _swept_by_loops(
 
 @part
 def _place(geometry: Geometry, q: Floats, links: Floats) -> Floats:
-    """Ends (2, M, C, 3) of the capsules at ``q`` (M, N); a place like the one before is copied.
+    """Return ends (2, M, C, 3) of the capsules at ``q`` (M, N); unchanged positions are copied.
 
-    ``links`` (M, N+1, 3, 4) takes the poses of the links; (1, N+1, 3, 4): they are not wanted.
+    ``links`` (M, N+1, 3, 4) receives the poses of the links; (1, N+1, 3, 4): not needed.
     """
     base, blocks, slides, link, points = (
         geometry[0],
@@ -227,7 +226,7 @@ def _place(geometry: Geometry, q: Floats, links: Floats) -> Floats:
 
 @part
 def _larger(a: float, b: float) -> float:
-    """The larger; NaN if either is."""
+    """Return the larger value; NaN if either is NaN."""
     return b if b > a or b != b else a
 
 
@@ -239,12 +238,12 @@ swept = kernel(_swept_by_loops, _swept_by_arrays)
 
 
 def capsules_of(geometry: Geometry, ends: Floats) -> Capsules:
-    """(..., C) capsules with these ends (2, ..., C, 3)."""
+    """Return capsules (..., C) with these ends (2, ..., C, 3)."""
     return Capsules(ends[0], ends[1], np.full(ends.shape[1:-1], geometry[6]))
 
 
 def moving_capsules(geometry: Geometry, q: Floats, qd: Floats) -> tuple[Capsules, Floats]:
-    """(..., C) capsules at ``q`` (..., N), and a bound (...) of their speed at ``qd``."""
+    """Return capsules (..., C) at ``q`` (..., N), and a bound (...) of their speed at ``qd``."""
     lead, dof = q.shape[:-1], q.shape[-1]
     if qd.shape != q.shape:
         qd = np.broadcast_to(qd, q.shape)
@@ -255,9 +254,9 @@ def moving_capsules(geometry: Geometry, q: Floats, qd: Floats) -> tuple[Capsules
 def swept_capsules(
     geometry: Geometry, pieces: Pieces, q: Floats, bounds: tuple[Floats, Floats, Floats]
 ) -> Capsules:
-    """(..., K, C) capsules that hold the robot along each stretch of paths ``q`` (..., K, N).
+    """Return capsules (..., K, C) around the robot along each stretch of paths ``q`` (..., K, N).
 
-    ``bounds`` are those of both derivatives' amounts, (..., K, N) or (N,), and (..., K) h.
+    ``bounds``: bounds of both absolute derivatives, (..., K, N) or (N,), and (..., K) h.
     """
     (dq, ddq, half), lead = bounds, q.shape[:-1]
     if half.shape != lead:

@@ -1,1 +1,1 @@
-"""Content of the RobotStates of a robot's controllers, and whether they can be believed."""
+"""Content of the RobotStates of a robot's controllers, and plausibility checks."""

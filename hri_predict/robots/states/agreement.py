@@ -1,9 +1,9 @@
-"""Whether what several controllers say of one robot, or a state and a plan, can be true together.
+"""Check that reports of several controllers of one robot, or a state and a plan, are consistent.
 
-No clock is shared, so two places are compared at one moment, each carried on by its velocities.
-True ones then differ by the delays that are not known, times the speed, by the change of the speed
-meanwhile, and by noise. What they differ by is added to the robot's uncertainty; a greater
-difference than that is a contradiction, and it is unknown which of them is right.
+There is no common clock, so two positions are compared at one moment, each extrapolated with its
+velocities. Correct positions then differ by the unknown delays times the speed, the change of speed
+during that time, and noise. This difference is added to the robot's uncertainty; a larger
+difference is a contradiction, and it is unknown which report is correct.
 """
 
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ from hri_predict.robots.model import RobotModel
 NOISE_M = 0.02
 """Noise of encoders and rounding, at a point of the robot far from its joints."""
 JITTER_S = 0.02
-"""Cycles of both senders; what their arrivals show is added."""
+"""Allowance for the cycles of both senders; the observed jitter is added."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotPlace:
-    """Position of a robot at one instant, from one controller or a plan.
+    """Position of a robot at one instant, from one controller or from a plan.
 
     Attributes:
-        q, qd: (N,) rad, m and per second, carried on to that moment.
-        ahead_s: maximum time for which it was carried on.
-        delay_s: by how much its age may differ from what was assumed.
+        q, qd: (N,) rad, m and per second, extrapolated to that moment.
+        ahead_s: maximum extrapolation time.
+        delay_s: maximum difference between the true and the assumed age.
     """
 
     q: Floats
@@ -51,9 +51,9 @@ def permitted_m(
 
     Args:
         model: the robot.
-        a, b: the places.
-        speed_m_s: of the robot's fastest point, the higher of both.
-        acceleration_m_s2: of the same, at most.
+        a, b: the positions.
+        speed_m_s: speed of the robot's fastest point, the higher of the two.
+        acceleration_m_s2: maximum acceleration of that point.
     """
     delay_s = JITTER_S + a.delay_s + b.delay_s
     since_s = delay_s + max(a.ahead_s, b.ahead_s)

@@ -1,22 +1,22 @@
-"""Whether a controller repeats an old place of its robot under counters that continue.
+"""Detect a controller that repeats an old position while its counter advances.
 
-A counter and a CRC prove that a message is new, not that its content is. Two kinds of content
-cannot be new:
+A counter and a CRC prove that a message is new, but not that its content is new. Two kinds of
+content cannot be new:
 
 - *A place that is held while a velocity is reported.* A coordinate that moves at ``MOVES`` or more
-  passes ``DITHER`` within 50 ms. One that has not, although its velocities add up to ``TRAVEL``,
-  was last measured when it arrived there. Its age counts from then on: the node carries it on by
-  its velocity, as it does when RobotState is late, and stops believing it at the age at which
-  RobotState is stale. Then its place must change: a velocity that falls to zero proves nothing.
-- *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) and
-  v / a to stop. A robot that stops at once where it was, or within one cycle of its sender, is
-  believed only after its position has changed: a robot whose state was frozen in this way looks
-  like one at rest.
+  passes ``DITHER`` within 50 ms. A coordinate that has not, although its velocities add up to
+  ``TRAVEL``, was last measured when it reached that position. Its age starts at that time: the node
+  extrapolates it with its velocity, as for a late RobotState, and rejects it at the age at which
+  RobotState is stale. After that, its position must change: a velocity that falls to zero is not
+  sufficient.
+- *A stop that no robot can make.* From a speed v the fastest point needs at least v^2 / (2 a) and v
+  / a to stop. A robot that appears to stop immediately, or within one cycle of its sender, is
+  trusted only after its position has changed, because a frozen state can look like a robot at rest.
 
-A robot at rest reports the same position for minutes, with velocities of zero: that is believed.
-So a state that is frozen while the robot is at rest, or moves more slowly than these rules see, is
-not recognised from this controller alone; ``still`` doubts it once the robot may have moved for
-long.
+A robot at rest that reports the same position for minutes, with velocities of zero, is trusted. So
+a state that freezes while the robot is at rest, or moves too slowly for these rules, is not
+detected from this controller alone; ``still`` doubts it after the robot was free to move for a long
+time.
 """
 
 from collections.abc import Callable
@@ -28,35 +28,36 @@ from hri_predict.base.arrays import Floats
 
 COUNTERS = 1 << 16
 RESTART = 1000
-"""A counter that advances by more has restarted."""
+"""Maximum step of a counter; after a larger step it is treated as restarted."""
 PAUSE_S = 0.2
-"""After a longer silence the comparison starts again."""
+"""Maximum silence; after a longer one the comparison restarts."""
 LAG_S = 0.03
 """Maximum time over which a controller filters its velocities."""
 MOVES = 0.01
-"""A slower coordinate may be at rest: noise of a velocity, rad/s or m/s (``plausibility``)."""
+"""Minimum velocity of a moving coordinate, above the noise, rad/s or m/s (``plausibility``)."""
 DITHER = 0.0005
-"""Minimum change of a place that counts as motion: two steps of the wire, rad, m."""
+"""Minimum change of position for motion: two steps of the wire format, rad, m."""
 BASE_DITHER = 0.001
 """Minimum change of a moving base's position or heading, whose wire steps are larger."""
 TRAVEL = 0.002
-"""A coordinate that should have moved by this, rad or m, is held."""
+"""Expected travel, rad or m, after which an unchanged coordinate is considered held."""
 BASE_HELD_S = 0.25
-"""A base's place may be held for this long: its localisation may be slower than RobotState."""
+"""Time for which a base's position may be held, because localisation may be slower than RobotState.
+"""
 HARDEST = 2.0
-"""No stop is harder than this many times the robot's acceleration."""
+"""Maximum deceleration of a stop, as a multiple of the robot's acceleration."""
 CYCLE_S = 0.005
 """Maximum excess of one cycle of a sender over its average cycle."""
 LEAST_WAY_M = 0.0005
-"""A shorter stopping distance does not show in the positions."""
+"""Minimum stopping distance that is visible in the positions."""
 STANDS_SHARE = 0.2
-"""A controller that filters velocities still reports more than this share one state later."""
+"""Minimum fraction of a velocity that a filtering controller still reports one state later."""
 
 
 @dataclass(slots=True)
 class _Place:
-    """A coordinate's place, since when it is there, how far it should have moved since, and whether
-    it was found frozen there."""
+    """A coordinate's position, the time since it has not changed, its expected travel since then,
+    and whether it was found to be frozen."""
 
     at: float
     since_ns: int
@@ -74,15 +75,15 @@ class _State:
 
 
 class FrozenCheck:
-    """Compares the places that one link reports with the velocities that it reports.
+    """Compares the positions from one link with its velocities.
 
     Args:
         fastest_point: (q, qd) -> m/s, speed of the robot's fastest point.
-        acceleration_m_s2: of the fastest point in production, at most.
+        acceleration_m_s2: maximum acceleration of the fastest point in production.
         lead: number of a moving base's coordinates, which come first.
 
     Attributes:
-        counter: number of times that a freeze was found.
+        counter: number of detected freezes.
     """
 
     def __init__(
@@ -109,13 +110,13 @@ class FrozenCheck:
         received_ns: int,
         period_s: float,
     ) -> None:
-        """Take one state of this link, in the order of arrival.
+        """Process one state from this link, in the order of arrival.
 
         Args:
-            counter: its own.
+            counter: counter of the state.
             q, qd: (N,) rad and rad/s, or m and m/s.
             received_ns: node's clock.
-            period_s: of the sender; 0: not known yet.
+            period_s: period of the sender; 0: not known yet.
         """
         before = self._newest
         measured = counter
@@ -148,8 +149,8 @@ class FrozenCheck:
         ]
 
     def is_frozen(self, now_ns: int, stale_s: float) -> bool:
-        """Whether the newest state cannot be believed at ``now_ns``; ``stale_s``: the age at which
-        RobotState is stale."""
+        """Return whether to reject the newest state at ``now_ns``; ``stale_s``: age of a stale
+        RobotState."""
         of_base_s = max(stale_s, BASE_HELD_S)
         for j, place in enumerate(self._places):
             limit_s = of_base_s if j < self._lead else stale_s
@@ -182,7 +183,7 @@ class FrozenCheck:
         )
 
     def _stops_impossibly(self, before: _State, state: _State, period_s: float) -> bool:
-        """Whether this state is at rest and the one before moved too fast to stop there so soon."""
+        """Return whether this state is at rest though the previous one was too fast to stop."""
         if not self._acceleration:  # states without an error, which a waterfall assumes
             return False
         fastest = max(map(abs, before.qd))

@@ -1,4 +1,4 @@
-"""The RobotStates of one of a robot's controllers: the newest, and whether they can be believed."""
+"""RobotStates from one controller of a robot: the newest one, and whether it can be trusted."""
 
 from dataclasses import dataclass
 
@@ -14,13 +14,13 @@ from hri_predict.robots.states.plausibility import StateCheck
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Received:
-    """The newest acceptable RobotState of a controller.
+    """The newest accepted RobotState of a controller.
 
     Attributes:
         q, qd: (N,) rad, m and per second, the base's first.
-        mode: the controller's.
-        received_ns: node's clock.
-        tool: number of the tool that it confirms; ``None``: none.
+        mode: mode of the controller.
+        received_ns: time of receipt, node's clock.
+        tool: number of the confirmed tool; ``None``: none.
     """
 
     q: Floats
@@ -31,18 +31,18 @@ class Received:
 
 
 class Line:
-    """One controller's states.
+    """The states of one controller.
 
     Args:
         model: the robot.
-        check: compares its states with each other.
+        check: comparison of its states with each other.
 
     Attributes:
         check: as given.
-        counter: of the newest state; ``None`` before the first.
-        state: the newest acceptable one.
-        refused: why the newest one was refused; ``None`` if it was accepted.
-        heard_ns: when the newest one came.
+        counter: counter of the newest state; ``None`` before the first.
+        state: the newest accepted state.
+        refused: why the newest state was refused; ``None`` if it was accepted.
+        heard_ns: time when the newest state arrived.
     """
 
     def __init__(self, model: RobotModel, check: StateCheck) -> None:
@@ -54,24 +54,24 @@ class Line:
         self.heard_ns = 0
 
     def is_fresh(self, now_ns: int, stale_s: float) -> bool:
-        """Whether it has an acceptable state that is not stale."""
+        """Return whether there is an accepted state that is not stale."""
         return self.state is not None and now_ns - self.state.received_ns <= stale_s * 1e9
 
     def is_frozen(self, now_ns: int, stale_s: float) -> bool:
-        """Whether it repeats an old place in states that look fresh."""
+        """Return whether the controller repeats an old position in states that appear fresh."""
         frozen = self.check.frozen
         if frozen is None or not self.is_fresh(now_ns, stale_s):
             return False
         return frozen.is_frozen(now_ns, stale_s)
 
     def reasons(self, now_ns: int, stale_s: float) -> list[Reason]:
-        """Why its states say nothing."""
+        """Return the reasons for not trusting its states."""
         is_refused = self.refused is not None and now_ns - self.heard_ns <= stale_s * 1e9
         found = (self.refused if is_refused else None, self.check.reason(now_ns))
         return [reason for reason in found if reason is not None]
 
     def place(self, now_ns: int, motion: StateMotion) -> RobotPlace:
-        """Return the place at ``now_ns`` by the newest state: carried on, but not past limits."""
+        """Return the position at ``now_ns``, extrapolated from the newest state up to limits."""
         state, model = self.state, self._model
         assert state is not None  # the caller has seen it
         age_s = max((now_ns - state.received_ns) * 1e-9, 0.0)

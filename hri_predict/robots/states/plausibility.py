@@ -1,4 +1,4 @@
-"""Whether a robot's reported velocities and positions can be true together.
+"""Check that a robot's reported velocities and positions are consistent.
 
 RobotState carries a counter but no time stamp, so only arrival times are known. A state arrives
 later than its sample by a delay that varies: jitter, cycles of both sides, bursts. Over a window
@@ -8,11 +8,11 @@ and the mean v_k of two velocities. If the delays between sample and arrival dif
 
     jitter / 2 x (|v_0| + |v_n| + TV)        TV = sum |v_{k+1} - v_k|      (summation by parts)
 
-A velocity that is filtered for ``LAG_S`` adds LAG_S x TV; the shape of the velocity between two
-samples adds h |v_{k+1} - v_k| / 2. The jitter itself is measured: with evenly sampled states, it is
-the spread of the arrivals about their counters, over ``MEMORY_S``. A sender that samples unevenly
-looks like one with much jitter, so less is found and nothing is confirmed. The wire cannot cause a
-deviation that exceeds the sum of these tolerances.
+A velocity filter with lag ``LAG_S`` adds LAG_S x TV; the unknown velocity between two samples adds
+h |v_{k+1} - v_k| / 2. The jitter itself is measured: with evenly sampled states, it is the spread
+of the arrivals about their counters, over ``MEMORY_S``. A sender with uneven sampling looks like
+one with high jitter, so fewer errors are found and nothing is confirmed. Transmission alone cannot
+cause a deviation above the sum of these tolerances.
 """
 
 from collections import deque
@@ -25,37 +25,37 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.robots.states.frozen import COUNTERS, LAG_S, PAUSE_S, RESTART, FrozenCheck
 
 WINDOW_S = 0.3
-"""Time span over which states are compared."""
+"""Length of the window in which states are compared."""
 LEAST_STATES = 4
-"""Fewer states in the window prove nothing."""
+"""Minimum number of states in the window for a result."""
 LEAST_SPAN_S = 0.05
-"""A shorter time between the first and the last state proves nothing."""
+"""Minimum time between the first and the last state for a result."""
 APART_S = 0.008
-"""States that arrive closer together count as one, so a fast sender costs no more time."""
+"""States that arrive closer together are merged, so that a fast sender costs no more time."""
 MEMORY_S = 2.0
-"""Time for which arrivals are kept to measure the jitter."""
+"""Time for which arrival times are kept to measure the jitter."""
 LEARNT_S = 0.4
-"""Arrivals over a shorter time do not show the jitter yet, so nothing is compared before."""
+"""Minimum time span of arrivals for measuring the jitter; before, nothing is compared."""
 JITTER_S = 0.01
-"""Jitter of a sender's own cycle; the jitter that the arrivals show is added."""
+"""Jitter of a sender's own cycle; the jitter of the arrivals is added."""
 SHARE = 0.2
-"""Permitted error of velocities, as a part of the reported travel: encoders only estimate them."""
+"""Permitted relative error of velocities, which are only estimated from encoders."""
 NOISE = 0.004
 """Encoder noise and the wire's rounding (0.00025), rad or m of a prismatic joint."""
 OFFSET_PER_S = 0.01
-"""Noise and rounding (0.001) of a velocity that adds up, rad/s or m/s."""
+"""Cumulative noise and rounding (0.001) of a velocity, rad/s or m/s."""
 JUMP_NOISE = 0.01
-"""Minimum step of a position that counts as a jump, rad or m."""
+"""Minimum step of a position for a jump, rad or m."""
 JUMP_JITTER_S = 0.1
-"""Two states that were sampled this long apart may arrive together."""
+"""Maximum time between the samples of two states that arrive together."""
 SPEED_SHARE = 0.1
-"""A servo overshoots its velocity limit for a moment, as a fraction of the limit."""
+"""Momentary overshoot of a servo, as a fraction of the velocity limit."""
 ONE_STEP = 0.7
-"""If one step has this share of a deviation, the deviation is a jump of the position."""
+"""Fraction of a deviation in one step above which the deviation is a position jump."""
 HELD_S = 3.0
-"""A finding is held this long after it was last made: a robot that stops disproves nothing."""
+"""Time for which a finding is kept, because a robot that stops does not disprove it."""
 RESTARTS, RESTARTS_S = 3, 2.0
-"""Restarts within this time after which a counter is ignored: nothing can be compared."""
+"""Number of restarts, and time window, after which a counter is ignored as unusable."""
 
 
 _COUNTER = {
@@ -74,20 +74,20 @@ class _State:
 
 
 class StateCheck:
-    """Compares the RobotStates of one link with each other.
+    """Compares successive RobotStates of one link.
 
     Args:
         velocity_max: (N,) rad/s, m/s, the joints' limits.
-        noise: (N,) rad, m that each position may be off besides; default 0.
+        noise: (N,) additional error of each position, rad, m; default 0.
 
     Attributes:
         confirmed: whether motion within the window proves the direction of the velocities. False
-            in the first states, and while the robot is at rest.
-        unreported: (N,) rad/s, m/s by which the positions prove the reported velocities too low,
-            but too little for a finding; ``None`` if there is none. The true velocity may be this
-            much higher.
+            for the first states, and while the robot is at rest.
+        unreported: (N,) amount, rad/s, m/s, by which the reported velocities are too low according
+            to the positions, but too small for a finding; ``None`` if there is none. The true
+            velocity may be higher by this amount.
         counters: numbers of the findings ``velocity_wrong``, ``jumped`` and ``miscounted``.
-        frozen: looks for an old place that is repeated; its owner sets it. ``None``: none does.
+        frozen: detector for repeated old positions, set by the owner; ``None``: not used.
     """
 
     def __init__(self, velocity_max: Floats, noise: Floats | float = 0.0) -> None:
@@ -110,8 +110,8 @@ class StateCheck:
     def take(
         self, counter: int, q: tuple[float, ...], qd: tuple[float, ...], received_ns: int
     ) -> None:
-        """Take one state of this link, in the order of arrival; ``q``, ``qd``: N rad and rad/s, or
-        m and m/s."""
+        """Process one state from this link, in the order of arrival; ``q``, ``qd``: N rad and
+        rad/s, or m and m/s."""
         state = _State(counter, received_ns, q, qd)
         before, self._newest = self._newest, state
         found = None
@@ -131,23 +131,23 @@ class StateCheck:
             self.frozen.take(counter, q, qd, received_ns=received_ns, period_s=self.period_s)
 
     def reason(self, now_ns: int) -> Reason | None:
-        """Return the fault at ``now_ns``; ``None`` if none was found lately."""
+        """Return the fault at ``now_ns``; ``None`` if none was found recently."""
         return self._found if now_ns < self._held_until_ns else None
 
     @property
     def period_s(self) -> float:
-        """The sender's cycle on average; 0: not known yet."""
+        """Average cycle of the sender; 0: not known yet."""
         first, last = (self._arrivals[0], self._arrivals[-1]) if self._arrivals else ((0, 0),) * 2
         known = last[0] - first[0] >= LEARNT_S * 1e9 and last[1] > first[1]
         return (last[0] - first[0]) * 1e-9 / (last[1] - first[1]) if known else 0.0
 
     @property
     def jitter_s(self) -> float:
-        """Spread of the arrivals' delays."""
+        """Spread of the arrival delays."""
         return self._spread_s() if self._arrivals else 0.0
 
     def _follow(self, before: _State, state: _State) -> None:
-        """Restart if the states do not follow each other."""
+        """Restart if the states are not consecutive."""
         steps = (state.counter - before.counter) % COUNTERS
         if steps > RESTART:
             self._arrivals.clear()
@@ -157,12 +157,12 @@ class StateCheck:
             self.confirmed, self.unreported = False, None
 
     def _miscounts(self, state: _State) -> bool:
-        """Whether the counter restarts again and again."""
+        """Return whether the counter restarts repeatedly."""
         restarts = self._restarts_ns
         return len(restarts) == RESTARTS and state.received_ns - restarts[0] <= RESTARTS_S * 1e9
 
     def _keep(self, state: _State) -> None:
-        """Keep the state and its arrival; keep only the last of several close together."""
+        """Store the state and its arrival time; of several close together, only the last."""
         window, arrivals, now_ns = self._window, self._arrivals, state.received_ns
         if len(window) > 1 and now_ns - window[-2].received_ns < APART_S * 1e9:
             window.pop()
@@ -189,7 +189,7 @@ class StateCheck:
         self._window.append(newest)
 
     def _jumps(self, before: _State, state: _State) -> bool:
-        """Whether a joint moved farther than is possible in the time between."""
+        """Return whether a joint moved farther than possible between two states."""
         elapsed_s = (state.received_ns - before.received_ns) * 1e-9 + JUMP_JITTER_S
         return any(
             abs(b - a) > most * elapsed_s + step
@@ -232,7 +232,7 @@ class StateCheck:
         return Reason.ROBOT_VELOCITY_WRONG
 
     def _spread_s(self) -> float:
-        """Return the spread of the arrivals' delays, if the states were sampled evenly."""
+        """Return the spread of the arrival delays, assuming evenly sampled states."""
         (first_ns, first), (last_ns, last) = self._arrivals[0], self._arrivals[-1]
         period_ns = (last_ns - first_ns) / max(last - first, 1)
         # plain numbers: an array of these pairs takes longer than all that is done with it

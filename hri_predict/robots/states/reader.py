@@ -1,4 +1,4 @@
-"""The joints that a RobotState reports, a moving base's coordinates first, or why it is refused."""
+"""Read the joints from a RobotState, a moving base's coordinates first, or refuse it."""
 
 import math
 
@@ -34,9 +34,9 @@ class StateReader:
         self._fastest = (model.velocity_max * (1 + VELOCITY_TOLERANCE)).tolist()
 
     def joints(self, state: RobotState, link: str) -> Joints | Reason:
-        """Positions and velocities with the base's, or why the state is refused.
+        """Return positions and velocities including the base's, or why the state is refused.
 
-        All must be there, be numbers, and lie within the position limits.
+        All values must be present and finite, and positions within their limits.
         """
         joints, base = self._model.reported, state.base
         if len(state.positions) != joints or len(state.velocities) != joints:
@@ -62,13 +62,13 @@ class StateReader:
         return (q if base is None else self._unwound(q, link)), qd
 
     def is_possible(self, qd: tuple[float, ...]) -> bool:
-        """Whether all velocities are within their limits."""
+        """Return whether all velocities are within their limits."""
         if not all(-most <= v <= most for v, most in zip(qd, self._fastest, strict=True)):
             return False
         return self._model.mobile is None or math.hypot(qd[0], qd[1]) <= self._fastest[0]
 
     def _unwound(self, q: tuple[float, ...], link: str) -> tuple[float, ...]:
-        """The same with the base's yaw next to that of the link's state before."""
+        """Return the same with the base's yaw unwrapped to that of the link's previous state."""
         turns = round((self._yaw.get(link, q[2]) - q[2]) / (2 * math.pi))
         self._yaw[link] = q[2] + 2 * math.pi * turns
         return *q[:2], self._yaw[link], *q[3:]

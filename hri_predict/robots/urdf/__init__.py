@@ -1,1 +1,1 @@
-"""Robot files made from URDF."""
+"""Conversion of URDF to robot files."""

@@ -1,8 +1,8 @@
-"""A small capsule around a body; the whole body is inside, whatever the search finds.
+"""Fit a small capsule around a body; it always contains the whole body.
 
-The six coordinates of the capsule's two ends are searched for the least volume; the radius is never
-searched: the farthest point gives it, so that every candidate contains the whole body.
-The search is an elitist evolution strategy, (1 + 32) in the words of H.-G. Beyer, H.-P. Schwefel,
+The search minimises the volume over the six coordinates of the capsule's two ends. The radius is
+not searched; it follows from the farthest point, so every candidate contains the whole body. The
+search is an elitist evolution strategy, (1 + 32) in the words of H.-G. Beyer, H.-P. Schwefel,
 "Evolution strategies", Natural Computing 1 (2002) 3-52, whose step grows while it gains and shrinks
 when it does not: gradients mislead, because the volume has kinks wherever the farthest point
 changes. It starts from capsules along the body's three principal axes and from a sphere, and is
@@ -36,7 +36,7 @@ class FittedCapsule:
 
 
 def needed_radius(points: Floats, radii: Floats, a: Floats, b: Floats) -> float:
-    """The radius with which the capsule ``a b`` contains every sphere, metres.
+    """Return the radius with which the capsule ``a b`` contains every sphere, metres.
 
     Args:
         points: (N, 3) centres.
@@ -82,15 +82,15 @@ def _volume(length: Floats, radius: Floats | float) -> Floats:
 
 
 def _volumes(ends: Floats, points: Floats, radii: Floats) -> Floats:
-    """(K,) volumes of the capsules with ``ends`` (K, 6) that hold all spheres."""
+    """Return volumes (K,) of the capsules with ``ends`` (K, 6) that contain all spheres."""
     a, b = ends[:, None, :3], ends[:, None, 3:]
     radius = np.max(segment_distance(points, points, a, b) + radii, axis=-1)
     return _volume(np.linalg.norm(ends[:, 3:] - ends[:, :3], axis=-1), radius)
 
 
 def _principal_axes(points: Floats) -> Floats:
-    """(3, 3) axes as columns, longest last. The skewness fixes each one's sense: a body that was
-    turned gets the axes turned likewise, and so the same capsule."""
+    """Return (3, 3) axes as columns, longest last. The skewness fixes each one's sense: a body that
+    was turned gets the axes turned likewise, and so the same capsule."""
     centred = points - points.mean(axis=0)
     axes = np.linalg.eigh(centred.T @ centred)[1]
     skewness = ((centred @ axes) ** 3).sum(axis=0)
@@ -99,7 +99,7 @@ def _principal_axes(points: Floats) -> Floats:
 
 
 def _outermost(points: Floats, radii: Floats) -> Floats:
-    """Indices of the spheres that reach farthest, in even directions (Fibonacci lattice)."""
+    """Return indices of the outermost spheres in even directions (Fibonacci lattice)."""
     i = np.arange(DIRECTIONS) + 0.5
     z, turn = 1 - 2 * i / DIRECTIONS, np.pi * (1 + 5**0.5) * i
     flat = np.sqrt(1 - z * z)
@@ -109,7 +109,7 @@ def _outermost(points: Floats, radii: Floats) -> Floats:
 
 
 def _starts(points: Floats, radii: Floats) -> list[Floats]:
-    """Ends (6,) of a sphere and of a capsule along each axis, about the middle of the box."""
+    """Return ends (6,) of a sphere and of a capsule along each axis, around the box centre."""
     low, high = (points - radii[:, None]).min(axis=0), (points + radii[:, None]).max(axis=0)
     middle, half = (low + high) / 2, (high - low) / 2
     starts = [np.tile(middle, 2)]
@@ -123,7 +123,7 @@ def _starts(points: Floats, radii: Floats) -> list[Floats]:
 def _search(
     start: Floats, points: Floats, radii: Floats, *, size: float, rng: np.random.Generator
 ) -> Floats:
-    """Ends (6,) of a capsule of no more volume than that of ``start``."""
+    """Return ends (6,) of a capsule with at most the volume of ``start``."""
     best, least, step = start, float(_volumes(start[None], points, radii)[0]), 0.2 * size
     for _ in range(GENERATIONS):
         tries = best + step * rng.standard_normal((CANDIDATES, 6))

@@ -1,7 +1,7 @@
 """Make a robot file from a URDF: ``hri-predict urdf --help``.
 
 Rigidly fixed links are merged, and each URDF link with a shape gets a capsule that contains it
-(``capsule_fit``). A URDF does not say how a robot stops; the user must.
+(``capsule_fit``). A URDF has no stopping data; the user must provide it.
 """
 
 import os
@@ -30,9 +30,9 @@ class Converted:
 
     Attributes:
         data: its contents, valid as ``RobotFile``.
-        needed: radius (m) that each capsule needs to contain its link, without the margin.
-        omitted: links of the URDF with a shape that no capsule covers.
-        unread: extensions of URDF for other programs, with their number.
+        needed: radius (m) required for each capsule to contain its link, without the margin.
+        omitted: links of the URDF with a shape not covered by any capsule.
+        unread: URDF extensions for other programs, with their number.
     """
 
     data: dict[str, Any]
@@ -52,13 +52,13 @@ def convert(
     packages: list[Path] | None = None,
     margin_m: float = 0.005,
 ) -> Converted:
-    """A robot file's contents from a URDF.
+    """Return the contents of a robot file from a URDF.
 
     Args:
         urdf, base, tip, left_out, packages: as ``read_chain`` takes them.
         stopping: the file's ``stopping``, see ``StoppingFile``.
         name: name of the robot; default: the URDF's.
-        margin_m: added to each capsule's needed radius, for cables and paint.
+        margin_m: margin added to each capsule's required radius, for cables and paint.
 
     Raises:
         RobotError: one line that names the file, what is wrong in it, and the remedy.
@@ -94,10 +94,10 @@ def convert(
 
 
 def copied_stopping(robot: str) -> dict[str, Any]:
-    """The stopping table of another robot file, with a source that says so.
+    """Return the stopping table of another robot file; its source states that it was copied.
 
     Raises:
-        ConfigError: the robot file does not exist, or it is broken.
+        ConfigError: the robot file does not exist or is invalid.
     """
     table = read_robot_file(robot, None).stopping.model_dump()
     table["source"] = f"COPIED FROM {robot}, NOT MEASURED ON THIS ROBOT. {table['source']}"
@@ -105,8 +105,8 @@ def copied_stopping(robot: str) -> dict[str, Any]:
 
 
 def decelerated(deceleration: float, delay_s: float, payload_kg: float) -> dict[str, Any]:
-    """The stopping table of full speed v for a delay T and then uniform deceleration d: time
-    ``T + v / d``, distance ``v T + v^2 / (2 d)``; both rounded up.
+    """Return the stopping table for full speed v during a delay T and then uniform deceleration d:
+    time ``T + v / d``, distance ``v T + v^2 / (2 d)``; both rounded up.
 
     Args:
         deceleration: deceleration of the fastest point, m/s^2, 0.05 to 100.
@@ -161,7 +161,7 @@ def write(found: Converted, out: Path, margin_m: float) -> None:
 
 
 def _text(found: Converted, margin_mm: float) -> str:
-    """The robot file, with a remark on its capsules for the reader."""
+    """Return the text of the robot file, with a remark on its capsules."""
     radii = ", ".join(f"{link} {1000 * radius:.1f}" for link, radius in found.needed.items())
     about = (
         f"One capsule for each link with a shape, fitted to hold all of it: its collision geometry "

@@ -1,4 +1,4 @@
-"""Data that Pinocchio reads from a URDF's chain: joints, and collision geometry as spheres.
+"""Read joints, and collision geometry as spheres, from a URDF's chain with Pinocchio.
 
 Pinocchio (J. Carpentier et al., "The Pinocchio C++ library", SII 2019) merges rigidly fixed links
 and places all geometry; its mesh loader is Assimp.
@@ -31,9 +31,9 @@ class LinkBody:
     """A URDF link's collision geometry, as spheres whose convex hull contains it.
 
     Attributes:
-        carrier: the moving link that it is fixed to.
+        carrier: the moving link to which it is fixed.
         points: (N, 3) centres in the carrier's frame, metres.
-        radii: (N,), 0 for the corners of meshes and boxes.
+        radii: (N,) radii, 0 for the corners of meshes and boxes.
     """
 
     carrier: str
@@ -42,7 +42,7 @@ class LinkBody:
 
 
 def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[str, LinkBody]]:
-    """The joints in a robot file's form, and every URDF link with collision geometry.
+    """Return the joints in the format of a robot file, and every URDF link with collision geometry.
 
     Raises:
         RobotError: Pinocchio is not installed or refuses the file, a limit is missing, a number is
@@ -84,7 +84,7 @@ def read_model(chain: UrdfChain, base: str) -> tuple[list[dict[str, Any]], dict[
 
 
 def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, LinkBody]:
-    """Geometry by URDF link; ``carriers``: the link that each of Pinocchio's joints moves."""
+    """Return the geometry by URDF link; ``carriers``: the link moved by each Pinocchio joint."""
     bodies: dict[str, LinkBody] = {}
     for item in geometry.geometryObjects:
         name = model.frames[item.parentFrame].name
@@ -113,8 +113,8 @@ def _bodies(model: Any, geometry: Any, carriers: dict[int, str]) -> dict[str, Li
     bare = [link for link in carriers.values() if link not in covered]
     if bare:
         raise RobotError(
-            f"link '{bare[0]}' has no shape, so people would not be kept clear of it; "
-            f"add a <collision>, a small sphere where there is next to nothing"
+            f"link '{bare[0]}' has no shape, so no distance would be kept from it; add a "
+            "<collision>, such as a small sphere for a tiny link"
         )
     return bodies
 
@@ -171,7 +171,7 @@ def _number(text: str, where: str) -> float:
 
 
 def _spheres(shape: Any, link: str) -> tuple[Floats, Floats]:
-    """Spheres (N, 3), (N,) in the shape's own frame whose convex hull contains the shape."""
+    """Return spheres (N, 3), (N,) in the shape's frame; their convex hull contains the shape."""
     kind = type(shape).__name__
     if kind.startswith("BVHModel") or kind == "Convex":
         points = np.array(shape.vertices() if kind.startswith("BVH") else shape.points(), float)
@@ -189,12 +189,12 @@ def _spheres(shape: Any, link: str) -> tuple[Floats, Floats]:
         circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
         ends = [np.column_stack([circle, np.full(CIRCLE, s * shape.halfLength)]) for s in (-1, 1)]
         return np.vstack(ends), np.zeros(2 * CIRCLE)
-    raise RobotError(f"link '{link}': collision geometry {kind} is not known; use a mesh")
+    raise RobotError(f"link '{link}': collision geometry {kind} has an unknown type; use a mesh")
 
 
 @contextlib.contextmanager
 def _kept_quiet() -> Iterator[Callable[[], str]]:
-    """Capture what C++ libraries print to standard error; yields a function that returns it."""
+    """Capture the standard error of C++ libraries; yield a function that returns the text."""
     with tempfile.TemporaryFile() as file:
         kept = os.dup(2)
         os.dup2(file.fileno(), 2)
@@ -211,7 +211,7 @@ def _kept_quiet() -> Iterator[Callable[[], str]]:
 
 
 def _reason(printed: str, raised: str) -> str:
-    """One line of Pinocchio's message, without its own file names."""
+    """Return one line of Pinocchio's message, without source file names."""
     lines = [line.strip() for line in printed.splitlines() if line.strip().startswith("Error:")]
     if lines:
         return lines[0].removeprefix("Error:").strip()

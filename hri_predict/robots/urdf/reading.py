@@ -1,7 +1,7 @@
-"""Allowed content of a URDF: everything else is refused or reported, because it would not be read.
+"""Allowed content of a URDF; other content would be ignored, so it is refused or reported.
 
-A URDF library skips what it does not know. So a part that xacro was to insert, a misspelt element
-or an attribute of another dialect would be missing from the robot without a word.
+A URDF library skips unknown content. So a part to be inserted by xacro, a misspelt element or an
+attribute of another dialect would silently be missing from the robot.
 """
 
 import math
@@ -48,7 +48,7 @@ MIN_SCALE, MAX_SCALE = 1e-4, 100.0
 
 
 def check_expanded(root: ElementTree.Element) -> None:
-    """Refuse what xacro, or another template, has left.
+    """Refuse unexpanded content of xacro or another template.
 
     Raises:
         RobotError: one line that names it.
@@ -67,7 +67,7 @@ def check_expanded(root: ElementTree.Element) -> None:
 
 
 def check_known(root: ElementTree.Element) -> list[str]:
-    """Refuse what is not known within links and joints; return the names of other extensions.
+    """Refuse unknown content of links and joints; return the names of other extensions.
 
     Elements with a namespace extend URDF for other programs; they are returned, too.
 
@@ -85,7 +85,7 @@ def check_known(root: ElementTree.Element) -> list[str]:
 
 
 def _read(part: ElementTree.Element) -> Iterator[ElementTree.Element]:
-    """The elements within a link or joint whose content is known."""
+    """Return the elements within a link or joint that have known content."""
     waiting = [part]
     while waiting:
         element = waiting.pop()
@@ -94,7 +94,7 @@ def _read(part: ElementTree.Element) -> Iterator[ElementTree.Element]:
 
 
 def _unknown(element: ElementTree.Element, where: str) -> Iterable[str]:
-    """Names of the extensions in ``element``."""
+    """Return the names of the extensions in ``element``."""
     known = CHILDREN[element.tag].split()
     if (element.text or "").strip() or any((child.tail or "").strip() for child in element):
         raise RobotError(f"{where}: text in <{element.tag}> is not read; use URDF's attributes")
@@ -107,8 +107,9 @@ def _unknown(element: ElementTree.Element, where: str) -> Iterable[str]:
             found.append(f"<{name}> of {namespace[1:]}")
             continue
         raise RobotError(
-            f"{where}: <{element.tag}> has <{name}>, which is not in URDF and would not be read"
-            f"{nearest(name, known)}; correct it, or remove it if it is not a part of the robot"
+            f"{where}: <{element.tag}> has <{name}>, which is not part of URDF and would be "
+            f"ignored{nearest(name, known)}; correct it, or remove it if it is not a part of the "
+            "robot"
         )
     for name in ONCE:
         if len(element.findall(name)) > 1:
@@ -129,10 +130,10 @@ def _check_attributes(element: ElementTree.Element, where: str) -> None:
 
 
 def check_numbers(part: ElementTree.Element, where: str) -> None:
-    """Check every origin and mesh scale in a link or joint: three numbers that can be meant.
+    """Check that every origin and mesh scale in a link or joint has three plausible numbers.
 
     Raises:
-        RobotError: one line that names the part, the value, and the unit that is meant.
+        RobotError: one line that names the part, the value and the expected unit.
     """
     for origin in part.iter("origin"):
         for name, most, unit in (("xyz", MAX_PART_M, "m"), ("rpy", MAX_ANGLE_RAD, "rad")):
@@ -152,10 +153,10 @@ def check_numbers(part: ElementTree.Element, where: str) -> None:
 
 
 def numbers(text: str, where: str, count: int) -> list[float]:
-    """``count`` finite numbers that are separated by blanks.
+    """Return ``count`` finite numbers separated by blanks.
 
     Raises:
-        RobotError: there are others or none; begins with ``where``.
+        RobotError: the numbers are missing or invalid; starts with ``where``.
     """
     words = text.split()
     if len(words) != count:

@@ -1,9 +1,9 @@
-"""The part of a URDF that a robot file is made from, read as untrusted input.
+"""Read the part of a URDF for a robot file, as untrusted input.
 
 A URDF comes from a third party: its XML is refused if it declares entities (which can grow without
-bound or name other files), nothing is fetched from a network, and every mesh must be a file here.
-What is left is a URDF of links, joints and collision geometry alone, with absolute mesh paths, for
-a URDF library to read. Specification: wiki.ros.org/urdf/XML (joint, link).
+bound or refer to other files), nothing is fetched from a network, and every mesh must be a local
+file. The result is a URDF with only links, joints and collision geometry, with absolute mesh paths,
+for a URDF library. Specification: wiki.ros.org/urdf/XML (joint, link).
 """
 
 import os
@@ -27,7 +27,7 @@ from hri_predict.robots.urdf.reading import (
 MAX_LINKS = 1000
 MAX_MESH_BYTES = 100_000_000
 MIN_SIZE_M = 1e-4
-"""Minimum side of a shape: a film of paint; less is none, or another unit."""
+"""Minimum side of a shape, about a film of paint; a smaller value suggests a wrong unit."""
 MESHES = (".stl", ".obj", ".dae")  # the first two have no units of their own: metres
 MOVING = ("revolute", "continuous", "prismatic")
 SIZES = {  # number of numbers of each
@@ -45,8 +45,8 @@ class UrdfChain:
     Attributes:
         name: name of the robot.
         joints: the moving joints' elements, from the base outwards.
-        text: a URDF of these links and joints with collision geometry only; a link without it gets
-            its visual geometry.
+        text: a URDF of these links and joints with collision geometry only; a link without
+            collision geometry gets its visual geometry.
         omitted: links with a shape that are not in the text: left out, or not beyond the base.
         unread: extensions of URDF for other programs, with their number.
     """
@@ -59,7 +59,7 @@ class UrdfChain:
 
 
 class _Plain(ElementTree.TreeBuilder):
-    """Builds XML without a document type, which alone could declare entities."""
+    """Builds XML without a document type, because only a document type can declare entities."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
         raise RobotError("it has a DOCTYPE, which no URDF needs and which can hide an attack")
@@ -68,12 +68,12 @@ class _Plain(ElementTree.TreeBuilder):
 def read_chain(
     path: Path, base: str, tip: str, *, left_out: list[str], packages: list[Path]
 ) -> UrdfChain:
-    """Read the chain from ``base`` to ``tip`` and all that is fixed to it.
+    """Read the chain from ``base`` to ``tip`` and everything fixed to it.
 
     Args:
         path: the URDF file.
-        base: link that stands still in the room.
-        tip: link that the last moving joint moves, or a link fixed to that.
+        base: link that does not move in the room.
+        tip: link moved by the last moving joint, or a link fixed to it.
         left_out: links to drop, with everything beyond them.
         packages: folders to look for ``package://NAME/...`` in, besides the URDF's own parents.
 
@@ -172,7 +172,7 @@ def _by_name(elements: list[ElementTree.Element]) -> dict[str, ElementTree.Eleme
 def _joints_by_child(
     root: ElementTree.Element, links: dict[str, ElementTree.Element]
 ) -> dict[str, ElementTree.Element]:
-    """The joint above each link except the first."""
+    """Return the joint above each link except the first."""
     above: dict[str, ElementTree.Element] = {}
     for joint in root.findall("joint"):
         for end in ("parent", "child"):
@@ -198,7 +198,7 @@ def _end(joint: ElementTree.Element, end: str) -> str:
 
 
 def _way_up(link: str, above: dict[str, ElementTree.Element], base: str | None = None) -> list[str]:
-    """Links from ``link`` up to ``base``, or to the topmost link."""
+    """Return the links from ``link`` up to ``base``, or up to the topmost link."""
     way = [link]
     while way[-1] in above and way[-1] != base:
         way.append(_end(above[way[-1]], "parent"))
@@ -233,7 +233,7 @@ def _check_moving(joints: list[ElementTree.Element], base: str, tip: str) -> Non
 
 
 def _shaped(link: ElementTree.Element, urdf: Path, packages: list[Path]) -> ElementTree.Element:
-    """The link with collision geometry only; its visual geometry replaces a missing one."""
+    """Return the link with collision geometry only, taken from visual geometry if missing."""
     slim = ElementTree.Element("link", name=_name(link))
     for shape in link.findall("collision") or link.findall("visual"):
         collision = ElementTree.SubElement(slim, "collision")
@@ -254,7 +254,7 @@ def _shaped(link: ElementTree.Element, urdf: Path, packages: list[Path]) -> Elem
 
 
 def _check_sizes(link: ElementTree.Element) -> None:
-    """Refuse shapes without size or inside out: the robot would keep no distance from them."""
+    """Refuse shapes with zero or negative size, from which the robot would keep no distance."""
     for kind, names in SIZES.items():
         for shape, name in ((shape, name) for shape in link.iter(kind) for name in names):
             where = f"link '{_name(link)}': the {name} of a <{kind}>"
@@ -271,7 +271,7 @@ def _has_shape(link: ElementTree.Element) -> bool:
 
 
 def _mesh(filename: str, urdf: Path, packages: list[Path]) -> Path:
-    """The mesh's file on this machine."""
+    """Return the mesh file on this machine."""
     scheme, _, rest = filename.rpartition("://")
     if scheme not in ("", "file", "package"):
         raise RobotError(f"mesh '{filename}' is not a file; nothing is fetched: download it")
@@ -298,7 +298,7 @@ def _mesh(filename: str, urdf: Path, packages: list[Path]) -> Path:
 
 
 def _unit(path: Path) -> str:
-    """Unit in a COLLADA file's <asset>, which comes first; the mesh loader ignores it."""
+    """Return the unit in a COLLADA file's <asset>, which the mesh loader ignores."""
     with path.open("rb") as file:
         head = file.read(65_536).decode(errors="replace")
     found = re.search(r"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']*)", head)

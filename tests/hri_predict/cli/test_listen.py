@@ -47,7 +47,9 @@ def test_before_a_schema_everything_is_unknown(listened):
     assert (advice["robot"], advice["level"]) == (1, "unknown")
     assert status["level"] == "unknown"
     for line in (advice, status):
-        assert line["why"].startswith("no Schema heard yet; this is built for version 3")
+        assert line["why"].startswith(
+            "no Schema received yet; this receiver is built for version 3"
+        )
         assert not {"speed_limit_m_s", "reason", "node_state", "people"} & set(line)
 
 
@@ -56,8 +58,8 @@ def test_another_schema_makes_everything_unknown_and_is_named(listened):
     assert clear["level"] == "clear"
     assert (schema["version"], schema["hash"], schema["matches"]) == (4, "0x00001234", False)
     why = (
-        f"heard Schema of version 4, hash 0x00001234; "
-        f"this is built for version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}"
+        f"received Schema of version 4, hash 0x00001234; "
+        f"this receiver is built for version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}"
     )
     assert (advice["level"], advice["why"]) == (schema["level"], schema["why"]) == ("unknown", why)
 

@@ -100,10 +100,10 @@ def test_structured_text_that_is_none_is_one_line(protocol, tmp_path, capsys):
     source = tmp_path / "hri_advice.st"
     source.write_text("FUNCTION X : INT\nVAR\nA, B : INT;\nEND_VAR\nEND_FUNCTION\n")
     assert protocol("plcopen", tmp_path) == 2
-    assert "X: declaration not understood: A, B : INT;" in capsys.readouterr().err
+    assert "X: cannot parse the declaration: A, B : INT;" in capsys.readouterr().err
     source.write_text("nothing")
     assert protocol("plcopen", tmp_path) == 2
-    assert "hri_advice.st: no FUNCTION" in capsys.readouterr().err
+    assert "hri_advice.st: it has no FUNCTION" in capsys.readouterr().err
     assert protocol("plcopen", tmp_path / "missing") == 2
 
 

@@ -9,7 +9,7 @@ from hri_predict.protocol.reception import SchemaGate
 
 OURS = Schema(SCHEMA_VERSION, SCHEMA_HASH)
 VERSION_1 = Schema(1, 0xD680A301)  # the last one of that version
-BUILT_FOR = f"this is built for version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}"
+BUILT_FOR = f"this receiver is built for version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}"
 
 
 def after(*schemas: Schema) -> SchemaGate:
@@ -21,7 +21,7 @@ def after(*schemas: Schema) -> SchemaGate:
 
 def test_the_gate_is_closed_until_our_schema_has_come() -> None:
     assert not after().open
-    assert after().why == f"no Schema heard yet; {BUILT_FOR}"
+    assert after().why == f"no Schema received yet; {BUILT_FOR}"
     assert after(OURS).open
     assert after(OURS).why == ""
 
@@ -33,7 +33,7 @@ def test_another_version_or_hash_closes_it_and_is_named() -> None:
     ):
         gate = after(OURS, other)
         assert not gate.open
-        assert gate.why.startswith("heard Schema of ")
+        assert gate.why.startswith("received Schema of ")
         assert named in gate.why
         assert gate.why.endswith(BUILT_FOR)
         gate.take(OURS)
@@ -45,14 +45,14 @@ def test_a_receiver_of_version_1_stays_closed_and_says_why(monkeypatch: pytest.M
     gate = after(OURS)
     assert not gate.open
     assert gate.why == (
-        f"heard Schema of version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}; "
-        "this is built for version 1, hash 0xd680a301"
+        f"received Schema of version {SCHEMA_VERSION}, hash {SCHEMA_HASH:#010x}; "
+        "this receiver is built for version 1, hash 0xd680a301"
     )
 
 
 def test_version_1_is_not_ours() -> None:
     assert not after(VERSION_1).open
-    assert "heard Schema of version 1, hash 0xd680a301" in after(VERSION_1).why
+    assert "received Schema of version 1, hash 0xd680a301" in after(VERSION_1).why
 
 
 def test_what_was_heard_before_a_silence_does_not_count() -> None:

@@ -37,7 +37,10 @@ def test_a_person_within_its_reach_stops_it(mode: str) -> None:
     advice = frozen.settle(NEAR_M, ticks=30)
     assert (advice.level, advice.reason, advice.speed_limit_m_s) == (Level.STOP, FROZEN, 0.0)
     assert plain.settle(NEAR_M, ticks=30).level is Level.SLOW
-    assert "RobotState has not changed for 2 s in which the robot may move" in advice.detail
+    assert (
+        "RobotState has not changed for 2 s during which the robot was free to move"
+        in advice.detail
+    )
     assert "a joint's position changes, or all people are over" in advice.detail
 
 

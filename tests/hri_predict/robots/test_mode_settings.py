@@ -50,7 +50,7 @@ def test_each_mode_is_allowed_by_its_own_key() -> None:
         (
             {"teach": {}},
             {"kind": "trajectory", "file": "pick_and_place"},
-            "modes.teach is asked for by RobotState; set motion: {kind: state}",
+            "modes.teach is requested in RobotState; set motion: {kind: state}",
         ),
     ],
 )

@@ -317,7 +317,7 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "unknown parent": (joint(2, "parent", "uper_arm"), "broken chain.*did you mean 'upper_arm'"),
     "cycle": (joint(3, "child", "shoulder"), "broken chain.*loop"),
     "own parent": (joint(2, "child", "upper_arm"), "broken chain.*loop"),
-    "gap": (joint(2, "parent", "shoulder"), "broken chain.*has come to 'upper_arm'"),
+    "gap": (joint(2, "parent", "shoulder"), "broken chain.*ends at 'upper_arm'"),
     "joint left out": (lambda r: r["joints"].pop(2), "broken chain.*'forearm' does not exist"),
     "same joint name": (joint(1, "name", "elbow"), "'elbow' is used twice"),
     "no joints": (lambda r: r.update(joints=[]), "joints"),
@@ -341,7 +341,7 @@ MISTAKES: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     "limits reversed": (joint(0, "position", [1, -1]), "lower, upper"),
     "dh and origin": (joint(0, "origin", {"xyz": [0, 0, 0]}), "either dh or origin"),
     "neither": (lambda r: r["joints"][0].pop("dh"), "either dh or origin"),
-    "axis with dh": (joint(0, "axis", [0, 0, 1]), "axis belongs to origin"),
+    "axis with dh": (joint(0, "axis", [0, 0, 1]), "axis requires origin"),
     "misspelt key": (joint(0, "velocitiy", 1), "did you mean 'velocity'"),
     "no velocity": (lambda r: r["joints"][0].pop("velocity"), "joints.0.velocity: required"),
     "speeds fall": (

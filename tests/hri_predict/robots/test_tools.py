@@ -134,9 +134,9 @@ def test_a_robot_without_tools_ignores_the_number() -> None:
         ([TOOLS[0], TOOLS[1] | {"number": 1}], {}, "two tools have the number 1"),
         ([TOOLS[0] | {"number": 255}], {}, "number"),
         ([TOOLS[0] | {"number": True}], {}, "number"),
-        ([TOOLS[0] | {"payload": [CLAW]}], {}, "names a capsule twice"),
+        ([TOOLS[0] | {"payload": [CLAW]}], {}, "two capsules with the same name"),
         ([TOOLS[0] | {"weight": 3}], {}, "weight"),
-        (TOOLS, {"payload_kg": 1.0}, "belongs into each of its tools"),
+        (TOOLS, {"payload_kg": 1.0}, "belongs in each of its tools"),
     ],
 )
 def test_mistakes(tools: list[dict[str, Any]], more: dict[str, Any], message: str) -> None:

@@ -201,8 +201,8 @@ MOVES = "waypoints: [{time_s: 0, positions: &q [0, 0, 0, 0, 0, 0]%s}, {time_s: 1
 @pytest.mark.parametrize(
     ("name", "base", "message"),
     [
-        ("mobile", "", "the base of robot 'amr' moves: give base"),
-        ("ur5e", ", base: [0, 0, 0]", "the base of robot 'arm' stands: leave base out"),
+        ("mobile", "", "the base of robot 'amr' moves; give base"),
+        ("ur5e", ", base: [0, 0, 0]", "the base of robot 'arm' is fixed; omit base"),
         ("mobile", ", base: [0, 0]", "waypoints.0.base"),
     ],
 )

@@ -148,5 +148,5 @@ def test_a_stopping_table_of_a_robot_that_stops_at_once_is_refused():
         {"distance_m": [1e-9, 1e-9]},
         {"time_s": [1e-3, 2e-3], "distance_m": [5e-4, 2e-3]},
     ):
-        with pytest.raises(ConfigError, match="no robot stops so soon"):
+        with pytest.raises(ConfigError, match="implausibly short stop"):
             validated(StoppingFile, stopping(**absurd), "here")

@@ -66,7 +66,7 @@ MISTAKES = [
     (["people", "absent_parts"], ["tail"], ["people.absent_parts.0", "left_leg"]),
     (["robots"], [], ["robots", "at least 1"]),
     (["robots"], ..., ["robots", "missing"]),
-    (["robots", 0, "room_from_robot"], ..., ["robots.0", "give room_from_robot"]),
+    (["robots", 0, "room_from_robot"], ..., ["robots.0", "give either room_from_robot"]),
     (["robots", 0, "room_from_robot", "quaternion_xyzw"], [0, 0, 0, 2], ["unit quaternion"]),
     (["robots", 0, "max_speed_m_s"], -1, ["robots.0.max_speed_m_s"]),
     (["robots", 0, "motion", "kind"], "dance", ["robots.0.motion", "dance", "standing"]),

@@ -221,7 +221,7 @@ def test_nothing_counts_until_the_schema_matches(schema):
     pair = Pair().run(1500, schema=schema)
     assert max(pair.speeds) == 0.0
     assert pair.core.report().schema_mismatches == (0 if schema is None else 2)
-    named = "" if schema is None else f"heard Schema of version {schema.version}, "
+    named = "" if schema is None else f"received Schema of version {schema.version}, "
     assert pair.core.report().schema_trouble.startswith(named)
     pair.run(1000)
     assert pair.moving

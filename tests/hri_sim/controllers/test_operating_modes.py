@@ -118,7 +118,7 @@ def test_each_mode_is_entered_and_left_once_over_both_links(played: Any) -> None
 
 def test_one_channel_alone_enters_nothing(played: Any) -> None:
     _, _, lines = played
-    assert lines[0] == "robot arm: recovery refused: its controllers do not all ask for it"
+    assert lines[0] == "robot arm: recovery refused: not all of its controllers request it"
 
 
 def test_in_recovery_the_arm_goes_back_slowly_and_away(played: Any) -> None:

@@ -99,7 +99,7 @@ def test_a_marker_that_is_no_joint_of_a_body_is_refused(number):
 
 def test_a_joint_that_comes_twice_is_refused():
     twice = [MAKER.marker(1, np.zeros(3)), MAKER.marker(1, np.ones(3))]
-    with pytest.raises(MessageError, match="each once"):
+    with pytest.raises(MessageError, match="is repeated"):
         of_marker_array(MAKER.marker_array(twice), names(32))
 
 

@@ -58,7 +58,7 @@ def test_a_circle_of_frames_places_nothing():
     frames = tree(("map", "camera", (1.0, 0.0, 0.0), UPRIGHT))
     frames.add(MAKER.transforms(("camera", "map", (50.0, 0.0, 0.0), UPRIGHT)), static=True)
     for target, source in (("map", "camera"), ("camera", "map")):
-        with pytest.raises(UnknownFrame, match="form a circle; stop one of their publishers"):
+        with pytest.raises(UnknownFrame, match="form a loop; stop one of their publishers"):
             frames.matrix(target, source, 0)
 
 

@@ -127,7 +127,7 @@ def test_names_without_end_keep_memory_bounded():
 
 @pytest.mark.parametrize("ids", [("a", "a"), ("",)])
 def test_ids_that_are_empty_or_come_twice_are_refused(ids):
-    with pytest.raises(MessageError, match="an id is empty or comes twice"):
+    with pytest.raises(MessageError, match="an id is empty or repeated"):
         of_ids_list(MAKER.tracked(*ids), NAMES)
 
 

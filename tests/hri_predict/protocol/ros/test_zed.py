@@ -53,7 +53,7 @@ def test_a_body_whose_way_is_estimated_is_there_without_a_place(state):
         ({"tracking_available": False}, "set body_tracking.enable_tracking"),
         ({"body_format": 2}, "body_format 2 has 38 keypoints, and the joint map 34 joints"),
         ({"body_format": 9}, "body_format 9 has an unknown number of keypoints"),
-        ({"label_id": 4}, "an id comes twice"),
+        ({"label_id": 4}, "an id is repeated"),
     ],
 )
 def test_what_places_no_one_is_refused_with_the_remedy(fields, words):

@@ -118,10 +118,10 @@ CASES: list[tuple[OperatingMode, dict[str, Any], dict[str, Any], str]] = [
         {"demand": replace(NEAR, reason=Reason.SPEED_UNKNOWN)},
         "something other than people in view stops the robot",
     ),
-    (RECOVERY, {}, {"not_backing_out": "it does not go back"}, "it does not go back"),
+    (RECOVERY, {}, {"not_backing_out": "it does not move backwards"}, "it does not move backwards"),
     (MUTED, {"mode": RobotMode.MANUAL}, {}, "the controller is not in automatic mode"),
     *(
-        (mode, {"agreed": False}, {}, "its controllers do not all ask for it")
+        (mode, {"agreed": False}, {}, "not all of its controllers request it")
         for mode in (TEACH, RECOVERY, MUTED)
     ),
     *(
@@ -260,7 +260,7 @@ def test_a_request_for_muting_that_was_there_before_the_node_does_not_count() ->
     robot = Robot()
     decision = robot.tick(ASKED[MUTED], 10)
     assert decision.mode is AUTOMATIC
-    assert "the request was there before; release it first" in decision.note
+    assert "the request was already active; release it first" in decision.note
     assert robot.ready().tick(ASKED[MUTED]).mode is MUTED
 
 
@@ -293,14 +293,14 @@ def test_the_reason_that_lasts_is_logged_and_not_a_short_one_before_it(caplog: A
     with caplog.at_level(logging.WARNING):
         robot.tick(replace(ASKED[RECOVERY], agreed=False))
         for _ in range(20):
-            robot.tick(ASKED[RECOVERY], not_backing_out="it does not go back")
-    assert caplog.messages == ["robot arm: recovery refused: it does not go back"]
+            robot.tick(ASKED[RECOVERY], not_backing_out="it does not move backwards")
+    assert caplog.messages == ["robot arm: recovery refused: it does not move backwards"]
 
 
 def test_a_reason_that_comes_soon_after_another_is_logged_later(caplog: Any) -> None:
     robot = Robot().ready()
     with caplog.at_level(logging.WARNING):
-        for why in ("it does not go back", "a person is lost"):
+        for why in ("it does not move backwards", "a person is lost"):
             for _ in range(8):
                 robot.tick(ASKED[RECOVERY], not_backing_out=why)
         assert len(caplog.messages) == 1

@@ -45,10 +45,10 @@ def why(x: float, error_m: float | None) -> str:
     ("x", "error_m", "expected"),
     [
         (0.15, 0.0, ""),  # they touch, but it is known on which side, and it recedes
-        (-0.15, 0.0, "a link would come nearer to a person on the way back"),
+        (-0.15, 0.0, "a link would move closer to a person on the way back"),
         (0.6, 0.3, ""),  # 0.3 m nearer, the person still is ahead of it, so it recedes
-        (0.6, 0.5, "the place of a person beside it is not known well enough"),
-        (0.15, 0.01, "the place of a person beside it is not known well enough"),
+        (0.6, 0.5, "the position of a person near it is not known well enough"),
+        (0.15, 0.01, "the position of a person near it is not known well enough"),
     ],
 )
 def test_who_may_be_on_either_side_is_not_receded_from(x, error_m, expected):
