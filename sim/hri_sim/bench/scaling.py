@@ -121,7 +121,7 @@ def _row(axis: str, case: _Case) -> Row:
 
 
 def _growth(axis: str, predictor: str, found: Sequence[Row]) -> Iterator[Row]:
-    """Return the ratio of the last median to the first, and the power by which it grows."""
+    """Yield the ratio of the last median to the first, and the power by which it grows."""
     if len(found) < 2:
         return
     sizes = [row.size or 1.0 for row in found]

@@ -128,7 +128,7 @@ class Jitter(LinkFault, settings.Jitter):
 
 
 class Stretch(LinkFault, settings.Late):
-    """Units arrive in order, with a delay that grows by ``rate`` seconds per second, as in a queue."""
+    """Units arrive in order, with a delay that grows by ``rate`` seconds a second, like a queue."""
 
     soak = ("rate=0.5",)
 

@@ -180,7 +180,7 @@ class Way(Generic[T]):
         self.held: T | None = None
 
     def altered(self, fault: FaultSettings, unit: T) -> list[T]:
-        """Return the units that result if a unit is lost, doubled or swapped, otherwise the unit."""
+        """Return the resulting units if a unit is lost, doubled or swapped, otherwise the unit."""
         if isinstance(fault, Drop):
             return [] if self.rng.random() < fault.probability else [unit]
         if isinstance(fault, Duplicate):

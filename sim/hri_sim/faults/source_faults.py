@@ -158,7 +158,7 @@ class Rename(PeopleFault):
 
 
 class Alternate(FaultSettings):
-    """The people ``person`` and ``other`` share the id ``person``, which alternates between them."""
+    """The people ``person`` and ``other`` share the id ``person``, which shows them in turn."""
 
     deceives = True
 

@@ -74,7 +74,7 @@ class Path:
         return _cubic((u - self._knots[i]) / h, h, p, q, derivative=derivative)
 
     def _all_at(self, u: Floats, derivative: bool = False) -> Floats:
-        """Return (N, 2) as ``_at``, for (N,) parameters; the path's table has a thousand entries."""
+        """Return (N, 2) as ``_at``, for (N,) parameters; the path's table has 1000 entries."""
         i = np.minimum(np.searchsorted(self._knots, u, side="right") - 1, len(self._knots) - 2)
         h = (self._knots[i + 1] - self._knots[i])[:, None]
         p, q = self._points[[i, i + 1]], self._bends[[i, i + 1]]
