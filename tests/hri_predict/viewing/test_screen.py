@@ -144,7 +144,7 @@ def test_two_screens_on_one_port_are_refused():
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     both = [ScreenSettings("viewer", VIEWER, port), ScreenSettings("operator", OPERATOR, port)]
-    with pytest.raises(ConfigError, match=f"{port}: give each a port of its own"), Feed(both):
+    with pytest.raises(ConfigError, match=f"{port}: give each its own port"), Feed(both):
         pass
 
 
