@@ -115,11 +115,11 @@ class Screen:
         self._in_a_row = 0 if now_s - self._started_s > STEADY_S else self._in_a_row + 1
         if self._in_a_row >= MOST_STARTS:
             self._again_s = math.inf
-            log.warning("the %s ended %d times in a row and is given up", name, self._in_a_row)
+            log.warning("the %s exited %d times in a row and is given up", name, self._in_a_row)
             return
         pause_s = min(LONGEST_PAUSE_S, PAUSE_S * 2**self._in_a_row)
         self._again_s = now_s + pause_s
-        log.warning("the %s ended; it starts again in %g s", name, pause_s)
+        log.warning("the %s exited; it restarts in %g s", name, pause_s)
 
     def show(self, packed: bytes) -> bool:
         """Write a picture, or count it as dropped; never waits.

@@ -151,7 +151,7 @@ def _take(kept: Kept) -> None:
             now_s = time.monotonic()  # one that waited in the pipe is as old as it is
             kept.add(picture, min(now_s, picture.facts.get("made_s", now_s)))
     except (ValueError, TypeError) as error:
-        print(f"the view ends: {error}", file=sys.stderr)
+        print(f"the view exits: {error}", file=sys.stderr)
     kept.ended = True
 
 
@@ -173,7 +173,7 @@ def main() -> None:
             time.sleep(1.0 / DRAWN_HZ)
         view.draw(time.monotonic())
     except Exception as error:  # rather no view than one that stands still
-        print(f"the view ends: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+        print(f"the view exits: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
         os._exit(1)
     time.sleep(FAREWELL_S)
     os._exit(0)  # viser's threads may wait for browsers
