@@ -1,7 +1,7 @@
-"""Hands the newest tick to screens: processes of their own that never hold up the node.
+"""Passes the newest tick to screens: separate processes that never delay the node.
 
 The loop's thread only stores the tick. A thread packs the newest one at most ``PICTURES_HZ`` times
-a second and writes it to each screen's pipe, as much as the pipe takes (``screen``).
+a second and writes as much of it to each screen's pipe as fits (``screen``).
 """
 
 import importlib.util
@@ -28,13 +28,13 @@ log = logging.getLogger(__name__)
 
 PICTURES_HZ = 15.0
 CHANGES = 64
-"""Changes of level sent with each picture, so one between two pictures is not missed."""
+"""Number of level changes sent with each picture, so that none between two pictures is missed."""
 VIEWER = "hri_predict.viewing.scene3d.live"
 OPERATOR = "hri_predict.viewing.operator.page"
 
 
 def has_viser() -> bool:
-    """Whether the 3D view's library is installed; it is not imported."""
+    """Return whether the 3D view's library is installed, without importing it."""
     return importlib.util.find_spec("viser") is not None
 
 
@@ -48,11 +48,11 @@ class Feed(View):
     """Feeds screens with the newest tick until it is closed; use it as a context manager.
 
     Args:
-        settings: the screens.
-        opened: called with a screen's address the first time that it listens.
+        settings: the screens. opened: called with a screen's address when it listens for the first
+            time.
 
     Attributes:
-        addresses: of the screens that listen, by name.
+        addresses: addresses of the listening screens, by name.
     """
 
     def __init__(
@@ -77,17 +77,17 @@ class Feed(View):
 
     @property
     def dropped(self) -> int:
-        """Pictures that no screen, or not every screen, was shown."""
+        """Number of lost pictures, summed over all screens."""
         return self._failed + sum(screen.dropped for screen in self.screens)
 
     def bind(self, assembly: Assembly) -> None:
-        """Take the assembly whose ticks are shown."""
+        """Accept the assembly whose ticks are shown."""
         self._coverage = zones_text(assembly.config)
         self._band_m = assembly.config.node.risk.band_m
         self._assembly = assembly
 
     def on_tick(self, tick: Tick) -> None:
-        """Store the newest tick, and what changed."""
+        """Store the newest tick, and level changes."""
         self._ticks += 1
         for advice in tick.advices:
             if self._levels.get(advice.robot) is not advice.level:
@@ -107,13 +107,13 @@ class Feed(View):
         """Start the screens.
 
         Raises:
-            ConfigError: one cannot listen where it should.
+            ConfigError: a screen cannot listen on its address.
         """
         for settings in self._settings:
             check_port(settings)
         ports = [settings.port for settings in self._settings if settings.port]
         if len(set(ports)) < len(ports):
-            raise ConfigError(f"--viewer, --operator {ports[0]}: give each a port of its own")
+            raise ConfigError(f"--viewer, --operator {ports[0]}: give each its own port")
         self.screens = [Screen(each, partial(self._heard, each.name)) for each in self._settings]
         self._thread.start()
         return self
@@ -149,7 +149,9 @@ class Feed(View):
             except Exception:
                 self._failed += 1
                 if self._failed == 1:
-                    log.exception("a picture could not be made; further ones are only counted")
+                    log.exception(
+                        "a picture could not be created; further failures are only counted"
+                    )
                 continue
             for screen in self.screens:
                 screen.keep_alive()

@@ -1,7 +1,8 @@
-"""Hands what is known of all cells to their page: a process of its own that holds up nothing.
+"""Passes the state of all cells to their page, a separate process that delays nothing.
 
-A thread asks for the facts five times a second, and at once after ``wake``, and writes them to the
-page's pipe. What the page does not take is dropped and counted; changes go again until it has.
+A thread requests the facts five times a second, and immediately after ``wake``, and writes them to
+the page's pipe. Pictures that the page does not accept are dropped and counted; changes are resent
+until it has them.
 """
 
 import threading
@@ -23,9 +24,8 @@ class FleetFeed:
     """Feeds one page until it is closed; use it as a context manager.
 
     Args:
-        settings: the page's.
-        facts: gives what is shown now, with the changes after the one with this number under
-            "changes", oldest first.
+        settings: settings of the page. facts: returns the facts to show, with the changes after
+            this number under "changes", oldest first.
     """
 
     def __init__(self, settings: ScreenSettings, facts: Callable[[int], dict[str, Any]]) -> None:
@@ -37,18 +37,18 @@ class FleetFeed:
 
     @property
     def dropped(self) -> int:
-        """Pictures that the page did not take."""
+        """Number of pictures that the page did not accept."""
         return self._screen.dropped if self._screen is not None else 0
 
     def wake(self) -> None:
-        """Show what is known now, soon."""
+        """Show the current state soon."""
         self._wake.set()
 
     def __enter__(self) -> "FleetFeed":
         """Start the page.
 
         Raises:
-            ConfigError: it cannot listen where it should.
+            ConfigError: it cannot listen on its address.
         """
         check_port(self._settings)
         self._screen = Screen(self._settings)

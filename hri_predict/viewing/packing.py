@@ -1,4 +1,4 @@
-"""Makes a picture of a tick, in the node's process but not in its loop."""
+"""Creates a picture of a tick, in the node's process but not in its loop."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,14 +20,14 @@ from hri_predict.viewing.picture import Picture, Shapes, empty_shapes
 from hri_predict.viewing.room import room_of, sees
 
 STEPS = 8
-"""Number of moments of the horizon that are sent, now and its end among them."""
+"""Number of instants of the horizon that are sent, including now and its end."""
 _A = [segment.joint_a for segment in CANONICAL.segments]
 _B = [segment.joint_b for segment in CANONICAL.segments]
 _RADII = np.array([segment.radius for segment in CANONICAL.segments])
 
 
 def picture_of(tick: Tick, assembly: Assembly) -> Picture:
-    """The picture of a tick; what a failed stage did not find is missing from it."""
+    """Return the picture of a tick, without the results of failed stages."""
     snapshot, assessment = tick.snapshot, tick.assessment
     cut_off = [link.name for link in assembly.links if not link.connected]
     shapes, facts = empty_shapes(), _facts(tick, assembly.config, cut_off)
@@ -66,7 +66,7 @@ def picture_of(tick: Tick, assembly: Assembly) -> Picture:
 
 
 def _facts(tick: Tick, config: Config, cut_off: Sequence[str]) -> dict[str, Any]:
-    """Return the facts besides shapes and robots: people, the node's state, the room's regions.
+    """Return the facts other than shapes and robots: people, the node's state, the room's regions.
 
     ``cut_off``: the links that are not connected, by name.
     """
@@ -91,7 +91,7 @@ def _facts(tick: Tick, config: Config, cut_off: Sequence[str]) -> dict[str, Any]
 
 
 def _places(snapshot: PeopleSnapshot) -> list[list[float]]:
-    """x and y of each tracked person: the mean of the joints that were seen last."""
+    """Return x and y of each tracked person, the mean of the joints last seen."""
     seen = (snapshot.joint_age_s <= 0) & np.isfinite(snapshot.last_positions).all(-1)
     return [
         joints[newest].mean(axis=0)[:2].round(3).tolist()
@@ -103,12 +103,12 @@ def _places(snapshot: PeopleSnapshot) -> list[list[float]]:
 def state_facts(
     state: NodeState, reasons: Sequence[Reason], cut_off: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """The node's state, and why, in words."""
+    """Return the node's state and its reasons, in words."""
     return {"state": state.name, "reasons": troubles(state, reasons, cut_off)}
 
 
 def said_of(advice: Advice, band_m: float | None) -> dict[str, Any]:
-    """Return an advice's words, as on screens. ``band_m``: ``risk.band_m``."""
+    """Return an advice in words, for screens. ``band_m``: ``risk.band_m``."""
     return {
         "level": advice.level.name,
         "reason": reason_beside(advice),
@@ -121,14 +121,14 @@ def said_of(advice: Advice, band_m: float | None) -> dict[str, Any]:
 def robot_facts(
     name: str, advice: Advice, why: Grounds, *, link: str, band_m: float | None
 ) -> dict[str, Any]:
-    """Return the facts of a robot: its advice, and the deciding pair.
+    """Return the facts of a robot: its advice and the deciding pair.
 
-    "line" joins the nearest points of the pair; "near" is for the person who stands there, and ""
-    unless a person decides the level.
+    "line" joins the nearest points of the pair; "near" is text for that person, or "" unless a
+    person decides the level.
 
     Args:
-        name, advice, why: the robot's; of the grounds, what is known.
-        link: the robot's capsule in the pair, by name; "": not known.
+        name, advice, why: of the robot; ``why`` has the known grounds. link: name of the robot's
+            capsule in the pair; "": not known.
         band_m: the configured ``risk.band_m``; ``None``: not known.
     """
     who = "" if why.person is None else f"person {why.person}'s {in_words(why.segment)}"
@@ -152,7 +152,7 @@ def robot_facts(
 
 
 def bodies_of(joints: Floats) -> Shapes:
-    """(P, J, 3) joints as (P, S, 7) capsules; a segment without both of its joints is NaN."""
+    """Convert (P, J, 3) joints to (P, S, 7) capsules; NaN for a segment without both joints."""
     if not len(joints):
         return empty_shapes()["bodies"]
     radii = np.broadcast_to(_RADII[:, None], (*joints.shape[:-2], len(_RADII), 1))
@@ -161,7 +161,7 @@ def bodies_of(joints: Floats) -> Shapes:
 
 
 def steps_of(count: int) -> list[int]:
-    """At most ``STEPS`` of ``count`` steps, spread evenly, the first and the last among them."""
+    """Return at most ``STEPS`` of ``count`` steps, evenly spread, including first and last."""
     return np.unique(np.linspace(0, count - 1, min(STEPS, count)).round().astype(int)).tolist()
 
 
@@ -173,7 +173,7 @@ def _rows(capsules: Capsules) -> Shapes:
 def _forecast(
     positions: Floats, snapshot: PeopleSnapshot, times_s: Floats, rate_hz: float
 ) -> Shapes:
-    """Bodies at ``times_s`` after the tick; (P, K, S, 7). Step k is at capture + (k + 1) / rate."""
+    """Bodies ``times_s`` after the tick (P, K, S, 7). Step k is at capture + (k + 1) / rate."""
     since_s = (snapshot.now_ns - snapshot.capture_ns) * 1e-9
     step = np.round((times_s + since_s[:, None]) * rate_hz).astype(int) - 1
     people = min(len(positions), len(step))

@@ -1,4 +1,4 @@
-"""One picture of the cell, and how it goes through a pipe: JSON for facts, floats for shapes.
+"""One picture of the cell, and its format in a pipe: JSON for facts, floats for shapes.
 
 length (4 bytes, little endian) | length of the JSON (4 bytes) | JSON | 32-bit floats
 """
@@ -25,10 +25,10 @@ class Picture:
 
     Attributes:
         facts: plain data; see ``packing.facts_of``.
-        bodies: (P, S, 7) the people as captured, lost ones where last seen; NaN: not known.
-        forecast: (P, K, S, 7) where they are predicted to be at each of ``facts["times_s"]``.
-        zones: (Z, K, S, 7) where they may be; a row for each of ``facts["zones"]``.
-        robots: (C, 7) all robots' capsules, one robot after the other.
+        bodies: (P, S, 7) people as captured, lost people where last seen; NaN: unknown.
+        forecast: (P, K, S, 7) predicted bodies at each of ``facts["times_s"]``. zones: (Z, K, S, 7)
+            space where people may be; a row for each of ``facts["zones"]``.
+        robots: (C, 7) capsules of all robots, in the order of the robots.
     """
 
     facts: dict[str, Any]
@@ -39,7 +39,7 @@ class Picture:
 
 
 def pack(picture: Picture) -> bytes:
-    """The picture as bytes, with its length in front."""
+    """Return the picture as bytes, preceded by its length."""
     shapes = [np.ascontiguousarray(getattr(picture, name), "<f4") for name in _SHAPES]
     head = json.dumps({"facts": _finite(picture.facts), "shapes": [s.shape for s in shapes]})
     encoded = head.encode()
@@ -48,7 +48,7 @@ def pack(picture: Picture) -> bytes:
 
 
 def unpack(body: bytes) -> Picture:
-    """The picture of what follows the first length.
+    """Return the picture from the bytes that follow the first length.
 
     Raises:
         ValueError: these bytes are not a picture.
@@ -69,10 +69,10 @@ def unpack(body: bytes) -> Picture:
 
 
 def read(stream: BinaryIO) -> Picture | None:
-    """The next picture of a pipe; ``None`` at its end.
+    """Return the next picture of a pipe; ``None`` at its end.
 
     Raises:
-        ValueError: something else comes through the pipe.
+        ValueError: the pipe contains something else.
     """
     start = stream.read(_LENGTH.size)
     if len(start) < _LENGTH.size:
@@ -97,7 +97,7 @@ def empty_shapes() -> dict[str, Shapes]:
 
 
 def _finite(value: Any) -> Any:
-    """JSON knows no infinity: what is not finite is not known."""
+    """Replace values that are not finite, which JSON cannot represent, by ``None``."""
     if isinstance(value, dict):
         return {key: _finite(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

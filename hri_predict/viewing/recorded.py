@@ -1,6 +1,5 @@
-"""Pictures of a recording: what /view/scene, /zones, /forecast, /status and /advice say.
-
-They are read by windows, so that a recording of hours needs no more memory than one of minutes.
+"""Pictures of a recording, from /view/scene, /zones, /forecast, /status and /advice. It is read in
+windows, so that a recording of hours needs no more memory than one of minutes.
 """
 
 import bisect
@@ -33,10 +32,10 @@ WINDOWS = 4
 """Number of windows kept in memory."""
 BEFORE_NS = 2_000_000_000
 OLD_NS = 600_000_000
-"""Zones and forecasts of longer ago are not those of this picture: three are missing."""
+"""Maximum age of zones and forecasts in a picture; older means that three are missing."""
 BONE_M = 0.06
 _CHILDREN = [joint for joint, parent in enumerate(PARENTS) if parent >= 0]
-"""A recorded bone goes from each of these joints to its parent."""
+"""Joints with a recorded bone to their parent."""
 _TOPICS = ("/status", "/advice", "/zones", "/forecast", "/view/scene")
 
 
@@ -44,13 +43,12 @@ class RecordedPictures:
     """A recording's pictures by time, and its levels.
 
     Attributes:
-        info: description of the recording.
-        start_ns, end_ns: of its statuses; UTC, or the node's clock where there is no UTC.
-        changes: (ns, the worst level from then on).
-        first_ns: when a person was there first, or else when the level first changed.
+        info: description of the recording. start_ns, end_ns: times of the first and last status;
+            UTC, or the node's clock without UTC. changes: (ns, the worst level from then on).
+            first_ns: time of the first person, otherwise of the first change of level.
 
     Raises:
-        RecordingError: it is not a recording of this node, says nothing, or is damaged.
+        RecordingError: it is not a recording of a node, has no content, or is damaged.
         OSError: it cannot be read.
     """
 
@@ -79,7 +77,7 @@ class RecordedPictures:
 
     @property
     def duration_s(self) -> float:
-        """Seconds from the first to the last advice."""
+        """Return the seconds from the first to the last advice."""
         return (self.end_ns - self.start_ns) * 1e-9
 
     def opening_ns(self) -> int:
@@ -92,7 +90,7 @@ class RecordedPictures:
         return self.picture_beside(self.first_ns, 1) if is_before else self.first_ns
 
     def level_at(self, ns: int) -> str:
-        """The worst level that held then."""
+        """Return the worst level at that time."""
         index = bisect.bisect_right(self.changes, ns, key=lambda change: change[0])
         return self.changes[max(0, index - 1)][1]
 
@@ -109,7 +107,7 @@ class RecordedPictures:
         return found
 
     def change_beside(self, ns: int, by: int) -> int:
-        """When the level next changes after a time, or (``by`` -1) last changed before it."""
+        """Return the time of the next change of level, or (``by`` -1) of the last one before."""
         times = [then_ns for then_ns, _ in self.changes]
         if by > 0:
             index = bisect.bisect_right(times, ns)
@@ -118,7 +116,7 @@ class RecordedPictures:
         return times[index - 1] if index else self.start_ns
 
     def picture_beside(self, ns: int, by: int) -> int:
-        """When the next picture after a time was made, or (``by`` -1) the last one before it."""
+        """Return the time of the next picture, or (``by`` -1) of the last picture before a time."""
         number = (ns - self.start_ns) // WINDOW_NS
         for each in (number, number + by):
             times = [then_ns for then_ns, _ in self._window(each)]
@@ -128,13 +126,13 @@ class RecordedPictures:
         return min(max(ns + by * WINDOW_NS, self.start_ns), self.end_ns)
 
     def at(self, ns: int) -> Picture | None:
-        """The newest picture at a time; ``None`` if there is none in the seconds before."""
+        """Return the newest picture at a time; ``None`` if there is none in the seconds before."""
         window = self._window((ns - self.start_ns) // WINDOW_NS)
         index = bisect.bisect_right(window, ns, key=lambda each: each[0])
         return window[index - 1][1] if index and ns - window[index - 1][0] < BEFORE_NS else None
 
     def _window(self, number: int) -> list[tuple[int, Picture]]:
-        """The pictures of one window, and of the seconds before it."""
+        """Return the pictures of one window, and of the seconds before it."""
         if number not in self._windows:
             self._windows[number] = self._read(self.start_ns + number * WINDOW_NS)
             while len(self._windows) > WINDOWS:
@@ -159,7 +157,7 @@ class RecordedPictures:
     def _pictures(self, messages: Iterator[Told]) -> Iterator[tuple[int, Picture]]:
         """A picture after each /view/scene, and wherever an advice changes between two of them.
 
-        Statuses and advice of a scene's tick stand before it.
+        Status and advice of a scene's tick precede it.
         """
         said = _Said(self._band_m)
         for told in messages:
@@ -180,7 +178,7 @@ class RecordedPictures:
 
 
 def _says(advice: Told) -> tuple[Any, ...]:
-    """Return an advice's words for a screen."""
+    """Return an advice in words for a screen."""
     return advice.data.get("level"), advice.data.get("reason"), advice.data.get("latch_id")
 
 
@@ -193,7 +191,7 @@ class _Said:
     advice: dict[str, Told] = field(default_factory=dict)
 
     def picture(self, room: dict[str, Any], rate_hz: float, now: Told) -> Picture:
-        """The picture at a message: the newest scene, and what was said since."""
+        """Return the picture at a message: the newest scene and later messages."""
         scene = self.newest["/view/scene"]
         shapes = empty_shapes()
         people, lost, robots, lines = _entities(scene.data["entities"])
@@ -273,7 +271,7 @@ def _robot(data: dict[str, Any], band_m: float | None) -> dict[str, Any]:
 
 
 def _known(name: Any, kind: type[Level] | type[NodeState]) -> str:
-    """The name of a level or state; UNKNOWN for what is none."""
+    """Return the name of a level or state; UNKNOWN for any other value."""
     return str(name) if name in kind.__members__ else "UNKNOWN"
 
 
@@ -284,8 +282,10 @@ def _reason(name: Any) -> Reason:
 def _entities(
     entities: list[dict[str, Any]],
 ) -> tuple[dict[int, Shapes], dict[int, Shapes], dict[str, Shapes], dict[str, Any]]:
-    """Bones of the people by id, of lost people by id, robots' capsules by name, and where the
-    deciding pair of each robot is nearest; recordings of older versions do not say that."""
+    """Return bones by id of people and of lost people, capsules by robot, and nearest points.
+
+    The points are those of each robot's deciding pair; older recordings lack them.
+    """
     people: dict[int, Shapes] = {}
     lost: dict[int, Shapes] = {}
     robots: dict[str, Shapes] = {}
@@ -305,7 +305,7 @@ def _entities(
 
 
 def _body(bones: Shapes) -> Shapes:
-    """(S, 7) a body of its (B, 6) bones; of one that was not seen wholly, the bones alone."""
+    """Return a body (S, 7) from its (B, 6) bones; only the bones if it was not fully seen."""
     if len(bones) != len(_CHILDREN):
         radii = np.full((len(bones), 1), BONE_M, np.float32)
         return np.concatenate((bones, radii), axis=1)
@@ -316,7 +316,7 @@ def _body(bones: Shapes) -> Shapes:
 
 
 def _padded(bones: list[Shapes]) -> Shapes:
-    """People have as many bones as were seen: the others are NaN."""
+    """Stack people with different numbers of seen bones; missing ones are NaN."""
     most = max((len(each) for each in bones), default=1)
     rows = np.full((len(bones), most, 7), np.nan, np.float32)
     for row, each in zip(rows, bones, strict=True):
@@ -325,7 +325,7 @@ def _padded(bones: list[Shapes]) -> Shapes:
 
 
 def _forecast(data: dict[str, Any], times_s: list[float], rate_hz: float) -> Shapes:
-    """The recorded steps nearest to each time, as bodies."""
+    """Return the recorded steps nearest to each time, as bodies."""
     joints: Floats = np.asarray(data["positions"], dtype=np.float64)
     ahead_s = (np.asarray(data["steps"]) + 1) / (rate_hz or 25.0)
     nearest = [int(np.abs(ahead_s - time_s).argmin()) for time_s in times_s]
@@ -339,5 +339,5 @@ def _floats(values: Any) -> Shapes:
 
 
 def _number(value: Any) -> float | None:
-    """A number of a message; ``None`` if it says something else."""
+    """Return a number from a message; ``None`` if it is not a number."""
     return float(value) if isinstance(value, int | float) else None

@@ -1,4 +1,4 @@
-"""Facts of a configuration for pictures: what the sensor sees and does not see, and the band."""
+"""Facts of a configuration for pictures: seen and unseen space, and the band."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -57,12 +57,12 @@ def room_of_text(text: str, cell: str) -> dict[str, Any]:
 
 
 def sees(reasons: Iterable[Reason]) -> bool:
-    """Whether scenes can prove that a place is empty, given the reasons of Status."""
+    """Return whether scenes can prove that a place is empty, given the reasons of Status."""
     return all(reason.row.kind is not Kind.INPUT for reason in reasons)
 
 
 def band_of_text(text: str) -> float | None:
-    """``risk.band_m`` of a configuration's text; ``None`` if the text makes no sense."""
+    """Return ``risk.band_m`` from a configuration's text; ``None`` if the text is invalid."""
     try:
         risk = load_yaml(text).get("risk") or {}
         return float(risk.get("band_m", RiskSettings.model_fields["band_m"].default))

@@ -1,8 +1,7 @@
-"""A screen: a process that shows pictures. Its pipe never holds up who writes to it.
-
-While a screen does not read, what was begun waits and what comes meanwhile is dropped and counted.
-A screen ends when its pipe does, however the process at the other end came to its end. One that
-ends before is started again, at the same address, after a pause that grows.
+"""A screen: a process that shows pictures. Its pipe never blocks the writer. While a screen does
+not read, a partly written picture waits, and newer ones are dropped and counted. A screen exits
+when its pipe closes, however the process at the other end exited. A screen that exits before is
+restarted at the same address, after a growing pause.
 """
 
 import contextlib
@@ -24,13 +23,13 @@ from hri_predict.base.errors import ConfigError, OsErrorAs
 log = logging.getLogger(__name__)
 
 END_S = 3.0
-"""Time after the end of its pipe after which a screen is killed."""
+"""Time from closing its pipe until a screen is killed."""
 PAUSE_S, LONGEST_PAUSE_S = 1.0, 60.0
-"""Before a screen that ended is started again; the pause doubles with each time,"""
+"""Pause before a screen that exited is restarted; it doubles each time,"""
 STEADY_S = 600.0
-"""and is short again after one that lasted this long."""
+"""and is short again after a screen that ran for this long."""
 MOST_STARTS = 10
-"""Number of such ends after which a screen is given up: a start costs a second of CPU."""
+"""Number of such exits after which a screen is given up: a start costs a second of CPU."""
 LOOPBACK = "127.0.0.1"
 
 
@@ -39,10 +38,8 @@ class ScreenSettings:
     """A process that shows pictures.
 
     Attributes:
-        name: as people call it.
-        module: module that runs, as ``python -m``; it takes ``--host`` and ``--port``.
-        port: 0: any free one.
-        host: the address that it listens on.
+        name: name for users. module: module to run with ``python -m``; it accepts ``--host`` and
+            ``--port``. port: port; 0: any free port. host: the address that it listens on.
         urls: addresses under which proxies serve it; given as ``--url``.
     """
 
@@ -54,7 +51,7 @@ class ScreenSettings:
 
 
 def check_port(settings: ScreenSettings) -> None:
-    """Raise a ``ConfigError`` if a screen cannot listen where it should."""
+    """Raise a ``ConfigError`` if a screen cannot listen on its address."""
     if not 0 <= settings.port <= 65535:
         raise ConfigError(f"--{settings.name} {settings.port}: give a port from 0 to 65535")
     if not settings.host.strip():  # the system takes it for all addresses
@@ -71,16 +68,15 @@ class Screen:
     """One screen's process and its pipe. Used by one thread, except ``dropped``.
 
     Attributes:
-        dropped: pictures that it was too slow for, or that came while none ran.
-        starts: number of starts. A new process knows nothing of what the last one was
-            shown.
+        dropped: number of pictures that arrived while the process was too slow or not running.
+            starts: number of starts. A new process starts without the earlier pictures.
 
     Args:
         settings: its settings.
-        heard: called with its address once it listens, in a thread of its own.
+        heard: called with its address once it listens, in a separate thread.
 
     Raises:
-        ConfigError: the system has no room for its process.
+        ConfigError: the system has no resources for its process.
     """
 
     def __init__(
@@ -113,23 +109,23 @@ class Screen:
         threading.Thread(target=self._tell, name=self.settings.name, daemon=True).start()
 
     def _ended(self) -> None:
-        """Say that it ended, and when it starts again."""
+        """Log that it exited, and when it restarts."""
         now_s, name = time.monotonic(), self.settings.name
         self._open = False
         self._in_a_row = 0 if now_s - self._started_s > STEADY_S else self._in_a_row + 1
         if self._in_a_row >= MOST_STARTS:
             self._again_s = math.inf
-            log.warning("the %s ended %d times in a row and is given up", name, self._in_a_row)
+            log.warning("the %s exited %d times in a row and is given up", name, self._in_a_row)
             return
         pause_s = min(LONGEST_PAUSE_S, PAUSE_S * 2**self._in_a_row)
         self._again_s = now_s + pause_s
-        log.warning("the %s ended; it starts again in %g s", name, pause_s)
+        log.warning("the %s exited; it restarts in %g s", name, pause_s)
 
     def show(self, packed: bytes) -> bool:
         """Write a picture, or count it as dropped; never waits.
 
         Returns:
-            Whether it was taken: it arrives whole, unless the screen ends before.
+            Whether it was accepted: it arrives complete unless the screen exits first.
         """
         self.go_on()
         if not self._open or len(self._rest):
@@ -140,7 +136,7 @@ class Screen:
         return True
 
     def go_on(self) -> None:
-        """Write more of what was begun."""
+        """Continue to write a partly written picture."""
         while self._open and len(self._rest):
             try:
                 written = os.write(self._pipe, self._rest)
@@ -152,7 +148,7 @@ class Screen:
             self._rest = self._rest[written:]
 
     def keep_alive(self) -> None:
-        """Start a screen again that ended, once its pause is over."""
+        """Restart a screen that exited, once its pause is over."""
         if self._open or time.monotonic() < self._again_s:
             return
         self.end(0.0)
@@ -164,16 +160,16 @@ class Screen:
 
     @property
     def is_waiting(self) -> bool:
-        """Whether a picture is begun and not written."""
+        """Return whether a picture is partly written."""
         return self._open and len(self._rest) > 0
 
     @property
     def pipe(self) -> int:
-        """The file number of its pipe."""
+        """Return the file descriptor of its pipe."""
         return self._pipe
 
     def end(self, within_s: float | None = None) -> None:
-        """Close its pipe; it ends by itself, or is killed."""
+        """Close its pipe; the process exits, or is killed."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):
             self.process.stdin.close()
@@ -184,7 +180,7 @@ class Screen:
             self.process.wait()
 
     def _tell(self) -> None:
-        """Print what the screen says: its address."""
+        """Print the screen's output: its address."""
         assert self.process.stdout is not None
         for line in self.process.stdout:
             text = line.decode("utf-8", "replace").strip()
@@ -196,7 +192,7 @@ class Screen:
 
 
 def write_until(screens: Sequence[Screen], end_s: float, stop: threading.Event) -> None:
-    """Wait until a time of the monotonic clock, or ``stop``, and write on as screens read."""
+    """Wait until a time of the monotonic clock or ``stop``; keep writing while screens read."""
     while (left_s := end_s - time.monotonic()) > 0 and not stop.is_set():
         waiting = [screen for screen in screens if screen.is_waiting]
         if not waiting:

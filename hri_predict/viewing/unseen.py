@@ -15,7 +15,7 @@ from hri_predict.people.lost.free_space import CELL_M, FREE_SPACE_M, FreeSpace
 
 
 class UnseenFloor:
-    """Unseen floor of a room of ``room.room_of``; none where its sensor sees no free space."""
+    """Unseen floor of a room from ``room.room_of``; none if its sensor does not see free space."""
 
     def __init__(self, room: dict[str, Any]) -> None:
         self._space: FreeSpace | None = None
@@ -36,11 +36,11 @@ class UnseenFloor:
         self._inside = in_polygon(self._space.centres, corners)
 
     def tiles(self, places: Sequence[Sequence[float]], *, sees: bool) -> Floats:
-        """(N, 4) rectangles: x and y of the middle, width and depth, metres.
+        """Return (N, 4) rectangles: x and y of the middle, width and depth, metres.
 
         Args:
-            places: x and y of all tracked people: people hide each other.
-            sees: whether scenes prove anything now; if not, no place is seen free.
+            places: x and y of all tracked people, who hide each other. sees: whether scenes are
+                valid as proof now; if not, no place is seen to be free.
         """
         if self._space is None:
             return np.zeros((0, 4))

@@ -1,7 +1,7 @@
-"""The demo with a baseline as its predictor.
+"""The demo with a baseline predictor.
 
-Measurements of the node itself (faults, deaths, levels) should neither change with each newly
-trained network nor wait for one.
+Measurements of the node itself (faults, deaths, levels) should not change with each newly trained
+network, nor wait for its inference.
 """
 
 from typing import Any
@@ -10,7 +10,7 @@ from hri_predict.run import config as configuration
 from hri_predict.run.config import Config
 
 BASELINE: dict[str, Any] = {"name": "constant_velocity", "span_s": 0.1, "horizon_s": 1.2}
-"""``predictor:`` of a configuration."""
+"""The ``predictor:`` block of a configuration."""
 
 
 def baseline_demo() -> Config:

@@ -1,8 +1,6 @@
-"""Judges what truly happened between people and robots: distances and touches.
-
-The referee knows what the node cannot know: the true positions of every body and of the arm. Bodies
-are capsules of their real radii without any margin. A joint that the recording does not have is
-skipped, never guessed.
+"""Measures the true distances and touches between people and robots. Unlike the node, the referee
+knows the true positions of every body and of the arm. Bodies are capsules with their real radii,
+without any margin. A joint that is missing in the recording is skipped, never guessed.
 """
 
 import math
@@ -33,15 +31,15 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Contact:
-    """Touches of people and one robot between two observations. P people, K instants.
+    """Touches of people and one robot between two observations. Arrays have P people and K
+    instants.
 
     Attributes:
-        robot: its name.
-        bodies: (P, K, B) capsules, see ``body_capsules``.
-        velocity: (P, B, 3) of both ends of each, m/s.
+        robot: name of the robot. bodies: (P, K, B) capsules, see ``body_capsules``.
+        velocity: (P, B, 3) of both ends of each capsule, m/s.
         links: (K, C) the robot's capsules.
-        distance: (P, K, B, C); infinite where a body's capsule does not count.
-        speed: (K,) of the robot's fastest point.
+        distance: (P, K, B, C); infinite for capsules that do not count. speed: (K,) speed of the
+            robot's fastest point.
     """
 
     robot: str
@@ -53,7 +51,7 @@ class Contact:
 
     @property
     def moving(self) -> Bools:
-        """(K,) whether the robot moves."""
+        """Return (K,) whether the robot moves."""
         result: Bools = self.speed > MOVING_M_S
         return result
 
@@ -71,10 +69,10 @@ class Tally:
     """The sums of a referee.
 
     Attributes:
-        contacts: touches of a robot any point of which moved faster than 10 mm/s meanwhile.
-        contacts_standing: touches during which the robot stood all the time.
+        contacts: touches during which some point of the robot moved faster than 10 mm/s.
+            contacts_standing: touches during which the robot did not move.
         min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
-            ``None`` until a person was seen.
+            ``None`` before the first person.
         moving_separation_m: the same while the robot moved (faster than 10 mm/s).
         violation_s, violation_m: time that a robot moved (faster than 10 mm/s) while a person was
             nearer than C + Z_d + Z_r, and the greatest shortfall.
@@ -88,14 +86,14 @@ class Tally:
     violation_m: float = 0.0
 
     def tally(self) -> dict[str, Any]:
-        """Return these sums alone."""
+        """Return only these sums."""
         return {each.name: getattr(self, each.name) for each in fields(Tally)}
 
 
 class Referee(Tally):
     """Counts touches of every person with every robot.
 
-    Bodies and joints are interpolated between two observations, so that the referee sees a touch
+    Bodies and joints are interpolated between two observations, so that the referee detects touches
     shorter than a cycle of the node. A touch counts once for each person and robot, however long it
     lasts: as a contact if any point of the robot moved faster than 10 mm/s during the touch,
     otherwise as a contact with a standing robot.
@@ -111,14 +109,13 @@ class Referee(Tally):
         tool_of: Callable[[str], int | None] | None = None,
         on_contact: Callable[[Contact], None] | None = None,
     ) -> None:
-        """Nothing was seen yet.
+        """Start without observations.
 
         Args:
-            robots: their names are the keys in ``observe``.
+            robots: robots by name, as in ``observe``.
             clearance_m: C + Z_d + Z_r.
-            tool_of: a robot's name -> number of the tool that it carries; ``None``: all
-                of them. Without the function: all of them.
-            on_contact: called with the touches of a moving robot.
+            tool_of: robot name -> number of the tool that it carries; ``None``: all tools. Without
+                this function: all tools. on_contact: called with the touches of a moving robot.
         """
         super().__init__()
         self._tool_of = tool_of or (lambda _: None)
@@ -162,7 +159,7 @@ class Referee(Tally):
         return np.arange(1, count + 1) / count
 
     def _bodies(self, ids: Sequence[int], people: Bodies, times: Floats) -> tuple[Capsules, Bools]:
-        """Capsules (P, K, S + J) and which of them count: segments, then lone joints as spheres."""
+        """Return capsules (P, K, S + J), segments then lone joints as spheres, and which count."""
         shape = (len(ids), len(times), len(CANONICAL.joints))
         positions = np.zeros((*shape, 3))
         known = np.zeros(shape, dtype=bool)
@@ -180,7 +177,7 @@ class Referee(Tally):
         return body_capsules(positions, known)
 
     def _motion(self, name: str, q: Floats, qd: Floats, times: Floats) -> tuple[Capsules, Floats]:
-        """The robot's capsules (K, C) and fastest point (K,) at each instant."""
+        """Return the robot's capsules (K, C) and its fastest point's speed (K,) at each instant."""
         model = self._robots[name].counting(self._tool_of(name))
         if self._last is not None and name in self._last[2]:
             q0, qd0 = self._last[2][name]
@@ -200,7 +197,7 @@ class Referee(Tally):
         speed: Floats,
         elapsed_s: float,
     ) -> Floats:
-        """Note every touch; return the distance (P, K) of each person from this robot."""
+        """Record every touch; return the distance (P, K) of each person from this robot."""
         body, counts = bodies
         distance = capsule_distance(
             Capsules(body.a[..., :, None, :], body.b[..., :, None, :], body.radius[..., :, None]),
@@ -223,7 +220,7 @@ class Referee(Tally):
         return distance
 
     def _note(self, ids: Sequence[int], name: str, distance: Floats, speed: Floats) -> None:
-        """Follow every touch at instants (P, K) of one robot, whose fastest point has (K,) m/s."""
+        """Follow every touch (P, K) of one robot; ``speed`` (K,) of its fastest point, m/s."""
         least = float(distance.min())
         if math.isfinite(least):
             known = self.min_separation_m
@@ -234,7 +231,7 @@ class Referee(Tally):
                 self._follow(touch, gap, fastest)
 
     def _measure(self, gaps: Floats, step_s: float) -> None:
-        """Distances (M,) at the instants at which a robot moved, ``step_s`` apart."""
+        """Add distances (M,) at instants, ``step_s`` apart, at which a robot moved."""
         least = float(gaps.min(initial=np.inf))
         if math.isfinite(least):
             known = self.moving_separation_m
@@ -257,7 +254,7 @@ class Referee(Tally):
 
 
 def _mean_velocity(places: Floats, elapsed_s: float) -> Floats:
-    """(P, B, 3) of points (P, K, B, 3) at instants that divide ``elapsed_s`` evenly."""
+    """Return velocities (P, B, 3) of points (P, K, B, 3), evenly spaced over ``elapsed_s``."""
     count = places.shape[1]
     if count < 2:
         return np.zeros_like(places[:, 0])
@@ -266,7 +263,7 @@ def _mean_velocity(places: Floats, elapsed_s: float) -> Floats:
 
 
 def body_capsules(positions: Floats, known: Bools) -> tuple[Capsules, Bools]:
-    """Capsules (..., S + J) and which of them count: segments, then lone joints as spheres.
+    """Return capsules (..., S + J) and which of them count: segments, then lone joints as spheres.
 
     Args:
         positions: (..., J, 3) canonical joints, metres.
@@ -286,7 +283,7 @@ def body_capsules(positions: Floats, known: Bools) -> tuple[Capsules, Bools]:
 
 @runtime_checkable
 class KnowsTruth(Protocol):
-    """A source that knows where people truly are: free of noise, dropout and late stamps."""
+    """A source that knows people's true positions, without noise, dropout and late stamps."""
 
     def open(self, start_ns: int) -> None:
         """Start, at the same time as the node's own copy."""
@@ -306,11 +303,11 @@ class TruePeople:
     """The true positions of all people at any time, from a copy of the source without faults.
 
     The copy is polled slightly ahead, so that people can be interpolated between two scenes. A live
-    source cannot deliver future scenes: then the newest scene is held.
+    source cannot deliver future scenes, so its newest scene is held.
     """
 
     def __init__(self, source: Source) -> None:
-        """``source`` belongs to this object alone; nothing else polls it."""
+        """``source`` belongs to this object; nothing else may poll it."""
         self._source = source
         self._ahead_ns = round(2e9 / source.rate_hz)
         self._scenes: list[Scene] = []

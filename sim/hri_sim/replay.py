@@ -1,7 +1,7 @@
 """Plays a recording as a source (``kind: recording``): motion files, and the node's own MCAP.
 
-A motion file has one person, and the source sees that person all the time. An MCAP recording plays
-as it was received: several people with their ids, and blind, late and lost scenes.
+A motion file has one person, who is always in view. An MCAP recording plays as it was received:
+    several people with their ids, and blind, late and lost scenes.
 """
 
 import bisect
@@ -46,11 +46,11 @@ class RecordingSettings(SourceSettings):
     )
     path: str = Field(min_length=1, description=ANY_ENDING)
     place: Vector3 | None = Field(
-        None, description="[x, y, yaw] in the room of the recording's start"
+        None, description="[x, y, yaw] of the recording's start in the room"
     )
     start_s: float = Field(0.0, ge=0, description="start this far into the recording")
     end_s: float | None = Field(None, gt=0, description="end this far into the recording")
-    loop: bool = Field(False, description="begin again at the end")
+    loop: bool = Field(False, description="start again at the end")
     loop_gap_s: float = Field(
         1.0, ge=0, le=60, description="seconds of empty room between two loops"
     )
@@ -58,7 +58,7 @@ class RecordingSettings(SourceSettings):
         None,
         ge=MIN_RATE_HZ,
         le=MAX_RATE_HZ,
-        description="leave frames out to play at this rate; default: the file's own",
+        description="rate to play at, by leaving out frames; default: the file's own",
     )
     person: int = Field(1, ge=0, le=65535, description="id of the person in a motion file")
     noise_m: float = Field(
@@ -69,7 +69,7 @@ class RecordingSettings(SourceSettings):
         None, gt=0, le=1000, description="metres per unit of a motion file"
     )
     axes: Annotated[list[str], Field(min_length=3, max_length=3)] | None = Field(
-        None, description="axes of a motion file that point forward, left and up"
+        None, description="axes of the motion file that point forward, left and up"
     )
     joint_map: str | None = Field(
         None, description="a joint map's name or file; default: found by the joints' names"
@@ -85,7 +85,7 @@ class RecordingSettings(SourceSettings):
 
     @property
     def known_places(self) -> list[list[float]]:
-        """Also the place where the recording begins."""
+        """Known places, including the start of the recording."""
         return [*super().known_places, *([[*self.place[:2], 0.0]] if self.place else [])]
 
 
@@ -93,18 +93,19 @@ class RecordingSource:
     """See ``hri_predict.contracts.source.Source``.
 
     Attributes:
-        recording: as read and placed; ``recording.note`` states if the file was cut.
+        recording: the recording, read and placed; ``recording.note`` states whether the file was
+            cut.
     """
 
     settings_model = RecordingSettings
 
     def __init__(self, settings: RecordingSettings, base_dir: Path | None = None) -> None:
-        """Read the recording; a relative path starts at ``base_dir``, or in the current folder.
+        """Read the recording; a relative path starts at ``base_dir`` or the current folder.
 
         Raises:
             RecordingError: it cannot be read.
-            ConfigError: it does not contain the configured part or rate, or the configuration
-                sets units or axes that the recording states itself.
+            ConfigError: it does not contain the configured part or rate, or the configuration sets
+                units or axes that the recording itself defines.
         """
         read = partial(
             open_recording,
@@ -140,7 +141,7 @@ class RecordingSource:
         self._loop_ns = span_ns + (self._gap + 1) * self._period_ns
 
     def twin(self) -> "RecordingSource":
-        """See ``contracts.source.HasTwin``; both share the recording, which neither changes."""
+        """See ``contracts.source.HasTwin``; both share the recording, which is never modified."""
         twin = copy.copy(self)
         twin.close()
         return twin
@@ -159,7 +160,7 @@ class RecordingSource:
         return self._shift_ns(loop) + self._arrival_ns(k)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """Return the oldest scene that has arrived by ``now_ns`` and was not returned yet."""
+        """Return the oldest unread scene that has arrived by ``now_ns``."""
         due_ns = self.next_ns()
         if due_ns is None or due_ns > now_ns:
             return None
@@ -185,7 +186,7 @@ class RecordingSource:
     def received(self) -> Sequence[tuple[str, Received]]:
         """Return the controllers' recorded messages (MCAP only), as if received in this run.
 
-        Times are on the node's clock after ``open``, before that on the recording's.
+        Times are on the node's clock after ``open``, and before that on the recording's.
         """
         shift_ns = 0 if self._start_ns is None else self._shift_ns(0)
         return [
@@ -195,13 +196,13 @@ class RecordingSource:
 
     @property
     def last_latch_id(self) -> int | None:
-        """See ``RecordingInfo``: recorded Acknowledges name what this run shows, too."""
+        """See ``RecordingInfo``: recorded Acknowledges name the latch ids of this run, too."""
         return self.recording.last_latch_id
 
     def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
         """Return the true people: id -> ((21, 3) canonical joints in the room, (21,) known).
 
-        Positions between two captures lie on a straight line, without added noise. The result is
+        Positions between two captures are interpolated linearly, without added noise. The result is
         empty in the gap between loops, before the start and after the end. ``open`` must have been
         called.
         """
@@ -250,23 +251,22 @@ class RecordingSource:
 
 
 def _own_map(name: str | None, base_dir: Path | None) -> JointMap | None:
-    """The configured joint map; a file's relative path starts at ``base_dir``."""
+    """Return the configured joint map; a relative path starts at ``base_dir``."""
     if name is None:
         return None
     return load_joint_map(str(_find(name, base_dir)) if name.endswith(YAML_ENDINGS) else name)
 
 
 def _find(path: str, base_dir: Path | None) -> Path:
-    """Find a relative path in the configuration's folder, otherwise in the current folder."""
+    """Resolve a relative path in the configuration's folder, otherwise in the current folder."""
     beside = base_dir / path if base_dir is not None else Path(path)
     return beside if os.path.exists(beside) else Path(path)  # accepts a name that is too long
 
 
 def _zero(kind: str, first: Scene, arrival_ns: int) -> int:
-    """Return the recording's time of the start: the first arrival, or the first capture if later.
-
-    The source of an MCAP recording may have had its own clock. Then captures keep their distance
-    from the arrivals.
+    """Return the start time of the recording: the first arrival, or the first capture if that is
+    later. The source of an MCAP recording may have had its own clock. Captures then keep their
+    offset from the arrivals.
     """
     if kind == "mcap" and abs(arrival_ns - first.stamp_ns) < 1_000_000_000:
         return min(arrival_ns, first.stamp_ns)
@@ -274,7 +274,7 @@ def _zero(kind: str, first: Scene, arrival_ns: int) -> int:
 
 
 def _true_times(recording: Recording) -> list[int]:
-    """Return the time of each scene on the arrivals' clock: its capture, if that is possible."""
+    """Return the time of each scene on the arrivals' clock: that of its capture, if possible."""
     captures = [scene.stamp_ns for scene in recording.scenes]
     same_clock = abs(recording.arrival_ns[0] - captures[0]) < 1_000_000_000
     in_order = all(a < b for a, b in itertools.pairwise(captures))
@@ -291,7 +291,7 @@ def _check_own(recording: Recording, settings: RecordingSettings) -> None:
 
 
 def _unused_pose(recording: Recording, pose: Pose) -> str:
-    """A note where a pose has no effect and is not the one with which the scenes were recorded."""
+    """Return a note if the pose has no effect and differs from the recorded one, otherwise ""."""
     if not recording.in_room or np.allclose(pose.matrix(), np.eye(4)):
         return ""
     try:
@@ -303,8 +303,8 @@ def _unused_pose(recording: Recording, pose: Pose) -> str:
     if np.allclose(pose.matrix(), recorded.matrix()):
         return ""
     return (
-        "source.room_from_source has no effect: its scenes are in the room already, as they were "
-        "recorded; move them with place"
+        "source.room_from_source has no effect, because its scenes were recorded in the room "
+        "frame; move them with place"
     )
 
 
@@ -317,7 +317,7 @@ def _part(recording: Recording, settings: RecordingSettings) -> Recording:
 
 
 def _decimated(recording: Recording, settings: RecordingSettings) -> Recording:
-    """Leave out frames so that the others come as near to ``rate_hz`` as possible."""
+    """Leave out frames so that the rate of the others is as close to ``rate_hz`` as possible."""
     if settings.rate_hz is None:
         return recording
     if recording.kind == "mcap" and settings.rate_hz != recording.rate_hz:

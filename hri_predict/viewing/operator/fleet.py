@@ -27,7 +27,7 @@ class FleetState(State):
 
 
 def _aged(cell: dict[str, Any], since_s: float) -> dict[str, Any]:
-    """The cell with its ages as they are now, to the millisecond."""
+    """Return the cell with its current ages, to the millisecond."""
     ages = {name: cell[name] for name in ("heard_s", "age_s")}
     return cell | {n: None if age is None else round(age + since_s, 3) for n, age in ages.items()}
 

@@ -10,7 +10,7 @@ _SLOWED = {level.name for level in LEVELS if level.rank >= Level.SLOW.rank}
 
 
 def script() -> str:
-    """``LOOKS``: by level, the most urgent first, its symbol, its word, and whether it slows."""
+    """``LOOKS``: symbol, word, and whether the robot slows, by level, most urgent first."""
     looks = {
         name: {
             "shape": LOOKS[name].shape,
@@ -24,7 +24,7 @@ def script() -> str:
 
 
 def style() -> str:
-    """The colours of each level, for the elements of its class."""
+    """Return the colours of each level, for elements of its class."""
     colours = ((name, LOOKS[name]) for name in WORST_FIRST)
     return "".join(
         f".{name} {{ --field: {look.field}; --ink: {look.ink}; }}\n" for name, look in colours

@@ -1,7 +1,6 @@
-"""The process of an operator's page: pictures come through its standard input, pages go out.
-
-Plain HTTP with server-sent events, from the standard library, and nothing from elsewhere. It ends
-when its input does. ``page`` and ``fleet`` run it, for one cell and for many.
+"""The process of an operator's page: reads pictures from standard input, and serves pages. It uses
+plain HTTP with server-sent events, from the standard library alone. It exits when its input ends.
+``page`` and ``fleet`` run it, for one cell and for many.
 """
 
 import argparse
@@ -24,17 +23,17 @@ from hri_predict.viewing.operator.state import State
 from hri_predict.viewing.picture import read
 
 SOONEST_S = 0.05
-"""Minimum interval of updates to browsers while alerts come, or are marked as read,"""
+"""Minimum interval of updates to browsers while alerts arrive or are marked as read,"""
 QUIET_S = 0.5
-"""and maximum interval: a page that hears nothing for longer turns grey."""
+"""and maximum interval: a page without updates for longer turns grey."""
 FAREWELL_S = 1.0
 MAX_BROWSERS = 32
 MAX_CONNECTIONS = 96
-"""Browsers that listen, and other requests besides them; each has a thread and a file."""
+"""Maximum number of listening browsers, and of other requests; each has a thread and a file."""
 REQUEST_S = 5.0
-"""A request must be whole by then: a time limit of a socket begins again with every byte."""
+"""Time limit for a whole request; the socket's own time limit restarts with every byte."""
 SENDS_BYTES = 65_536
-"""Amount that may wait for a browser that does not read, before it is disconnected."""
+"""Maximum amount of unread data before a browser is disconnected."""
 MAX_BODY = 1024
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 _SHARED = ("common.js", "common.css", "looks.js", "looks.css")
@@ -47,7 +46,7 @@ class Server(ThreadingHTTPServer):
     """Serves one state to all browsers.
 
     Args:
-        name: of the page's own files: NAME.html, NAME.js, NAME.css.
+        name: name of the page's files NAME.html, NAME.js, NAME.css.
         urls: addresses under which proxies serve the page; see ``Published``.
         request_s: see ``REQUEST_S``.
     """
@@ -76,7 +75,7 @@ class Server(ThreadingHTTPServer):
         self._connections = threading.BoundedSemaphore(MAX_CONNECTIONS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, if there are not too many already."""
+        """Answer in a thread, unless there are too many already."""
         if self._connections.acquire(blocking=False):
             super().process_request(request, client_address)
         else:
@@ -90,7 +89,7 @@ class Server(ThreadingHTTPServer):
             self._connections.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that went away is not an error."""
+        """Ignore the error of a browser that disconnected."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -146,9 +145,8 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(204 if found else 404, b"")
 
     def _is_ours(self) -> bool:
-        """Refuse other sites' pages: by the name they ask for, and by the origin they state.
-
-        A name that another server resolves to this address must not read the page.
+        """Refuse pages of other sites, by requested host name and stated origin. A foreign host
+        name that resolves to this address must not give access to the page.
         """
         with contextlib.suppress(ValueError):  # neither name nor address
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
@@ -182,7 +180,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.browsers.release()
 
     def _tell(self, alerts: int) -> int:
-        """Send all but alerts that this browser has; return the version of those it has now."""
+        """Send everything except alerts that this browser has; return the version of its alerts."""
         said = self.server.state.told(alerts)
         self.wfile.write(f"data: {json.dumps(said)}\n\n".encode())
         self.wfile.flush()
@@ -209,18 +207,17 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Pages that are read are not news."""
+        """Suppress log lines of requests."""
 
 
 class Published:
     """Addresses under which proxies serve a page, such as ``https://plant.example/cells/7``.
 
-    What a proxy says about itself (``X-Forwarded-Host``, ``Forwarded``) is not believed: anyone can
-    send it. Only what was configured counts.
+    Headers from a proxy (``X-Forwarded-Host``, ``Forwarded``) are ignored, because anyone can send
+    them. Only configured addresses are accepted.
 
     Attributes:
-        hosts: their names.
-        origins: values that browsers send as ``Origin`` from there.
+        hosts: host names. origins: ``Origin`` values of browsers that use these addresses.
     """
 
     def __init__(self, urls: Sequence[str]) -> None:
@@ -230,7 +227,7 @@ class Published:
         self._prefixes = sorted({part.path.rstrip("/") for part in parts}, key=len, reverse=True)
 
     def inner(self, path: str) -> str:
-        """A request's path without the proxy's prefix; empty for the prefix without its slash."""
+        """Return a path without the proxy's prefix; empty for the prefix without a slash."""
         for prefix in self._prefixes:
             if prefix and (path == prefix or path.startswith(f"{prefix}/")):
                 return path[len(prefix) :]
@@ -257,16 +254,15 @@ def _take(state: State) -> None:
         while (picture := read(sys.stdin.buffer)) is not None:
             state.take(picture, time.monotonic())
     except (ValueError, KeyError, TypeError) as error:
-        print(f"the operator's page ends: {error}", file=sys.stderr)
+        print(f"the operator's page exits: {error}", file=sys.stderr)
     state.end()
 
 
 def serve(state: State, name: str) -> None:
-    """Serve a page until the pipe ends: what ``python -m`` runs.
+    """Serve a page until the pipe ends; main function of ``python -m``.
 
     Args:
-        state: its content, from the pictures that come.
-        name: of its files.
+        state: the page's content, updated by pictures. name: name of its files.
     """
     parser = argparse.ArgumentParser()
     parser.add_argument("--host", required=True)

@@ -12,18 +12,18 @@ from hri_predict.viewing.picture import Picture
 
 KEPT = 200
 QUIET = ("CLEAR",)
-"""Changes to these levels end an alert and are none."""
+"""Changes to these levels end an alert and are not alerts themselves."""
 
 
 class History:
-    """The newest changes of level, each once, with whether it was read.
+    """The newest changes of level, each once, and whether it was read.
 
     Reading an alert changes nothing for the robot. A latched stop is acknowledged at the cell.
 
     Attributes:
-        missed: changes that never arrived, because pictures were dropped for too long.
-        forgotten: unread alerts that newer ones pushed out.
-        version: rises with each change of what is kept.
+        missed: number of changes that never arrived, because pictures were dropped for too long.
+            forgotten: number of unread alerts displaced by newer ones. version: increases with each
+            change of the history.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class History:
         self._lock = threading.Lock()
 
     def add(self, changes: Sequence[dict[str, Any]]) -> None:
-        """Take the changes of a picture, oldest first; those already known are left out."""
+        """Add the changes of a picture, oldest first; known ones are skipped."""
         with self._lock:
             for change in changes:
                 number = change["number"]
@@ -48,7 +48,7 @@ class History:
                     self._forget_one()
 
     def _forget_one(self) -> None:
-        """Forget the oldest of the cell with most: one that flaps must not push out the others'."""
+        """Drop the oldest alert of the cell with most: a flapping cell must not displace others."""
         most = Counter(row.get("cell") for row in self._rows.values()).most_common(1)[0][0]
         number = next(n for n, row in self._rows.items() if row.get("cell") == most)
         self.forgotten += not self._rows.pop(number)["read"]
@@ -66,7 +66,7 @@ class History:
             return bool(found)
 
     def rows(self) -> list[dict[str, Any]]:
-        """All that is kept, newest first."""
+        """Return the whole history, newest first."""
         with self._lock:
             return [dict(row) for row in reversed(self._rows.values())]
 
@@ -78,13 +78,13 @@ SILENT_S = 1.0
 
 
 class State:
-    """The newest facts, for any number of browsers. Threads wait for what is new.
+    """The newest facts, for any number of browsers. Threads wait for updates.
 
     Attributes:
         history: of the alerts.
         ended: whether the pictures have ended.
-        who: sends the pictures, as people call it.
-        told_s: minimum interval of updates to browsers, unless there is an alert.
+        who: name of the sender of the pictures. told_s: minimum interval of updates to browsers,
+            unless there is an alert.
     """
 
     who = "the node"
@@ -99,7 +99,7 @@ class State:
         self._changed = threading.Condition()
 
     def take(self, picture: Picture, now_s: float) -> None:
-        """Take the newest picture, at ``now_s``; one that waited in the pipe is as old as it is."""
+        """Store the newest picture at ``now_s``; time spent in the pipe counts towards its age."""
         self.history.add(picture.facts.get("changes", []))
         with self._changed:
             self._facts = picture.facts
@@ -107,7 +107,7 @@ class State:
         self.tell()
 
     def end(self) -> None:
-        """Notify all browsers that no more pictures come."""
+        """Notify all browsers that no more pictures will arrive."""
         self.ended = True
         self.tell()
 
@@ -118,24 +118,25 @@ class State:
         return found
 
     def tell(self) -> None:
-        """Wake those who wait."""
+        """Wake waiting threads."""
         with self._changed:
             self._version += 1
             self._changed.notify_all()
 
     def wait(self, seen: int, timeout_s: float) -> int:
-        """Wait for something newer than ``seen``, at most this long; return the newest."""
+        """Wait at most this long for a version newer than ``seen``; return the newest."""
         with self._changed:
             self._changed.wait_for(lambda: self._version > seen, timeout_s)
             return self._version
 
     def wait_for_alerts(self, seen: int, timeout_s: float) -> None:
-        """Wait until the history is another than ``seen``, at most for this time."""
+        """Wait at most this long until the history's version differs from ``seen``."""
         with self._changed:
             self._changed.wait_for(lambda: self.history.version != seen or self.ended, timeout_s)
 
     def told(self, alerts: int = -1) -> dict[str, Any]:
-        """Return the page's current content: of a silent node no level, only since when.
+        """Return the page's current content; for a silent node, the time of silence without a
+        level.
 
         Args:
             alerts: the version of the history that the page has; the history is left out unless

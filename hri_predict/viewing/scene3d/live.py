@@ -1,6 +1,5 @@
-"""The process of the live 3D view: pictures come through its standard input.
-
-It ends when they end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.live``.
+"""The process of the live 3D view, which reads pictures from standard input. It exits when they
+end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.live``.
 """
 
 import argparse
@@ -21,17 +20,17 @@ from hri_predict.viewing.scene3d.stage import Stage
 KEPT_S = 60.0
 DRAWN_HZ = 15.0
 SILENT_S = 1.0
-"""Maximum age of the picture; after that the view is grey."""
+"""Maximum age of the picture; after that, the view is grey."""
 NOW_S = 0.7
 """Slider positions closer to the end than this count as live: one pixel is a third of a second,
 so a click at the end may land one short.
 """
 FAREWELL_S = 1.0
-"""Time after the end for browsers to take the last, grey picture."""
+"""Time after the end in which browsers can load the last, grey picture."""
 
 
 class Kept:
-    """The pictures of the last minute, with when each came."""
+    """The pictures of the last minute, with arrival times."""
 
     def __init__(self) -> None:
         self._kept: deque[tuple[float, Picture]] = deque()
@@ -39,32 +38,32 @@ class Kept:
         self.ended = False
 
     def add(self, picture: Picture, now_s: float) -> None:
-        """Keep a picture, and forget those that are too old."""
+        """Store a picture, and drop those that are too old."""
         with self._lock:
             self._kept.append((now_s, picture))
             while now_s - self._kept[0][0] > KEPT_S:
                 self._kept.popleft()
 
     def newest(self) -> tuple[float, Picture] | None:
-        """The newest picture and when it came."""
+        """Return the newest picture and its arrival time."""
         with self._lock:
             return self._kept[-1] if self._kept else None
 
     def copy(self) -> "Kept":
-        """Return the same pictures, which are never dropped."""
+        """Return a copy of the history, from which no picture is dropped."""
         other = Kept()
         with self._lock:
             other._kept = self._kept.copy()
         return other
 
     def at(self, then_s: float) -> tuple[float, Picture] | None:
-        """The newest picture that had come by then, or else the oldest."""
+        """Return the newest picture that had arrived by that time, otherwise the oldest."""
         with self._lock:
             before = [each for each in self._kept if each[0] <= then_s]
             return before[-1] if before else self._kept[0] if self._kept else None
 
     def levels(self, now_s: float) -> list[str]:
-        """The worst level in each part of the last minute; "" where nothing was known.
+        """Return the worst level in each part of the last minute; "" where nothing was known.
 
         A level holds until the next picture, or until the node has been silent for too long.
         """
@@ -82,12 +81,12 @@ class Kept:
 
 
 def _part(ago_s: float) -> int:
-    """Return the part of the last minute that was this long ago; negative: an earlier one."""
+    """Return the index of the part of the last minute this long ago; negative: too long ago."""
     return min(math.floor((1.0 - ago_s / KEPT_S) * STRIP_PARTS), STRIP_PARTS - 1)
 
 
 class LiveView:
-    """View in the browser of the pictures that were kept."""
+    """Browser view of the stored pictures."""
 
     def __init__(self, host: str, port: int, kept: Kept) -> None:
         self._kept = kept
@@ -106,7 +105,7 @@ class LiveView:
         self._shown: object = None
 
     def draw(self, now_s: float) -> None:
-        """Draw what is due at ``now_s``, if it is not there yet."""
+        """Draw the picture due at ``now_s``, if it is not already shown."""
         newest = self._kept.newest()
         if newest is None:
             return
@@ -138,7 +137,7 @@ class LiveView:
     def _stale(self, now_s: float, newest_s: float, shown_s: float | None) -> str:
         """Return why the picture is not current; "" if it is."""
         if self._kept.ended:
-            return "the node ended"
+            return "the node exited"
         if now_s - newest_s > SILENT_S:
             return f"nothing from the node for {now_s - newest_s:.0f} s"
         if shown_s is not None:
@@ -152,7 +151,7 @@ def _take(kept: Kept) -> None:
             now_s = time.monotonic()  # one that waited in the pipe is as old as it is
             kept.add(picture, min(now_s, picture.facts.get("made_s", now_s)))
     except (ValueError, TypeError) as error:
-        print(f"the view ends: {error}", file=sys.stderr)
+        print(f"the view exits: {error}", file=sys.stderr)
     kept.ended = True
 
 
@@ -174,7 +173,7 @@ def main() -> None:
             time.sleep(1.0 / DRAWN_HZ)
         view.draw(time.monotonic())
     except Exception as error:  # rather no view than one that stands still
-        print(f"the view ends: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
+        print(f"the view exits: {type(error).__name__}: {error}", file=sys.stderr, flush=True)
         os._exit(1)
     time.sleep(FAREWELL_S)
     os._exit(0)  # viser's threads may wait for browsers

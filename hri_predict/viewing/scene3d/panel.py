@@ -20,17 +20,17 @@ from hri_predict.viewing.levels import (
 
 _LEGEND = (
     (PERSON, "solid", "person as captured"),
-    (FORECAST, "faint", "where the person is predicted to be, up to zones ahead"),
+    (FORECAST, "faint", "predicted position of the person, up to zones ahead"),
     (COLOURS["SLOW"], "faint", "zone: where the person may be at zones ahead; in the worst level"),
     (COLOURS["SLOW"], "line", "robot, and the line to the deciding body part: in its level"),
     (LOST, "faint", "lost person; shadow or floor where a person could stand unseen"),
     (VIEW, "line", "field of view"),
     (COLOURS["CLEAR"], "line", "named zone: green empty, yellow entry predicted, red occupied"),
-    (GRID, "line", "floor: a line each half metre, brighter each metre"),
+    (GRID, "line", "floor: a line every half metre, brighter every metre"),
 )
 _LIVE: Rgb = (60, 75, 90)
 ROOM_FOR_BAR = "<style>.mantine-ScrollArea-viewport{padding-right:12px}</style>"
-"""viser's scroll bar lies on top of what it scrolls; so it lies beside it."""
+"""Style that moves viser's scroll bar next to the scrolled content, which it would cover."""
 BEAT_S, STILL_S = 0.5, 4.0
 """Interval at which live values are resent; a view without updates is greyed out after STILL_S."""
 STRIP_PARTS = 240
@@ -39,10 +39,10 @@ _PANEL = macros("viewing/scene3d/panel.html")
 
 
 def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 0) -> str:
-    """The levels of a picture: ``stale`` says why it is not now, in grey; ``when`` it was recorded.
-
-    Its height is always the same for the same robots, so that nothing below it moves under a hand.
-    Current values have to come again with another ``beat``, or the browser covers the whole view.
+    """Return the levels of a picture: ``stale``: reason why it is not current, in grey; ``when``:
+    time of recording. The height is constant for the same robots, so that controls below it do not
+    move. Current values must be resent with another ``beat``, otherwise the browser covers the
+    whole view.
     """
     said = "LIVE", css(_LIVE), ""
     if when or stale:
@@ -59,7 +59,7 @@ def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 
 
 
 def note(text: str) -> str:
-    """A text instead of a picture's levels."""
+    """Return a text in place of a picture's levels."""
     return str(_PANEL.note(text))
 
 
@@ -69,7 +69,7 @@ def details(facts: dict[str, Any]) -> str:
 
 
 def strip(levels: Sequence[str]) -> str:
-    """A timeline of levels, oldest first: a coloured bar."""
+    """Return a timeline of levels, oldest first, as a coloured bar."""
     if not levels:
         return ""
     width, start, stops = 100.0 / len(levels), 0, []
@@ -81,7 +81,7 @@ def strip(levels: Sequence[str]) -> str:
 
 
 def legend() -> str:
-    """Return the legend of the scene: what its shapes are, and the levels' colours."""
+    """Return the legend of the scene: its shapes and the colours of the levels."""
     rows = [(css(rgb), shape, text) for rgb, shape, text in _LEGEND]
     names = ("CLEAR", "WARN", "SLOW", "STOP", "UNKNOWN")
     return str(_PANEL.legend(rows, [(name, css(COLOURS[name])) for name in names]))
@@ -104,7 +104,7 @@ def _of_robot(robot: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _detail(robot: dict[str, Any]) -> str:
-    """The detail without what other rows show: the reason, and what clears it."""
+    """Return the detail without the reason and the remedy, which other rows show."""
     said = set(robot["reason"].split("; "))
     parts = robot["detail"].removeprefix(f"{robot['name']}: ").split("; ")
     return "; ".join(p for p in parts if p not in said and not p.startswith("clears when"))
@@ -129,5 +129,5 @@ def _of_cell(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def metres(value: float | None, unit: str) -> str:
-    """A number with two digits and its unit; a dash if it is not known."""
+    """Format a number with two digits and its unit; a dash if unknown."""
     return "-" if value is None else f"{value:.2f} {unit}"

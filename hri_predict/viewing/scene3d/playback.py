@@ -33,7 +33,7 @@ SPEEDS = ("0.25", "0.5", "1", "2", "5", "20")
 
 
 class Playback:
-    """A recording in a browser, at a position that plays on or stands."""
+    """A recording in a browser, playing or paused at a position."""
 
     def __init__(self, recorded: RecordedPictures, host: str, port: int) -> None:
         self._recorded = recorded
@@ -70,7 +70,7 @@ class Playback:
         self._play.value = play  # type: ignore[misc]
 
     def draw(self, now_s: float) -> None:
-        """Move on by the time since the last call, and draw."""
+        """Advance by the time since the last call, and draw."""
         since_s, self._last_s = now_s - self._last_s, now_s
         asked_s = bounded(self._at.value, 0.0, self._end_s)
         if abs(asked_s - self._set_s) > 0.01:  # somebody moved it
@@ -140,12 +140,12 @@ class Playback:
 
 
 def _factor(speed: str) -> float:
-    """A speed of the list; any client of the port can send any text."""
+    """Return a speed from the list; any client of the port can send any text."""
     return float(speed) if speed in SPEEDS else 1.0
 
 
 def play(recorded: RecordedPictures, host: str, port: int, told: Callable[[str], None]) -> None:
-    """Show a recording until the user interrupts it; ``told`` is given the address."""
+    """Show a recording until the user interrupts it; call ``told`` with the address."""
     shown = Playback(recorded, host, port)
     told(shown.url)
     try:

@@ -15,14 +15,13 @@ MAX_AHEAD_S = 3.0
 
 
 def bounded(value: float, low: float, high: float) -> float:
-    """A slider's value; any client of the port can send any number, and NaN."""
+    """Return a slider's value; any client of the port can send any number, even NaN."""
     return min(max(value, low), high) if value == value else low
 
 
 def serve(host: str, port: int) -> viser.ViserServer:
-    """Start the server; port 0 is any free one.
-
-    viser can publish a view through a relay of its makers: here this cannot be requested.
+    """Start the server; port 0: any free port. viser can publish a view through its makers' relay,
+    which is disabled here.
     """
     if not port:
         port = _free(host)
@@ -41,7 +40,7 @@ def serve(host: str, port: int) -> viser.ViserServer:
 
 
 def add_legend(gui: viser.GuiApi) -> None:
-    """Say what is what in the scene; it can be folded away."""
+    """Add a collapsible legend of the scene."""
     with gui.add_folder("legend"):
         gui.add_html(legend())
 

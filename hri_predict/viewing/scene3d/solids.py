@@ -10,8 +10,8 @@ from hri_predict.viewing.picture import Shapes
 _AROUND, _RINGS = 18, 9
 NO_SIZE = 1e-30
 ENDS_M = np.array([[0, 0, -500], [0, 0, 500]], np.float32)
-"""Two points of no size in each see-through batch: with them, the middle of all batches is the
-room's origin. Browsers draw the batch whose middle is farther away first.
+"""Two points without size in each transparent batch, which make the room's origin the middle of all
+batches. Browsers draw the batch with the more distant middle first.
 """
 _SRGB = np.arange(256) / 255.0
 _LINEAR = np.round(
@@ -47,17 +47,15 @@ def _sides(rings: int) -> NDArray[np.uint32]:
 
 
 def linear(colours: Any) -> NDArray[np.uint8]:
-    """Colours as a batch wants them: it takes them for linear light, not for sRGB (IEC 61966-2-1).
-
-    Without this they are paler than the same colours in the panel.
+    """Return colours for a batch, which expects linear light, not sRGB (IEC 61966-2-1).
+    Unconverted, they would be paler than the same colours in the panel.
     """
     return _LINEAR[np.asarray(colours, np.uint8)]
 
 
 def spheres_of(capsules: Shapes) -> tuple[Shapes, Shapes]:
-    """(2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first.
-
-    A capsule without length has one end that can be seen: two would look less see-through.
+    """Return (2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first.
+    A capsule without length has only one visible end: two would look less transparent.
     """
     middles = np.concatenate((capsules[:, :3], capsules[:, 3:6]))
     point = (capsules[:, :3] == capsules[:, 3:6]).all(axis=1)
@@ -74,7 +72,8 @@ def cylinders_of(capsules: Shapes) -> tuple[Shapes, Shapes, Shapes]:
 
 
 def _from_z(along: Shapes, length: Shapes) -> Shapes:
-    """Unit quaternions that turn z to each direction; the halfway form, safe where it points down.
+    """Return unit quaternions that turn z to each direction; the halfway form, safe for directions
+    down.
 
     A vector without length keeps z.
     """

@@ -26,32 +26,30 @@ SKY, SUN = 1.6, 1.8
 GHOSTS = 3
 """Number of bodies of each forecast that are drawn; more would hide each other."""
 OPENING = math.radians(58)
-"""The camera's vertical field of view: at that distance, about 5 m of the room."""
+"""The camera's vertical field of view; from the initial position, about 5 m of the room."""
 THINNER = 0.9
 """Ratio of a forecast's radii to the body's: below 1, so that it hides inside a still body."""
 LINKS = (1.0, 0.72)
 """Brightness of a robot's capsules in turn, so that its links differ."""
 LOOK_FROM_M = np.array([2.3, -3.4, 1.9])
-"""From the place that is looked at, at the start."""
+"""Initial camera position, relative to the point that it looks at."""
 LOOK_AT_M, ASIDE_M = 0.6, 0.9
-"""That place's height, and how far it may lie from the robots, towards the room's middle."""
+"""Height of that point, and its maximum distance from the robots, towards the room's middle."""
 ZONE_OPACITY, FORECAST_OPACITY, FADED = 0.2, 0.6, 0.4
 _ENDS = np.concatenate((ENDS_M, ENDS_M, np.full((2, 1), NO_SIZE, np.float32)), axis=1)
-"""As capsules, the first two of each batch."""
+"""The two points as capsules, the first two of each batch."""
 _UNTURNED = np.array([1, 0, 0, 0], np.float32)
 
 
 class _Solids:
     """All capsules of one kind: one batch of spheres, and one of cylinders.
 
-    Of those that are see-through, only the outermost surface shows: each batch is there twice, and
-    the first, which is invisible, hides from the second all that lies behind the surface. Browsers
-    draw batches of one middle in the order in which they were made (``ENDS_M``).
+    Transparent capsules show only their outermost surface: each batch exists twice, and the first,
+        invisible one hides from the second everything behind the surface. Browsers draw batches
+        with the same middle in the order of creation (``ENDS_M``).
 
     Args:
-        server: server that shows them.
-        name: name of the kind.
-        opacity: their opacity; ``None``: they are solid.
+        server: server that shows them. name: name of the kind. opacity: opacity; ``None``: solid.
     """
 
     def __init__(self, server: ViserServer, name: str, opacity: float | None = None) -> None:
@@ -139,7 +137,7 @@ class Stage:
         self._server.flush()
 
     def _look_at(self, place: Any) -> None:
-        """Let browsers look at a place (3,), those that are here and those that come."""
+        """Point the camera of current and future browsers at a place (3,)."""
         at = tuple(float(x) for x in place)
         seen_from = tuple(float(x) for x in place + LOOK_FROM_M)
         cameras: list[Any] = [client.camera for client in self._server.get_clients().values()]
@@ -149,7 +147,7 @@ class Stage:
 
 
 def _middle(picture: Picture) -> Any:
-    """(2,) on the floor, between the robots and the middle of what the sensor sees."""
+    """Return (2,) on the floor, between the robots and the middle of the field of view."""
     robots, view = picture.robots[:, :2].mean(axis=0), picture.facts["room"]["view"]
     if view is None:
         return robots

@@ -1,4 +1,4 @@
-"""Draws the room: what the sensor sees and does not see, and the named zones."""
+"""Draws the room: seen and unseen space, and the named zones."""
 
 import contextlib
 from typing import Any
@@ -69,7 +69,7 @@ class Surroundings:
         self._unseen = UnseenFloor(room)
 
     def _region(self, name: str, region: dict[str, Any], rgb: Rgb) -> LineSegmentsHandle:
-        """A prism as its edges, with its name."""
+        """Draw the edges of a prism, with its name."""
         floor, roof = _floor_and_roof(region)
         edges = [(floor, np.roll(floor, -1, 0)), (roof, np.roll(roof, -1, 0)), (floor, roof)]
         points = np.concatenate([np.stack(edge, axis=1) for edge in edges]).astype(np.float32)
@@ -82,7 +82,7 @@ class Surroundings:
         return line
 
     def _walls_of(self, regions: list[dict[str, Any]]) -> None:
-        """The sides of all these prisms, see-through, as one mesh."""
+        """Draw the transparent sides of all these prisms as one mesh."""
         if not regions:
             return
         vertices, faces = sides_of(regions)
@@ -101,7 +101,7 @@ class Surroundings:
         )
 
     def _first_floor(self) -> BatchedMeshHandle:
-        """Return the batch of tiles, with none yet: made before the zones, it is drawn before."""
+        """Return an empty batch of tiles; created before the zones, it is drawn before them."""
         return self._server.scene.add_batched_meshes_simple(
             "/unseen",
             _SQUARE,
@@ -118,7 +118,7 @@ class Surroundings:
         )
 
     def _lay(self, tiles: NDArray[np.float64]) -> None:
-        """Show the floor that is not seen free, as one batch of tiles."""
+        """Show the floor that is not seen to be free, as one batch of tiles."""
         height = self._room["floor_m"] + ABOVE_M
         ones = np.ones((len(tiles), 1))
         positions = np.concatenate((tiles[:, :2], height * ones), axis=1).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Draws what has words or lines of its own: people's numbers, robots' levels, the separation."""
+"""Draws labels and lines: people's numbers, robots' levels, the separation."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,7 @@ from hri_predict.viewing.picture import Picture, Shapes
 from hri_predict.viewing.scene3d.solids import linear
 
 ABOVE_M = 0.18
-"""Height of words above what they name."""
+"""Height of labels above the labelled object."""
 RING_M = 0.32
 """Radius of the ring on the floor around a robot's base."""
 _TURNS = np.linspace(0.0, 2 * np.pi, 49)
@@ -19,11 +19,11 @@ _RING = RING_M * np.stack((np.cos(_TURNS), np.sin(_TURNS), np.zeros(49)), axis=-
 _NOWHERE = np.array([[[0, 0, -50], [0, 0, -50]]], np.float32)
 _BLACK: Rgb = (0, 0, 0)
 Words = dict[str, tuple[str, Sequence[float]]]
-"""By what they name: the words, and where they stand."""
+"""Labels and their positions, by labelled object."""
 
 
 class Tags:
-    """Words and lines of one server's scene."""
+    """Labels and lines of one server's scene."""
 
     def __init__(self, server: ViserServer) -> None:
         self._server = server
@@ -32,7 +32,7 @@ class Tags:
         self._rings = self._batch("rings", 4.0)
 
     def draw(self, picture: Picture, known: bool) -> None:
-        """Show those of a picture; grey if it is not ``known`` to be current."""
+        """Show the labels and lines of a picture; grey if it is not ``known`` to be current."""
         words = {**_of_people(picture), **_of_robots(picture), **_of_pairs(picture)}
         for name, label in self._labels.items():
             label.visible = name in words
@@ -63,7 +63,7 @@ class Tags:
 
 
 def _set(lines: LineSegmentsHandle, points: Shapes, colours: list[Rgb]) -> None:
-    """Show these (N, 2, 3) lines, one colour each; nothing, if there are none."""
+    """Show these (N, 2, 3) lines, one colour each; nothing if there are none."""
     if not len(points):
         points, colours = _NOWHERE, [_BLACK]
     rgb = linear(colours)[:, None]

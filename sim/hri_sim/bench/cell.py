@@ -1,4 +1,4 @@
-"""The cell that the benches measure: people who stand near moving robots, as a configuration."""
+"""Configuration of the cell that the benches measure: people standing near moving robots."""
 
 import math
 from collections.abc import Sequence
@@ -28,18 +28,18 @@ def settings(
     joint_map: str | None = None,
     links: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any]:
-    """A configuration, as written in YAML; its robots need no controller.
+    """Return a configuration, as written in YAML, whose robots need no controller.
 
     Args:
         people: number of people around the first robot, up to 16.
-        robots: number of robots that go through a pick and place, side by side.
-        predictor: its name.
+        robots: number of robots that repeat a pick-and-place motion, side by side.
+        predictor: name of the predictor.
         rate_hz: ticks a second.
-        captures_hz: captures a second; default: one a second more than ticks, so that every phase
-            between the two occurs.
-        ticks: when a tick begins, as in the configuration.
+        captures_hz: captures a second; default: one a second more than ticks, to cover every phase
+            between captures and ticks.
+        ticks: what starts a tick, as in the configuration.
         horizon_s: horizon of the forecast, seconds.
-        joint_map: the source delivers only the joints of this tracker.
+        joint_map: joint map of the tracker; the source delivers only its joints.
         links: entries of ``links:``.
     """
     source: dict[str, Any] = {
@@ -63,7 +63,7 @@ def settings(
 
 
 def config(**wanted: Any) -> Config:
-    """The configuration of ``settings``, validated, without a file.
+    """Return the validated configuration for ``settings``, without a file.
 
     Raises:
         ConfigError: one line naming the key and the remedy.
@@ -86,7 +86,7 @@ def config(**wanted: Any) -> Config:
 
 
 def _places(people: int) -> list[list[float]]:
-    """Even places on the rings, the inner one first; no person stands in the robot."""
+    """Return evenly spaced places on the rings, innermost ring first, all clear of the robot."""
     found: list[list[float]] = []
     for radius, count in RINGS:
         for k in range(min(count, people - len(found))):

@@ -46,8 +46,9 @@ SECTIONS = {
     "trackers": Section("Walks up to a robot and away", trackers.rows, detail=True),
     "joint-maps": Section("Zones around a standing body", joint_maps.rows, detail=True),
 }
-"""All measurements, in their order. Each takes a ``Scope`` and yields rows as they are measured.
-What it compares must take turns, and each name of a part must stay, so that runs can be compared.
+"""All measurements, in order. Each receives a ``Scope`` and yields rows as they are measured.
+Variants that it compares must take turns, and part names must not change, so that runs stay
+comparable.
 """
 
 app = typer.Typer(invoke_without_command=True, add_completion=False)
@@ -71,23 +72,27 @@ def bench(
     *,
     context: typer.Context,
     quick: Annotated[
-        bool, typer.Option("--quick", help="A minute or two instead of a quarter of an hour.")
+        bool,
+        typer.Option(
+            "--quick", help="Finish in one or two minutes instead of a quarter of an hour."
+        ),
     ] = False,
     only: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"Measure only this section. Repeatable: {', '.join(SECTIONS)}. Those after speed "
-            "are measured only if named."
+            help=f"Measure only this section. Repeatable: {', '.join(SECTIONS)}. Sections listed "
+            "after speed are measured only if named."
         ),
     ] = None,
     save: Annotated[
         Path | None, typer.Option(help="Write all figures into this file, as JSON.")
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="Draw them into this file (.png or .svg).")
+        Path | None, typer.Option(help="Plot the figures into this file (.png or .svg).")
     ] = None,
     baseline: Annotated[
-        Path | None, typer.Option(help="Compare with this file of --save: ratios alone.")
+        Path | None,
+        typer.Option(help="Print only ratios to the figures in this file, which --save wrote."),
     ] = None,
     worse_than: Annotated[
         float | None,
@@ -157,7 +162,7 @@ def _factor(baseline: Path | None, worse_than: float | None) -> float:
 def _measured(
     chosen: list[str], scope: Scope, machine: dict[str, Any], save: Path | None
 ) -> dict[str, list[Row]]:
-    """Measure these sections; each is saved when it is done, so that none is lost."""
+    """Measure these sections, and save each as soon as it is done."""
     told: dict[str, list[Row]] = {}
     with progress() as bar:
         task = bar.add_task("", total=len(chosen))

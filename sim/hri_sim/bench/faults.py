@@ -1,4 +1,4 @@
-"""``bench faults``, ``soak`` and ``memory``: the reaction to faults, and hours of node time."""
+"""``bench faults``, ``soak`` and ``memory``: effects of faults, and runs of many hours."""
 
 import sys
 from collections.abc import Callable, Mapping
@@ -51,7 +51,7 @@ def faults(
         print(f"{'ok  ' if row.fine else 'FAIL'} {row.fault}", file=sys.stderr)
     if not rows:
         raise ConfigError(
-            f"--only {only}: no fault's name contains this; run without --only to see all names"
+            f"--only {only}: no fault name contains this; run without --only to see all names"
         )
     title = "Each fault alone, with a person near"
     report([asdict(row) for row in rows], as_json, title, _COLUMNS, texts=_TEXTS)

@@ -30,7 +30,8 @@ def fleet(
         typer.Option(
             min=1,
             max=1000,
-            help="Measure instead, this many times each, how soon a cell joins and recovers.",
+            help="Measure instead how soon a cell joins and recovers, repeating each this many "
+            "times.",
         ),
     ] = None,
     cells: Annotated[
@@ -38,7 +39,8 @@ def fleet(
         typer.Option(
             min=1,
             max=256,
-            help="Measure instead the page of 'fleet --operator' with this many cells at 25 Hz.",
+            help="Measure instead the page of 'fleet --operator', showing this many cells at 25 "
+            "Hz.",
         ),
     ] = None,
     as_json: JsonOption = False,

@@ -43,7 +43,8 @@ def measure(topology: str, rate_hz: float, seconds: float) -> dict[str, Any]:
     """Measure one row.
 
     Returns:
-        ``latency_us``: from ``post`` until another process has decoded a Status, p50, p99 and max;
+        ``latency_us``: time from ``post`` until another process has decoded a Status: p50, p99 and
+            max;
         ``sent`` and ``heard``: numbers of Status messages; ``superseded``: messages of any kind
         that a newer one replaced before they were written; ``cpu_percent``: share of one core that
         posting, encoding and zenoh's threads took in the sending process; ``bytes_per_s``: payload.
@@ -104,8 +105,8 @@ def recovery(times: int) -> dict[str, list[float]]:
     """Measure, ``times`` times each, the seconds until messages of a cell arrive.
 
     Returns:
-        ``joins``: from a link's start, while router and listener run; ``heals``: from the return
-        of a router that was gone for a second.
+        ``joins``: time from the start of a link, while router and listener run; ``heals``: time
+            from the return of a router after one second of absence.
     """
     end = f"tcp/127.0.0.1:{free_tcp_port()}"
     routing, hearing = ZenohSettings(mode="router", listen=[end]), ZenohSettings(connect=[end])

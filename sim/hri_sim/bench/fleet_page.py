@@ -1,8 +1,9 @@
 """The cost of the page of many cells: ``hri-predict bench fleet --cells 40``.
 
 Real processes over real loopback sockets: ``hri-predict fleet --operator`` as the router, its
-page's process, one process with a link and a zenoh session of its own for each cell, and here a
-client that reads the page's events as a browser does. All read the machine's monotonic clock.
+page's process, one process that plays all cells, each with its own link and zenoh session, and, in
+this process, a client that reads the page's events as a browser does. All read the machine's
+monotonic clock.
 """
 
 import contextlib
@@ -39,15 +40,17 @@ MODULUS = 60_000  # of the number of a cycle that goes as a separation in millim
 
 
 def page(cells: int, seconds: float) -> dict[str, Any]:
-    """Measure the page with this many cells that send 25 times a second.
+    """Measure the page with this many cells, each sending 25 times a second.
 
     Returns:
-        ``cpu_s_per_s``: seconds of processor time a second, of ``hri-predict fleet``, of its page's
-        process, and of the one that plays all cells; ``memory_mib`` of the first two, at the end;
-        ``number_ms``: from a link's ``post`` of an Advice until an event that shows it, or a newer
-        one, has arrived, p50, p99 and max; ``change_ms``: the same of those that change the level,
-        ``None`` without any; ``unshown``: Advice messages that no event showed; ``gone``: how often
-        a tile showed no level, though its cell spoke; ``load``: the load average before.
+        ``cpu_s_per_s``: seconds of processor time per second, for ``hri-predict fleet``, its page's
+            process, and the process that plays all cells; ``memory_mib``: memory of the first two,
+            at the end;
+        ``number_ms``: time from a link's ``post`` of an Advice until an event that shows it, or a
+        newer one, has arrived: p50, p99 and max; ``change_ms``: the same for Advice that changes
+        the level, ``None`` without any; ``unshown``: Advice messages that no event showed;
+        ``gone``: how often a tile showed no level although its cell was sending; ``load``: the load
+        average before.
     """
     load = os.getloadavg()[0]
     with (
@@ -72,7 +75,7 @@ def page(cells: int, seconds: float) -> dict[str, Any]:
 
 
 def _figures(posted: list[list[int]], events: list[tuple[int, bytes]]) -> dict[str, Any]:
-    """Delays of what each cell posted after the warm-up."""
+    """Return the delays of messages that each cell posted after the warm-up."""
     shown: list[tuple[int, list[int]]] = []  # time, and each cell's newest number; -1: no level
     size = 0
     for now_ns, line in events:
@@ -109,7 +112,7 @@ def _figures(posted: list[list[int]], events: list[tuple[int, bytes]]) -> dict[s
 
 
 def is_change(index: int, cycle: int) -> bool:
-    """Whether a cell's level changes with this cycle: cells take turns."""
+    """Return whether a cell's level changes in this cycle; cells take turns."""
     return (cycle + 3 * index) % (CHANGES_S * RATE_HZ) == 0
 
 
@@ -123,7 +126,7 @@ def _number(cell: dict[str, Any]) -> int:
 
 @contextlib.contextmanager
 def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
-    """Run ``hri-predict fleet``; gives its process, its endpoint, and its page's port."""
+    """Run ``hri-predict fleet``; yield its process, its endpoint, and its page's port."""
     end = f"tcp/127.0.0.1:{free_tcp_port()}"
     command = command_of("hri_predict", "fleet", "--listen", end, "--operator", "0")
     process = subprocess.Popen(
@@ -137,7 +140,7 @@ def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
             if found := re.match(r"operator: http://.*:(\d+)$", line.strip()):
                 break
         else:
-            raise LinkError(f"hri-predict fleet ended: {' '.join(said).strip()}")
+            raise LinkError(f"hri-predict fleet exited: {' '.join(said).strip()}")
         threading.Thread(target=process.stderr.read, daemon=True).start()
         yield process, end, int(found[1])
     finally:
@@ -146,7 +149,7 @@ def _fleet() -> Iterator[tuple["subprocess.Popen[str]", str, int]]:
 
 
 def _listen(port: int, events: list[tuple[int, bytes]]) -> None:
-    """Take events as a browser does, until the page ends."""
+    """Read events as a browser does, until the page closes the connection."""
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=START_S)
     connection.request("GET", "/events")
     answer = connection.getresponse()
@@ -164,7 +167,7 @@ def _used_s(fleet: int, speakers: int) -> dict[str, float]:
 def speak(pipe: Connection, cells: int, end: str, seconds: float) -> dict[str, Any]:
     """Play all cells; for ``child``. Reports when each Advice was posted, by cell.
 
-    It sends a word when all are connected, and begins when it is sent one.
+    It sends a message when all cells are connected, and starts when it receives one.
     """
     links = [
         ZenohLink(
@@ -199,7 +202,7 @@ def speak(pipe: Connection, cells: int, end: str, seconds: float) -> dict[str, A
 
 
 def _post(link: ZenohLink, cycle: int, slow: bool) -> int:
-    """Post a cycle's Advice and Status, and each second the Schema; return when."""
+    """Post a cycle's Advice and Status, and the Schema once a second; return the time."""
     now_ns = time.monotonic_ns()
     advice = replace(
         ADVICE,

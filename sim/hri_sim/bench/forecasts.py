@@ -1,6 +1,5 @@
-"""Section ``predictors`` and ``bench predictors``: how long a forecast takes.
-
-The section also measures forecasts in a hot loop, the start, and memory.
+"""Section ``predictors`` and ``bench predictors``: the duration of a forecast. The section also
+measures forecasts in a hot loop, the start-up time, and memory.
 """
 
 import time
@@ -27,7 +26,10 @@ _RATE_HZ = 25.0
 _HORIZON_S = 1.0
 _ENGINES = ("torch", "onnxruntime")
 _LEAST = 5  # forecasts in a hot loop
-_FLOOR = "floor: the network's operations over the rate that this core reaches in a large product"
+_FLOOR = (
+    "floor: the network's operations divided by the rate that this core reaches in a large "
+    "matrix product"
+)
 _COLUMNS: Columns = {
     "predictor": "{predictor}",
     "engine": "{engine}",
@@ -47,17 +49,19 @@ def predictors(
     ] = None,
     people: Annotated[
         list[int] | None,
-        typer.Option(min=1, max=64, help="People at once; default: 1, 4 and 16. Repeatable."),
+        typer.Option(
+            min=1, max=64, help="Number of people at once; default: 1, 4 and 16. Repeatable."
+        ),
     ] = None,
     seconds: Annotated[float, typer.Option(help="Seconds to measure each row.")] = 4.0,
     as_json: JsonOption = False,
 ) -> None:
     """Measure each predictor's forecasts, 25 a second as the node makes them, by engine.
 
-    The engines take turns, so that other programs disturb them alike: compare
-    their ratio, and no times from two runs. The floor is what the network's
-    products alone would take at the rate of a large product of matrices on one
-    core: no program is faster, and a good one takes two or three times as long.
+    The engines take turns, so that other programs disturb them equally: compare ratios, never times
+        from two runs. The floor is the time of the network's matrix products alone, at the rate
+        that one core reaches in a large product: no program is faster, and a good one takes two or
+        three times as long.
 
     Example: hri-predict bench predictors --predictor sinn
     """
@@ -87,13 +91,13 @@ def measure(
     """Yield rows, one for each engine, of each predictor and number of people.
 
     A row holds ``predictor``, ``engine``, ``people``, ``p50_ms``, ``p99_ms``, ``max_ms``,
-    ``forecasts`` (how many were measured), ``differs_mm`` (from torch) and ``floor_ms`` (``None``:
-    it has no network).
+    ``forecasts`` (number measured), ``differs_mm`` (difference from torch) and ``floor_ms``
+    (``None``: no network).
 
     Args:
-        names: of predictors; they must have shipped weights or need none.
-        people: at once.
-        seconds: to measure each row.
+        names: predictors, which must have shipped weights or need none.
+        people: numbers of people at once.
+        seconds: time to measure each row.
     """
     from hri_predict.predictors.neural.floor import products_per_second
 
@@ -120,7 +124,7 @@ def measure(
 
 
 def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:
-    """Milliseconds of all its networks' products."""
+    """Return the milliseconds that the products of all its networks take, at this rate."""
     from hri_predict.predictors.neural.floor import products
 
     members = getattr(predictor, "members", [predictor])
@@ -136,9 +140,10 @@ def _has_weights(name: str) -> bool:
 
 
 def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:
-    """The predictor by engine, in this order; by the one name "–" if it has no network.
+    """Return the predictor by engine, in this order; under the single name "–" if it has no
+    network.
 
-    An engine that is not installed is left out, except for the first.
+    An engine that is not installed is left out; the first must be installed.
     """
     base = predictor_settings(name, None, _RATE_HZ, _HORIZON_S)
     cls = registry.load("predictors", name)
@@ -156,7 +161,7 @@ def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor
 
 
 def _walk(steps: int, people: int) -> tuple[Floats, Bools]:
-    """Histories of people who move at up to some metres a second."""
+    """Return histories of people who move at up to a few metres a second."""
     shape = (people, steps, len(CANONICAL.joints), 3)
     rng = np.random.default_rng(people)
     history = 0.01 * rng.standard_normal(shape).cumsum(1) + 0.3 * rng.standard_normal(shape)[:, :1]
@@ -166,7 +171,7 @@ def _walk(steps: int, people: int) -> tuple[Floats, Bools]:
 def _paced(
     built: Sequence[Predictor], history: Floats, observed: Bools, seconds: float
 ) -> list[list[float]]:
-    """Milliseconds of each one's forecasts, a period apart and in turn."""
+    """Return the milliseconds of each predictor's forecasts, made in turn, one period apart."""
     taken: list[list[float]] = [[] for _ in built]
     begin = time.perf_counter()
     for number in range(round(seconds * _RATE_HZ) * len(built)):
@@ -178,7 +183,7 @@ def _paced(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Milliseconds of a forecast, in a hot loop and 25 a second, by engine and people."""
+    """Yield the milliseconds of a forecast, hot and at 25 Hz, by engine and number of people."""
     for name in (scope.baseline, *(scope.predictors or with_weights())):
         floors: dict[int, float] = {}
         for paced in measure([name], scope.batches, max(1.0, 0.3 * scope.seconds)):
@@ -204,7 +209,7 @@ def _named(predictor: str, engine: str) -> str:
 
 
 def _paced_row(row: dict[str, Any]) -> Row:
-    """The row of ``bench predictors``."""
+    """Return the row of ``bench predictors``."""
     who = _named(row["predictor"], row["engine"])
     return Row(
         part=f"{who}, {_people(row['people'])}, 25 Hz",
@@ -227,7 +232,7 @@ def _difference(mm: float) -> str:
 
 
 def _hot(engines: dict[str, Predictor], people: int, seconds: float) -> dict[str, list[float]]:
-    """Milliseconds of forecasts made again and again; the engines take turns."""
+    """Return the milliseconds of forecasts in a hot loop; the engines take turns."""
     taken: dict[str, list[float]] = {engine: [] for engine in engines}
     history, observed = _walk(next(iter(engines.values())).history_steps, people)
     end = time.perf_counter() + 0.1 * seconds * len(engines)
@@ -240,7 +245,7 @@ def _hot(engines: dict[str, Predictor], people: int, seconds: float) -> dict[str
 
 
 def _fresh(name: str, engine: str) -> Iterator[Row]:
-    """Start and memory in a process of its own."""
+    """Measure start-up time and memory in a separate process."""
     who, began = _named(name, engine), time.perf_counter()
     try:
         with child(one_forecast, name, engine) as process:
@@ -260,7 +265,7 @@ def _fresh(name: str, engine: str) -> Iterator[Row]:
 
 
 def one_forecast(_: Connection, name: str, engine: str) -> dict[str, float]:
-    """Load a predictor and forecast for one person; for ``child``. Reports the memory."""
+    """Load a predictor, forecast for one person, and report the memory; for ``child``."""
     before = resident_mib()
     predictor = _engines(name, (engine,))[engine]
     predictor.predict(*_walk(predictor.history_steps, 1))

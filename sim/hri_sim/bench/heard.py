@@ -1,9 +1,9 @@
-"""A node in a process of its own, as a receiver in another process hears it, in real time.
+"""A node in its own process, measured in real time by a receiver in another process.
 
 ``hri-predict run`` runs the cell of ``cell.settings`` on a real wire. A receiver at the wire's
-other end stamps what comes, and beside it the bytes of a bare loop: a process that sleeps to
-absolute deadlines at the node's rate and does nothing else. What the bare loop shows, no node can
-better on this machine in that minute.
+other end stamps each unit on arrival, as well as the bytes of a bare loop: a process that only
+sleeps until absolute deadlines at the node's rate. At that moment, no node on this machine can be
+more punctual than the bare loop.
 """
 
 import contextlib
@@ -46,32 +46,33 @@ def heard(
     change: Callable[[dict[str, Any]], None] = lambda settings: None,
     partner: Sequence[Any] = (),
 ) -> dict[str, Any]:
-    """Start a node on a wire, hear it for some seconds, and stop it.
+    """Start a node on a wire, receive its messages for some seconds, and stop it.
 
     Args:
         wire: one of ``EARS``.
-        predictor: its name.
+        predictor: name of the predictor.
         rate_hz: the node's rate.
-        seconds: to hear it, after it has warmed up; 0: only its start.
-        cache: the folder that the node keeps things in; ``None``: the user's own.
-        watched: with both screens, a reader of each, and three alert hooks that fail slowly.
-        captures_hz: of the source; default: five a second more than ticks.
+        seconds: time to receive, after the warm-up; 0: only the start is measured.
+        cache: the node's cache folder; ``None``: the user's own.
+        watched: run both screens, a reader for each, and three alert hooks that fail slowly.
+        captures_hz: capture rate of the source; default: five a second more than ticks.
         change: called with the configuration's settings before the node starts.
-        partner: a function for ``child`` and its arguments: another process, which is started once
-            the node runs; it sends a word when it is ready.
+        partner: a function for ``child`` and its arguments: another process, started once the node
+            runs; it sends a message when it is ready.
 
     Returns:
-        ``summary``: what the node printed at its end; ``partner``: the other process's report;
-        ``window_ns``: begin and end of the time in which the node was heard;
-        ``first_advice_s``: from starting the process to the first Advice of a running node;
-        ``resident_mib``: of the node's processes at the end; ``cpu_percent``: of one core, by
-        group of threads; ``cores_percent``: how busy each core was; ``deviation_ms``: how far the
-        intervals of its Status and Advice messages were from the period, and ``bare_ms`` those of
-        the bare loop; ``missing``: cycles of which no Status came; ``stamps``, ``priority``: whose
-        stamps these are, and how the receiver ran.
+        ``summary``: the node's output on exit; ``partner``: the other process's report;
+        ``window_ns``: start and end of the measured time;
+        ``first_advice_s``: time from starting the process to the first Advice of a running node;
+        ``resident_mib``: memory of the node's processes at the end; ``cpu_percent``: share of one
+        core, by group of threads; ``cores_percent``: load of each core; ``deviation_ms``: deviation
+        from the period of the intervals between its Status and Advice messages, and ``bare_ms`` the
+        same for the bare loop; ``missing``: number of cycles without a Status; ``stamps``,
+        ``priority``: the clock that stamped the messages, and the receiver's scheduling.
 
     Raises:
-        LinkError: this machine has no such wire, or the node did not start; says why.
+        LinkError: this machine has no such wire, or the node did not start; the error gives the
+            reason.
     """
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
@@ -118,7 +119,7 @@ def heard(
 
 @contextlib.contextmanager
 def receiving(wire: str, rate_hz: float) -> Iterator[Child]:
-    """Start the receiver at a wire's end, and the bare loop that it hears as well."""
+    """Start the receiver at a wire's end, and the bare loop, whose bytes it receives as well."""
     reading, writing = multiprocessing.Pipe(duplex=False)
     with child(hear, wire, reading) as receiver, child(bare_loop, writing, rate_hz):
         reading.close()
@@ -130,12 +131,11 @@ def receiving(wire: str, rate_hz: float) -> Iterator[Child]:
 def running_node(
     path: Path, flags: Sequence[str], cache: Path | None
 ) -> Iterator["subprocess.Popen[str]"]:
-    """Run a node of this configuration, which ends with the context.
+    """Run a node with this configuration until the context exits.
 
     Args:
-        path: of the configuration.
-        flags: of ``hri-predict run``.
-        cache: the folder that the node keeps things in; ``None``: the user's own.
+        path: the configuration. flags: options of ``hri-predict run``.
+        cache: the node's cache folder; ``None``: the user's own.
     """
     command = command_of("hri_predict", "run", str(path), "--json", *flags)
     environment = dict(os.environ)
@@ -152,7 +152,7 @@ def running_node(
 
 
 def used_by(pid: int, seconds: float) -> dict[str, Any]:
-    """Let the node run; what it used meanwhile."""
+    """Let the node run; return the resources it used in that time."""
     before, cores, begin_ns = processor_time(pid), cores_busy(), time.monotonic_ns()
     time.sleep(seconds)
     after, cores_after, end_ns = processor_time(pid), cores_busy(), time.monotonic_ns()
@@ -166,7 +166,7 @@ def used_by(pid: int, seconds: float) -> dict[str, Any]:
 
 
 def figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) -> dict[str, Any]:
-    """Intervals of what came in the window; a Status that never came is one long interval."""
+    """Return the intervals of messages in the window; a missing Status gives a long interval."""
     inside = [m for m in told["messages"] if begin_ns <= m[1] <= end_ns]
     status = [(at, cycle) for kind, at, cycle in inside if kind == "Status"]
     steps = [(b[1] - a[1]) % CYCLES for a, b in itertools.pairwise(status)]
@@ -184,6 +184,6 @@ def figures(told: dict[str, Any], begin_ns: int, end_ns: int, rate_hz: float) ->
 
 
 def deviations(at_ns: Sequence[int], rate_hz: float) -> list[float]:
-    """Milliseconds between each interval and the period, without sign."""
+    """Return the absolute difference between each interval and the period, in milliseconds."""
     at_ms = np.asarray(at_ns, np.float64) * 1e-6  # 0.1 ns of a day: floats hold it
     return [float(d) for d in np.abs(np.diff(at_ms) - 1e3 / rate_hz)]

@@ -1,4 +1,4 @@
-"""``bench joint-maps``: how large the zones of one standing body are with each tracker's joints."""
+"""``bench joint-maps``: volume of the zones around one standing body, for each tracker's joints."""
 
 import json
 from collections.abc import Iterator
@@ -31,11 +31,14 @@ _AT_S = (0.0, 0.4, 1.0)
 def joint_maps(
     config: Annotated[
         Path | None,
-        typer.Option(help="Take the predictor and the zones from it; default: the demo's."),
+        typer.Option(help="Configuration whose predictor and zones are used; default: the demo's."),
     ] = None,
     fit: Annotated[
         Path | None,
-        typer.Option(help="Fit on this folder's recordings where missing joints are; print that."),
+        typer.Option(
+            help="Fit the positions of missing joints to the recordings in this folder, and print "
+            "the result."
+        ),
     ] = None,
     postures: Annotated[
         Path | None,
@@ -68,7 +71,7 @@ def joint_maps(
 
 
 def _volumes(body: StandingBody) -> Iterator[dict[str, Any]]:
-    """Cubic metres of the zones with each joint map, by time."""
+    """Yield the volume of the zones in cubic metres for each joint map, by time."""
     steps = [body.step_at(seconds) for seconds in _AT_S]
     for name in map_names():
         if name != "bvh":  # built from each file's own names
@@ -81,7 +84,7 @@ def _volumes(body: StandingBody) -> Iterator[dict[str, Any]]:
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Volumes of the zones with each joint map, at the farthest of the times."""
+    """Yield the volumes of the zones for each joint map, at the latest of the times."""
     loaded = configuration.load(configuration.shipped("demo.yaml")).with_predictor(scope.network)
     for line in _volumes(StandingBody(loaded, assemble.build_predictor(loaded))):
         farthest = {f"{key}_m3": line[key][-1] for key in ("reach", "inferred")}

@@ -2,8 +2,8 @@
 
 The whole node runs: people near a moving robot, and zones and poses on the links. The other end of
 a serial line is a process that takes bytes at the line's rate (``hri_sim.wires.far_end``). At a
-fixed rate the source sends one scene per second more than the node ticks, so that every phase
-between the two occurs. With a tick for each capture the floor is four fifths of the source's rate.
+fixed rate, scenes per second exceed ticks per second by one, to cover every phase between scenes
+and ticks. With a tick for each capture, the lowest tick rate is four fifths of the source's rate.
 """
 
 import bisect
@@ -42,7 +42,7 @@ U = TypeVar("U")
 WARM_UP_S = 1.0  # people need a history, and first calls are slow
 _CHANNELS = itertools.count()
 FLOOR = 0.8
-"""With a tick for each capture: ``rate_hz`` as a part of the source's."""
+"""Ratio of ``rate_hz`` to the source's rate, with a tick for each capture."""
 
 Wire = tuple[LinkSettings, Transport[Any]]
 
@@ -69,7 +69,7 @@ def _slcan(fd: bool) -> Iterator[Wire]:
 
 @contextlib.contextmanager
 def _bus(interface: str, channel: str, fd: bool, **options: Any) -> Iterator[Wire]:
-    """A bus within this process, with another node that receives all frames."""
+    """A bus within this process, with a second bus node that receives all frames."""
     settings = CanLinkSettings(
         name="bench", interface=interface, channel=channel, fd=fd, options=options
     )
@@ -95,7 +95,7 @@ def _bus(interface: str, channel: str, fd: bool, **options: Any) -> Iterator[Wir
 
 @contextlib.contextmanager
 def _zenoh() -> Iterator[Wire]:
-    """Through a router to a listener, each a separate process; a unit counts once zenoh has it."""
+    """Through a router to a listener, each a separate process; stamped once zenoh has the unit."""
     from hri_drivers.links.zenoh.link import ZenohLink, ZenohLinkSettings
     from hri_sim.bench.fleet_cost import routed
 
@@ -127,14 +127,14 @@ class _Timed(Generic[U]):
         self.written: list[tuple[int, U]] = []
 
     def write(self, unit: U) -> None:
-        """Write, then look at the clock."""
+        """Write, then read the clock."""
         self._inner.write(unit)
         self.written.append((time.monotonic_ns(), unit))
 
 
 @dataclass(frozen=True, slots=True)
 class _Seen:
-    """A tick, as its listener saw it; ``posted_ns``: when its Status was posted to the link."""
+    """A tick as its listener observed it; ``posted_ns``: time at which its Status was posted."""
 
     cycle: int
     began_ns: int
@@ -144,7 +144,7 @@ class _Seen:
 
 @dataclass
 class _Watch(Listener):
-    """Notes when scenes arrived, when ticks began, and how long each tick's inference took."""
+    """Records the arrival of scenes, the start of ticks, and the duration of each inference."""
 
     inference_ns: int = 0
     posted_ns: int = 0
@@ -152,11 +152,11 @@ class _Watch(Listener):
     ticks: list[_Seen] = field(default_factory=list)
 
     def on_scene(self, scene: Scene, receipt_ns: int) -> None:
-        """Note when it came."""
+        """Record the scene's arrival."""
         self.arrived_ns.append(receipt_ns)
 
     def on_tick(self, tick: Tick) -> None:
-        """Note the tick."""
+        """Record the tick."""
         seen = _Seen(tick.status.cycle, tick.now_ns, self.inference_ns, self.posted_ns)
         self.ticks.append(seen)
         self.inference_ns = 0
@@ -175,18 +175,18 @@ def latency(
 
     Args:
         kind: of ``KINDS``.
-        rate_hz: of the ticks at a fixed rate, and of the source.
-        seconds: measured, after a warm-up.
-        ticks: as in the configuration: ``fixed`` or ``capture``.
-        predictor: its name.
+        rate_hz: tick rate at a fixed rate, and capture rate of the source.
+        seconds: measured time, after a warm-up. ticks: as in the configuration: ``fixed`` or
+            ``capture``.
+        predictor: name of the predictor.
         people: number of people near the robot.
 
     Returns:
         Milliseconds, p50, p99 and max: ``wait`` from a scene's arrival until the next tick begins;
         ``inference`` in that tick; ``node`` from its start until Advice and Status are posted,
-        without inference; ``link`` from there until their last byte was written; ``total`` is all
-        four. ``scenes`` is the number of scenes measured, ``missed`` the number of ticks whose
-        Status was replaced by a newer one and never written. ``ticks``, ``late_ticks``,
+        without inference; ``link`` from there until their last byte was written; ``total`` is the
+        sum of these. ``scenes`` is the number of measured scenes, ``missed`` the number of ticks
+        whose Status was replaced by a newer one and never written. ``ticks``, ``late_ticks``,
         ``missed_ticks``, ``sheds``, ``predictor_late``, ``superseded``, ``decimated``: counted over
         the whole run.
 
@@ -223,8 +223,8 @@ def latency(
 def _config(settings: LinkSettings, rate_hz: float, *, ticks: str, **load: Any) -> Config:
     """Return the bench's cell with only this link.
 
-    At a fixed rate every phase between captures and ticks occurs. With a tick for each capture,
-    ``rate_hz`` is that of the captures.
+    At a fixed rate, every phase between captures and ticks occurs. With a tick for each capture,
+    ``rate_hz`` is the capture rate.
     """
     rates = {"rate_hz": rate_hz}
     if ticks == "capture":
@@ -257,7 +257,7 @@ def _time_posting(link: Any, watch: _Watch) -> None:
 
 
 def _status_times(receiver: Any, written: Sequence[tuple[int, Any]]) -> list[tuple[int, int]]:
-    """Return (time, cycle) of each Status, from decoding the written units."""
+    """Return (time, cycle) of each Status, decoded from the written units."""
     return [
         (written_ns, message.cycle)
         for written_ns, unit in written

@@ -1,4 +1,4 @@
-"""``bench links``: measure the delay from a scene to the wire, and how much of it a link uses."""
+"""``bench links``: measure the delay from a scene to the wire, and the load of the wire."""
 
 import contextlib
 import itertools
@@ -71,15 +71,15 @@ def links(
         str, typer.Option(help="fixed: ticks at a fixed rate. capture: one for each capture.")
     ] = "fixed",
     predictor: Annotated[
-        str, typer.Option(help="The node's predictor; a network, to measure its inference too.")
+        str, typer.Option(help="The node's predictor; name a network to include its inference.")
     ] = "zero_velocity",
     people: Annotated[int, typer.Option(help="Number of people in the room.")] = 2,
-    wires: Annotated[bool, typer.Option(help="Measure how full a serial wire gets, too.")] = True,
+    wires: Annotated[bool, typer.Option(help="Also measure the load of a serial wire.")] = True,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the delay from a scene's arrival to the last byte, and the load of a serial wire.
 
-    This runs in real time, so other programs disturb it: the machine's load is printed, too.
+    This runs in real time, so other programs disturb it; the machine's load is also printed.
 
     Example: hri-predict bench links --only "serial pty 921600" --ticks capture --rate 25
     """
@@ -93,7 +93,7 @@ def links(
     names = [name for name in KINDS if only is None or only.lower() in name.lower()]
     if not names:
         raise ConfigError(
-            f"--only {only}: no kind of link has this in its name ({', '.join(KINDS)})"
+            f"--only {only}: no kind of link contains this in its name ({', '.join(KINDS)})"
         )
     load = [os.getloadavg()[0]]
     cases = list(itertools.product(names, rates))
@@ -110,7 +110,7 @@ def links(
     if as_json:
         print(json.dumps({"delays": delays, "serial_wires": fills, "load_average": load}))
         return
-    title = "Scene's arrival to last byte of Advice and Status, p50 / p99 ms"
+    title = "From a scene's arrival to the last byte of Advice and Status, p50 / p99 ms"
     figures(title, _DELAYS, delays)
     for reason in dict.fromkeys(row["not_here"] for row in delays if "not_here" in row):
         print(f"not available: {reason}")
@@ -120,7 +120,7 @@ def links(
 
 
 def delay(kind: str, rate_hz: float, seconds: float, /, **load: Any) -> dict[str, Any]:
-    """Return the result of ``latency`` on a kind of link, or why this machine has no such wire."""
+    """Return the result of ``latency`` for a kind of link, or the reason why it cannot run here."""
     try:
         return latency(kind, rate_hz, seconds, **load)
     except LinkError as error:
@@ -128,7 +128,7 @@ def delay(kind: str, rate_hz: float, seconds: float, /, **load: Any) -> dict[str
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Milliseconds by stage on each kind of link, then those in the port of a full serial wire."""
+    """Yield milliseconds by stage for each kind of link, then the wait in a full serial port."""
     for name, rate_hz in itertools.product(KINDS, scope.age_rates_hz):
         yield from rows_of([delay(name, rate_hz, scope.seconds)], "link", "rate_hz")
     for baudrate, reserved in itertools.product(BAUDRATES, RESERVED):
@@ -146,7 +146,7 @@ PEOPLE = 6
 
 @contextlib.contextmanager
 def _prompt_threads() -> Iterator[None]:
-    """Let threads switch as promptly as in the running node."""
+    """Let threads switch as quickly as in the running node."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
@@ -160,7 +160,7 @@ def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[
 
     Returns:
         ``used``: bytes carried, divided by the wire's capacity in that time; ``backlog_ms``: time
-        that the bytes waiting in the port take to leave (p50, p99, max); the link's counters.
+            to drain the bytes that wait in the port (p50, p99, max); and the link's counters.
     """
     with child(serial_line, baudrate / 10) as line, _prompt_threads():
         settings = SerialLinkSettings(
@@ -203,12 +203,12 @@ def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[
 
 _STAGES = {"wait": "wait", "inference": "inference", "node": "node", "link": "link", "total": "age"}
 _AIM_MS = 15.0  # p99 of what the node adds, from capture to last byte
-_WAIT = "floor of wait: at a fixed rate a capture waits half a period on average, at best"
+_WAIT = "floor of wait: at a fixed rate, a capture waits at least half a period on average"
 _AGE = "aim for age: 15 ms, plus one period at a fixed rate"
 
 
 def age(scope: Scope) -> Iterator[Row]:
-    """Milliseconds by stage: waiting for the tick, in the node, in the predictor, in the link."""
+    """Yield milliseconds by stage: wait for the tick, node, predictor, link."""
     modes = get_args(NodeSettings.model_fields["ticks"].annotation)
     predictors = (scope.baseline, scope.network)
     for wire, rate_hz, predictor, ticks in itertools.product(

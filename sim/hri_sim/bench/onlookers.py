@@ -1,8 +1,9 @@
-"""Readers of a node while it is heard: both screens, a reader of each, and three alert hooks.
+"""Observers of a node while it is measured: both screens, a reader of each, and three alert hooks.
 
-The hooks fail slowly: two servers take the connection and never answer, and a command never ends.
-The process reads what a browser would be sent by the 3D view and by the operator's page, and draws
-nothing: a browser would run on another computer. So it also has the lowest priority.
+The hooks fail slowly: two servers accept the connection and never answer, and a command never
+    exits. The process reads the data that the 3D view and the operator's page send to a browser,
+    but draws nothing, because a browser would run on another computer. For the same reason it has
+    the lowest priority.
 """
 
 import contextlib
@@ -34,13 +35,12 @@ _TIMEOUT_S = 5.0  # the default of a hook: so long each attempt hangs
 
 @dataclass(frozen=True)
 class Onlookers:
-    """Options of a node, so that it is looked at.
+    """Options with which a node runs observed.
 
     Attributes:
-        flags: of ``hri-predict run``.
-        alerts: the block ``alerts:`` of its configuration.
-        process: the reader; it sends a word when it has seen both screens, and reports how many
-            bytes each screen sent it.
+        flags: options of ``hri-predict run``. alerts: the block ``alerts:`` of its configuration.
+            process: the reader; it sends a message after data from both screens, and reports the
+            bytes received from each.
     """
 
     flags: list[str]
@@ -50,7 +50,7 @@ class Onlookers:
 
 @contextlib.contextmanager
 def onlookers() -> Iterator[Onlookers]:
-    """Yield them; servers and watcher end with the context.
+    """Yield the options; servers and reader stop when the context exits.
 
     Raises:
         LinkError: a library of screens or hooks is not installed.
@@ -81,13 +81,13 @@ def _check() -> None:
 
 @contextlib.contextmanager
 def _silent_server() -> Iterator[int]:
-    """The port of a server whose queue takes connections, and who never answers."""
+    """Yield the port of a server that queues connections and never answers."""
     with socket.create_server(("127.0.0.1", 0), backlog=128) as server:
         yield int(server.getsockname()[1])
 
 
 class _Watch(threading.Thread):
-    """Reads one screen, again after each loss, and counts the bytes."""
+    """Reads one screen, reconnecting after each loss, and counts the bytes."""
 
     def __init__(self, read: Callable[[int], Iterator[int]], port: int) -> None:
         super().__init__(daemon=True)
@@ -121,10 +121,10 @@ def _operator(port: int) -> Iterator[int]:
 
 
 def watch(pipe: Connection, viewer: int, operator: int) -> dict[str, int]:
-    """Watch both screens; for ``child``. Reports the bytes of each.
+    """Read both screens and report the bytes of each; for ``child``.
 
     Raises:
-        LinkError: not both were seen.
+        LinkError: a screen sent nothing.
     """
     os.nice(NICE)
     watches = {"viewer": _Watch(_viewer, viewer), "operator": _Watch(_operator, operator)}

@@ -43,7 +43,7 @@ _LONG = ("Zone", "Pose")  # they go over classic CAN by ISO-TP alone
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Microseconds of one call of each part, hot."""
+    """Yield the microseconds of one call of each part, in a hot loop."""
     repeat = max(5, round(20 * scope.seconds))
     yield from _ring_buffer(repeat)
     yield from _codecs(repeat)
@@ -87,7 +87,7 @@ def _codecs(repeat: int) -> Iterator[Row]:
 
 
 def _codec(kind: str, message: Any, repeat: int) -> tuple[list[float], list[float]]:
-    """Seconds of encoding, and of decoding, one message."""
+    """Return the seconds that encoding and decoding one message take."""
     if kind == "serial":
         sender, receiver = SerialSender(), SerialReceiver()
         coded: Iterator[Any] = iter([sender.encode(message) for _ in range(20 * repeat)])
@@ -106,7 +106,7 @@ def _codec(kind: str, message: Any, repeat: int) -> tuple[list[float], list[floa
 
 
 def _risk(repeat: int) -> Iterator[Row]:
-    """Time the slowest branch, stage by stage: people near enough that several speeds are tried."""
+    """Time the slowest branch, stage by stage: people so close that several speeds are tried."""
     from hri_predict.risk.engine import RiskEngine
 
     zones, judge = risk_calls()
@@ -126,7 +126,7 @@ def _risk(repeat: int) -> Iterator[Row]:
 
 
 def _watched(stage: Callable[..., Any], seconds: list[float]) -> Callable[..., Any]:
-    """The stage, with its seconds noted."""
+    """Return the stage, wrapped to record its duration."""
 
     @functools.wraps(stage)
     def watched(*arguments: Any, **named: Any) -> Any:
@@ -173,10 +173,11 @@ _WALK_TICKS = 50  # people come into view and walk up; then the next people come
 
 
 def risk_calls() -> tuple[Callable[[], object], Callable[[], object]]:
-    """Return two calls to time: the zones of people who walk up to two arms, and their judgement.
+    """Return two calls to be timed: computing the zones of people who walk up to two arms, and
+    judging them.
 
     The first call computes the zones of the next tick, with the shipped calibration and the
-    self-check. The second judges the last tick. One arm's plan is known, the other's is not. The
+    self-check. The second judges the last tick. The plan of only one arm is known. The
     delays are so long that all horizons are used.
     """
     link = LinkSettings(name="bus", kind="can", silence_timeout_s=0.15, reaction_s=0.41)
@@ -213,7 +214,7 @@ def risk_calls() -> tuple[Callable[[], object], Callable[[], object]]:
 
 
 def _later(snapshot: PeopleSnapshot, walk: int) -> PeopleSnapshot:
-    """Return the snapshot of a later walk: other people's ids, later times."""
+    """Return the snapshot of a later walk, with other ids and later times."""
     later_ns = walk * _WALK_TICKS * TICK_NS
     return replace(
         snapshot,

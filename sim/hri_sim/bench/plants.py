@@ -1,7 +1,7 @@
-"""``bench plants``: from an advice to a robot (RTDE) or a PLC (Modbus, OPC UA).
+"""``bench plants``: delay of an advice to a robot (RTDE) or a PLC (Modbus, OPC UA).
 
-Each link posts an Advice every 40 ms or so, in real time. The other end is a process of its own:
-the made-up RTDE controller, a Modbus client that polls every 10 ms, and an OPC UA client that
+Each link posts an Advice about every 40 ms, in real time. The other end is a separate process: the
+simulated RTDE controller, a Modbus client that polls every 10 ms, and an OPC UA client that
 subscribes. All read the same clock.
 """
 
@@ -60,11 +60,10 @@ def plants(
     seconds: SecondsOption = 20.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
-
-    Then the time from a controller's write of its state until the node has read it, by Modbus and
-    OPC UA. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
-    that of OPC UA subscribes. This runs in real time, so other programs disturb it.
+    """Measure RTDE, Modbus and OPC UA: the time from posting an advice until another process has
+    it; then, for Modbus and OPC UA, the time from a controller's write of its state until the node
+    has read it. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10
+    ms, that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """
@@ -75,7 +74,7 @@ def plants(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Milliseconds of each link."""
+    """Yield the milliseconds of each link."""
     need_extra("pymodbus", "modbus")
     return rows_of(costs(scope.seconds), "link")
 
@@ -88,9 +87,11 @@ SETTLE_S, DRAIN_S = 1.0, 0.5
 def costs(seconds: float) -> Iterator[dict[str, Any]]:
     """Yield a row of each link.
 
-    ``latency_ms``: from ``post`` until the other end has the Advice, p50, p99 and max; ``sent``,
-    ``heard``: numbers of Advice; ``superseded``: those that a newer one replaced in the link. Of
-    the clients: from the controller's write of a state until the link has it; ``sent``: readings,
+    ``latency_ms``: time from ``post`` until the other end has the Advice: p50, p99 and max;
+        ``sent``,
+    ``heard``: numbers of Advice; ``superseded``: number that a newer one replaced in the link. For
+        the clients, the time from the controller's write of a state until the link has it;
+        ``sent``: readings,
     ``heard``: those with a new state.
     """
     yield {"link": "rtde, 125 Hz", **_rtde(seconds)}
@@ -103,7 +104,7 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
 
 
 def _states(protocol: str, seconds: float) -> dict[str, Any]:
-    """Read the made-up robot's server, whose heartbeat is the time of its write in ms."""
+    """Read the simulated robot's server; its heartbeat is the time of writing in ms."""
     config = yaml.safe_load(data_path(f"robot_{protocol}.yaml").read_text())["links"][0]
     server = ServerProcess(protocol)
     spans_ms: list[float] = []
@@ -129,11 +130,11 @@ def _states(protocol: str, seconds: float) -> dict[str, Any]:
 
 
 class RtdeController:
-    """The made-up robot controller in a process of its own: its port, and what it heard.
+    """The simulated robot controller in a separate process.
 
     Attributes:
         port: to connect to.
-        heard: (ns, watchdog count) of each advice.
+        heard: (ns, watchdog count) of each received advice.
     """
 
     def __init__(self) -> None:
@@ -182,7 +183,7 @@ def _opcua(seconds: float) -> dict[str, Any]:
 def _served(
     link: Link, port: int, client: Callable[[Connection, int], dict[int, int]], seconds: float
 ) -> dict[str, Any]:
-    """Measure a link that is a server, whose ``client`` runs in a process of its own."""
+    """Measure a link that is a server; ``client`` runs in a separate process."""
     with contextlib.ExitStack() as stack:
         link.start()
         stack.callback(link.stop)
@@ -192,7 +193,7 @@ def _served(
 
 
 def _poll(pipe: Connection, port: int) -> dict[int, int]:
-    """Poll a robot's registers; return when each latch id was read first."""
+    """Poll a robot's registers; return the time at which each latch id was first read."""
     return {latch_id: at_ns for at_ns, latch_id in poll(pipe, port, (ROBOT, "LATCH_ID"))}
 
 
@@ -202,12 +203,12 @@ def poll(
     """Poll registers every ``POLL_S``, as a PLC does; for ``child``.
 
     Args:
-        pipe: gets a word when polling begins, and ends it.
-        port: of the link.
-        fields: block, of the node or of its first robot, and name of each register.
+        pipe: receives a message when polling starts; a message in it stops polling. port: port of
+            the link.
+        fields: block (the node's, or its first robot's) and name of each register.
 
     Returns:
-        When each value of the first register was read first, ns, and all values.
+        Time (ns) at which each value of the first register was first read, and all values.
     """
     from pymodbus.client import ModbusTcpClient
 
@@ -231,7 +232,7 @@ def poll(
 
 
 def _subscribe(pipe: Connection, port: int) -> dict[int, int]:
-    """Subscribe to a robot's variables; return when each latch id came first."""
+    """Subscribe to a robot's variables; return the time at which each latch id first arrived."""
     import asyncio
 
     from asyncua import Client, ua
@@ -258,7 +259,7 @@ def _subscribe(pipe: Connection, port: int) -> dict[int, int]:
 
 
 def _measured(link: Link, seconds: float, report: Callable[[], dict[int, int]]) -> dict[str, Any]:
-    """Post for a while; ``report`` says when the other end had each Advice, by its number."""
+    """Post for a while; ``report`` returns when the other end had each Advice, by number."""
     link.start()  # does nothing if it is started
     try:
         time.sleep(SETTLE_S)
@@ -275,7 +276,7 @@ def _measured(link: Link, seconds: float, report: Callable[[], dict[int, int]]) 
         link.stop()
     spans_ms = [1e-6 * (heard[n] - at) for n, at in posted.items() if n in heard]
     if not spans_ms:
-        raise LinkError("the other end heard nothing; run again on a machine with less to do")
+        raise LinkError("the other end received nothing; run again on a less busy machine")
     return _line(len(posted), spans_ms, link.counters.superseded)
 
 

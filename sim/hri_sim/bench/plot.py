@@ -1,4 +1,4 @@
-"""The bench as a picture: lines where something grows, otherwise medians with their tails."""
+"""Plots of the bench: lines over a growing quantity, otherwise medians with their tails."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,13 +17,13 @@ Panel = tuple[str, list[Row]]
 
 
 def check(path: Path) -> None:
-    """Refuse a plot before anything is measured, not after.
+    """Check that the plot can be made, before anything is measured.
 
     Raises:
-        ConfigError: of another ending, or matplotlib is not installed.
+        ConfigError: unsupported file type, or matplotlib is not installed.
     """
     if path.suffix.lower() not in ENDINGS:
-        raise ConfigError(f"--plot {path}: give a file that ends in {' or '.join(ENDINGS)}")
+        raise ConfigError(f"--plot {path}: give a file name that ends in {' or '.join(ENDINGS)}")
     need_plots()
 
 
@@ -47,7 +47,7 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
 
 
 def _columns(panels: Sequence[Panel]) -> list[list[Panel]]:
-    """Two columns of about the same height, in order; one for a single panel."""
+    """Return two columns of about the same height, in order; one for a single panel."""
     half, first = _total(panels) / 2.0, list[Panel]()
     for panel in panels:
         if first and _total(first) + 0.5 * _height(panel[1]) > half:
@@ -61,7 +61,7 @@ def _total(panels: Sequence[Panel]) -> float:
 
 
 def _draw(part: Any, panels: Sequence[Panel], tallest: float) -> None:
-    """Draw panels below each other; what is left of the tallest column stays empty."""
+    """Draw panels below each other, leaving the rest of the column's height empty."""
     heights = [_height(rows) for _, rows in panels]
     left = tallest - sum(heights)
     ratios = [*heights, left] if left > 0.1 else heights
@@ -74,7 +74,7 @@ def _draw(part: Any, panels: Sequence[Panel], tallest: float) -> None:
 
 
 def _panels(name: str, rows: Sequence[Row]) -> list[Panel]:
-    """Rows of a section that can share a scale: by axis, or by unit."""
+    """Group rows of a section that can share a scale, by axis or by unit."""
     found: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         if row.p50 is not None and row.drawn:
@@ -95,7 +95,7 @@ def _height(rows: Sequence[Row]) -> float:
 
 
 def _lines(ax: Any, rows: Sequence[Row]) -> None:
-    """One line for each series: the median, dashed the 99th percentile."""
+    """Draw lines for each series: the median solid, the 99th percentile dashed."""
     names = list(dict.fromkeys(row.series for row in rows))
     for k, name in enumerate(names):
         line = sorted((r for r in rows if r.series == name), key=lambda r: r.size or 0.0)
@@ -121,7 +121,7 @@ def _lines(ax: Any, rows: Sequence[Row]) -> None:
 
 
 def _spans(ax: Any, rows: Sequence[Row]) -> None:
-    """One line of text for each row: median (dot), p99 (bar's end), largest (tick), its limit."""
+    """Draw one line for each row: median (dot), p99 (end of bar), largest (tick), limit."""
     for k, row in enumerate(rows):
         high = row.p99 if row.p99 is not None else row.p50
         ax.plot([row.p50, high], [k, k], "-", color="#56B4E9", lw=4, solid_capstyle="butt")
@@ -145,7 +145,7 @@ def _spans(ax: Any, rows: Sequence[Row]) -> None:
 
 
 def _plain(axis: Any) -> None:
-    """Numbers as people write them, and enough of them on a short logarithmic axis."""
+    """Label the axis with plain numbers, with enough of them on a short logarithmic axis."""
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     low, high = axis.get_view_interval()

@@ -1,8 +1,10 @@
-"""``bench ports``: one node with ROS 2, a robot by RTDE, a PLC by Modbus and a CAN bus at once.
+"""``bench ports``: one node with ROS 2, a robot on RTDE, a PLC on Modbus and a CAN bus at the same
+time.
 
-Each other end is a process of its own: a ROS 2 node that publishes people, the made-up RTDE
-controller, a Modbus client that polls, a CAN receiver, and a bare loop that shows what the machine
-can do. Then the same cell runs with the CAN bus alone, and its people within the node.
+Each far end is a separate process: a ROS 2 node that publishes people, the simulated RTDE
+    controller, a Modbus client that polls, a CAN receiver, and a bare loop that shows the machine's
+    own jitter. Then the same cell runs with only the CAN bus and with people simulated within the
+    node.
 """
 
 import contextlib
@@ -50,10 +52,8 @@ def ports(
     predictor: Annotated[str, typer.Option(help="Predictor of both cells.")] = "sinn",
     as_json: JsonOption = False,
 ) -> None:
-    """Run one node with ROS 2, RTDE, Modbus and CAN at once, then with CAN alone.
-
-    Each other end is a process of its own, on this machine. This runs in real time, so other
-    programs disturb it.
+    """Run one node with ROS 2, RTDE, Modbus and CAN at the same time, then with CAN alone. Each far
+    end is a separate process on this machine. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench ports --minutes 0.5
     """
@@ -67,9 +67,9 @@ def ports(
 def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
     """Yield a row of each receiver: all ports at once, then CAN alone.
 
-    ``heard``: number of Advice, or of states of the registers; ``lost``: numbers that were skipped,
-    of the node's cycles, heartbeats and watchdog counts; ``deviation_ms``: of the intervals between
-    them from the period; ``age_ms``: as the advice says; both ``None`` where a port has none.
+    ``heard``: number of Advice, or of states of the registers; ``lost``: number of skipped cycles,
+        heartbeats or watchdog counts; ``deviation_ms``: deviation of the intervals from the period;
+        ``age_ms``: age stated in the advice; both ``None`` if a port has none.
     """
     need_extra("pymodbus", "modbus")
     need_extra("rclpy", "ros2")
@@ -118,7 +118,7 @@ def _run(seconds: float, predictor: str, **others: Any) -> dict[str, Any]:
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Milliseconds at each receiver, with all ports and with CAN alone."""
+    """Yield the milliseconds at each receiver, with all ports and with CAN alone."""
     return rows_of(costs(2.0 * scope.seconds, scope.network), "receiver")
 
 
@@ -136,7 +136,7 @@ def _people() -> Iterator[dict[str, Any]]:
 
 
 def _publish(pipe: Connection) -> None:
-    """Publish what the cell's own source would deliver, stamped with UTC; for ``child``."""
+    """Publish the scenes of the cell's own source, stamped with UTC; for ``child``."""
     from hri_sim.senders.ros2 import Ros2End  # needs rclpy
 
     settings = cell.settings(captures_hz=PEOPLE_HZ)["source"] | {"room_from_source": POSE}
@@ -163,14 +163,14 @@ def _polled(rows: Sequence[tuple[int, ...]]) -> dict[str, Any]:
 def _numbered(
     receiver: str, at_ns: Sequence[int], numbers: Sequence[int], rate_hz: float, **more: Any
 ) -> dict[str, Any]:
-    """A row of messages that are numbered, modulo 65536."""
+    """Return the row of messages that are numbered modulo 65536."""
     steps = [(b - a) % 65_536 for a, b in itertools.pairwise(numbers)]
     lost = sum(step - 1 for step in steps if step > 1)
     return _line(receiver, len(numbers), lost, deviations_ms=deviations(at_ns, rate_hz), **more)
 
 
 def _cell(what: str, found: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """The rows of a cell's CAN bus and its bare loop."""
+    """Yield the rows of a cell's CAN bus and its bare loop."""
     yield _line(
         f"CAN FD, 25 Hz, {what}",
         found["heard"],

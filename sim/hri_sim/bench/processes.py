@@ -1,4 +1,4 @@
-"""Resources of a process and those that it started, as the kernel counts it (Linux, ``/proc``)."""
+"""Resources of a process and its descendants, as the kernel reports them (Linux, ``/proc``)."""
 
 import contextlib
 from collections.abc import Iterator
@@ -8,10 +8,8 @@ GROUPS = ("loop", "busiest other thread", "other threads", "helper processes")
 
 
 def processor_time(pid: int) -> dict[str, float]:
-    """Processor seconds since start: ``all``, and by group.
-
-    ``loop`` is the first thread, in which the node's loop runs; helper processes are all those
-    that the process started.
+    """Return the processor seconds since start: ``all``, and by group. ``loop`` is the first
+    thread, in which the node's loop runs; helper processes are all descendants.
     """
     threads = dict(_threads(pid))
     loop = threads.pop(pid, 0.0)
@@ -23,7 +21,7 @@ def processor_time(pid: int) -> dict[str, float]:
 
 
 def resident_mib(pid: int) -> float:
-    """Resident memory of a process and those that it started, MiB."""
+    """Return the resident memory of a process and its descendants, MiB."""
     total = 0
     for each in (pid, *descendants(pid)):
         with contextlib.suppress(OSError):
@@ -34,7 +32,7 @@ def resident_mib(pid: int) -> float:
 
 
 def cores_busy() -> list[tuple[float, float]]:
-    """(busy, all) of each core since start, in the kernel's ticks."""
+    """Return (busy, all) of each core since boot, in kernel ticks."""
     found = []
     for line in Path("/proc/stat").read_text().splitlines():
         if line.startswith("cpu") and line[3].isdigit():
@@ -44,7 +42,7 @@ def cores_busy() -> list[tuple[float, float]]:
 
 
 def descendants(pid: int) -> list[int]:
-    """All processes that this one started, and those that they started."""
+    """Return all descendants of this process."""
     parents: dict[int, list[int]] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError, ValueError, IndexError):
@@ -60,7 +58,7 @@ def descendants(pid: int) -> list[int]:
 
 
 def _threads(pid: int) -> Iterator[tuple[int, float]]:
-    """Each thread's id and processor seconds; threads that end are left out."""
+    """Yield each thread's id and processor seconds; threads that have exited are left out."""
     for task in Path(f"/proc/{pid}/task").glob("*"):
         with contextlib.suppress(OSError, ValueError, IndexError):
             yield int(task.name), int((task / "schedstat").read_text().split()[0]) * 1e-9

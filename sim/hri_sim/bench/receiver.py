@@ -1,8 +1,7 @@
-"""The other processes of ``heard``: a receiver at the end of a wire, and a bare loop beside it.
-
-The bare loop sleeps to an absolute deadline, writes a byte into a pipe, and does nothing else. The
-receiver notes when the messages of a node and the bytes of the bare loop come, both in the same
-way, so that its own lateness is in both.
+"""The other processes of ``heard``: a receiver at the end of a wire, and a bare loop. The bare loop
+only sleeps until an absolute deadline and writes a byte into a pipe. The receiver records the
+arrival of the node's messages and of the bare loop's bytes in the same way, so that both include
+its own lateness.
 """
 
 import gc
@@ -25,18 +24,17 @@ from hri_sim.wires.slcan_adapter import SlcanAdapter
 PRIORITY = 10
 MULTICAST = "239.74.163.3"
 LINK = {"name": "bench", "repeat_hz": 0}
-"""Settings of each link that is heard: ticks are sent once, so intervals are those of the ticks."""
+"""Settings of each measured link: one message per tick, so message intervals are tick intervals."""
 Stamped = tuple[int, Any]
-"""When it came, nanoseconds of the monotonic clock, and a unit that the decoder takes."""
+"""Arrival time (nanoseconds of the monotonic clock) and a unit for the decoder."""
 
 
 class Ear(Protocol):
     """One end of a wire.
 
     Attributes:
-        link: entry of ``links:`` of the node at the other end.
-        stamps: the clock that stamps what comes.
-        receiver: decoder of its units.
+        link: entry of ``links:`` for the node at the other end. stamps: the clock that stamps
+            arrivals. receiver: decoder of the units.
     """
 
     link: dict[str, Any]
@@ -44,23 +42,22 @@ class Ear(Protocol):
     receiver: Any
 
     def fileno(self) -> int:
-        """Return the file to wait for."""
+        """Return the file descriptor to wait for."""
 
     def take(self) -> list[Stamped]:
-        """Return what has come, without waiting."""
+        """Return the arrivals so far, without waiting."""
 
     def close(self) -> None:
-        """Leave the wire."""
+        """Disconnect from the wire."""
 
 
 class PtyEar:
-    """The other side of a serial line, or a CAN adapter on one; stamps come after each read.
+    """The other side of a serial line, or a CAN adapter on one; each read is stamped on return.
 
     Args:
         link: entry of ``links:``, except for the line's path.
-        key: the entry's key of that path.
-        transport: what reads from the line.
-        receiver: decoder of what it reads.
+        key: the entry's key for that path. transport: reads from the line. receiver: decoder of the
+            units read.
     """
 
     stamps = "receiver's clock after a blocking read"
@@ -81,7 +78,7 @@ class PtyEar:
         return self._fd
 
     def take(self) -> list[Stamped]:
-        """The bytes, or frames, that came."""
+        """Return the bytes, or frames, that have arrived."""
         units = self._transport.read(0.0)
         now_ns = time.monotonic_ns()
         return [(now_ns, unit) for unit in units]
@@ -106,7 +103,7 @@ class UdpEar:
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
 
     def fileno(self) -> int:
-        """The socket's descriptor."""
+        """Return the socket's descriptor."""
         return int(self._bus.fileno())
 
     def take(self) -> list[Stamped]:
@@ -135,11 +132,11 @@ EARS: dict[str, Callable[[], Ear]] = {
     "CAN FD udp_multicast": UdpEar,
     "CAN FD slcan pty": lambda: PtyEar(_SLCAN, "channel", SlcanAdapter, CanReceiver(fd=True)),
 }
-"""The ends of wires at which a node can be heard, the plainest first."""
+"""The wires at whose far end a node can be measured, simplest first."""
 
 
 class Heard:
-    """When which message arrived."""
+    """Arrival times of the messages."""
 
     def __init__(self, receiver: Any) -> None:
         self._receiver = receiver
@@ -148,7 +145,7 @@ class Heard:
         self.messages: list[tuple[str, int, int]] = []  # kind, time, and see ``take``
 
     def take(self, stamp_ns: int, unit: Any) -> None:
-        """Decode a unit; note a Status with its cycle, an Advice with its age (ms, -1: none)."""
+        """Decode a unit; record a Status with its cycle, an Advice with its age (ms, -1: none)."""
         for message in self._receiver.feed(unit):
             if isinstance(message, Status):
                 self._running = message.node_state in (NodeState.RUNNING, NodeState.DEGRADED)
@@ -162,11 +159,10 @@ class Heard:
 
 
 def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
-    """Hear a node at the end of a wire, and the bytes of a bare loop; for ``child``.
-
-    It sends the entry of ``links:`` of the node, then when the first advice of a running node came,
-    and reports all that it heard. Units are decoded as they come until that advice is there; later
-    ones are decoded at the end, so that decoding makes no stamp late.
+    """Receive a node's messages at the end of a wire, and the bytes of a bare loop; for ``child``.
+    It sends the node's entry of ``links:``, then the arrival time of the first advice of a running
+    node, and finally reports everything received. Units are decoded on arrival up to that advice;
+    later ones are decoded at the end, so that decoding delays no stamp.
     """
     ear = EARS[wire]()
     heard, kept, bare = Heard(ear.receiver), list[Stamped](), list[int]()
@@ -198,7 +194,7 @@ def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
 
 
 def _ahead_of_others() -> str:
-    """Run ahead of all that is measured, where this is allowed; return how."""
+    """Run at a higher priority than all measured processes, if allowed; return the scheduling."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
         return f"SCHED_FIFO {PRIORITY}"
@@ -207,7 +203,7 @@ def _ahead_of_others() -> str:
 
 
 def bare_loop(_: Connection, out: Connection, rate_hz: float) -> None:
-    """Write a byte at each deadline, for as long as there is a reader; for ``child``."""
+    """Write a byte at each deadline while there is a reader; for ``child``."""
     deadline_ns = time.monotonic_ns()
     while True:
         deadline_ns += round(1e9 / rate_hz)

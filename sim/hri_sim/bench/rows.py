@@ -1,4 +1,4 @@
-"""A row of the bench: what was measured, and the floor or aim that stands beside it."""
+"""A row of the bench: the measured values, and their floor or aim."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,18 +14,15 @@ class Row:
     """One figure with its spread.
 
     Attributes:
-        part: the measured part; a section names each of its parts once.
-        unit: of all its figures.
-        p50, p99, max: median, 99th percentile, largest; a figure without a spread is its ``p50``.
-        floor: lower bound on this machine, by ``why``; stands next to ``p50``.
-        aim: maximum that it should have (minimum, if more is better); next to the figure
-            ``aim_of``.
-        why: in one phrase, what the floor or the aim is.
-        more_is_better: as with speeds.
+        part: the measured part, unique within a section. unit: unit of all its figures. p50, p99,
+            max: median, 99th percentile, largest; a figure without a spread has only ``p50``.
+        floor: lower bound on this machine, explained by ``why``; compared with ``p50``. aim:
+            desired maximum (minimum, if more is better) of the figure ``aim_of``. why: one phrase
+            that explains the floor or the aim. more_is_better: true for speeds, for example.
         axis, size, series: place on a line of a plot: people, 4, "sinn".
-        drawn: whether a plot shows it; the lines of a plot show how they grow by themselves.
-        note: one line more, such as why there is no figure.
-        more: further figures, for JSON alone.
+        drawn: whether a plot shows it; false for growth, which the lines of a plot show anyway.
+            note: one more line, such as the reason why there is no figure. more: further figures,
+            only for JSON.
     """
 
     part: str
@@ -51,15 +48,15 @@ class Scope:
     """Amount of measurement.
 
     Attributes:
-        seconds: for each row that is measured in real time.
+        seconds: duration of each row that is measured in real time.
         baseline: the predictor whose inference costs next to nothing.
         network: the default predictor, whose inference costs most of a tick.
-        predictors: those that are measured one by one; empty: all with shipped weights.
-        people, joint_maps, horizons_s, robots, rates_hz: values that scaling goes through.
-        batches: numbers of people that forecasts are made for.
-        wires, age_rates_hz: number of wires, and the rates.
-        episodes: approaches of the closed loop; 0: it is left out.
-        cold: whether the start is measured with an empty cache, too.
+        predictors: predictors to measure one by one; empty: all with shipped weights.
+        people, joint_maps, horizons_s, robots, rates_hz: values that section ``scaling`` goes
+            through. batches: numbers of people in one forecast.
+        wires, age_rates_hz: number of wires, and the rates. episodes: approaches of the closed
+            loop; 0: left out.
+        cold: whether the start is also measured with an empty cache.
     """
 
     seconds: float = 10.0
@@ -100,7 +97,7 @@ class Section:
 
     Attributes:
         about: its title.
-        rows: yields each row when it is measured.
+        rows: yields each row as soon as it is measured.
         detail: measured only where ``--only`` names it.
     """
 
@@ -118,7 +115,7 @@ def spread(values: Sequence[float] | Floats, digits: int | None = None) -> dict[
 
 
 def measured(part: str, unit: str, values: Sequence[float] | Floats, **beside: Any) -> Row:
-    """A row of these values; ``beside`` is the rest of it."""
+    """Return a row of these values; ``beside`` gives its other fields."""
     if not len(values):
         return Row(part=part, unit=unit, note="nothing was measured", **beside)
     figures: dict[str, Any] = beside | spread(values)
@@ -126,19 +123,17 @@ def measured(part: str, unit: str, values: Sequence[float] | Floats, **beside: A
 
 
 _UNITS = {"_ms": "ms", "_us": "µs", "_percent": "%", "_m_s": "m/s", "_m3": "m³", "_per_s": "/s"}
-"""Ends of the keys of figures."""
+"""Suffixes of the keys of figures."""
 
 
 def rows_of(
     lines: Iterable[Mapping[str, Any]], *names: str, more_is_better: Sequence[str] = ()
 ) -> Iterator[Row]:
-    """A row for each figure in the lines of a command's table.
+    """Yield a row for each figure in the lines of a command's table.
 
     Args:
-        lines: key -> figure, or a spread; or these by group; a key without a unit at its end is
-            left out.
-        names: keys that name a line.
-        more_is_better: keys of speeds and the like.
+        lines: key -> figure or spread, or a group of them; keys without a unit suffix are left out.
+            names: keys that name a line. more_is_better: keys for which a larger value is better.
     """
     for line in lines:
         name = ", ".join(f"{line[key]:g} Hz" if key == "rate_hz" else line[key] for key in names)

@@ -1,6 +1,5 @@
-"""Sections ``jitter``, ``load`` and ``start``: a running node, as another process hears it.
-
-The three look at the same runs, each of which is made once in a bench.
+"""Sections ``jitter``, ``load`` and ``start``: a running node, as another process observes it. All
+three use the same runs; a bench makes each run once.
 """
 
 import subprocess
@@ -23,17 +22,18 @@ _JITTER_MS = 1.0  # aim: p99 at the receiver, 25 messages a second, with inferen
 _START_S = 5.0
 _RESIDENT_MIB = {"baseline": 300.0, "network": 700.0}
 _BARE = (
-    "bare loop: another process that only sleeps to deadlines of the same rate, in the same run; "
-    "over bare: the node's figure divided by the loop's"
+    "bare loop: another process that only sleeps until deadlines at the same rate, in the same "
+    "run; over bare: the node's figure divided by the loop's"
 )
 _LOOKED_AT = (
     "looked at: with the 3D view and the operator's page, a reader of both, and three alert "
-    "hooks that fail slowly; over alone: the node's figure divided by that without them"
+    "hooks that fail slowly; over alone: the node's figure divided by the figure without them"
 )
 _LOAD = (
-    "%: of one core; the cores' own figures hold the receiver, the bare loop and all else that ran"
+    "%: of one core; the figures of the cores include the receiver, the bare loop and "
+    "everything else that ran"
 )
-_COLD = "empty cache: exported networks and compiled loops are built again"
+_COLD = "empty cache: exported networks and compiled loops are rebuilt"
 
 
 @lru_cache(maxsize=32)
@@ -45,7 +45,7 @@ def heard(
     watched: bool = False,
     cache: Path | None = None,
 ) -> dict[str, Any] | str:
-    """See ``heard.heard``; one line if this machine has no such wire."""
+    """Run ``heard.heard``; return one line of text if this machine has no such wire."""
     from hri_sim.bench import heard as other
 
     try:
@@ -62,7 +62,7 @@ def heard(
 
 
 def jitter(scope: Scope) -> Iterator[Row]:
-    """Deviations of intervals from the period: inference idle, busy, and busy and looked at."""
+    """Yield deviations of intervals from the period: inference idle, busy, busy while observed."""
     for wire in _wires(scope):
         short, told = short_name(wire), dict[str, Row]()
         for state, predictor in (
@@ -85,7 +85,7 @@ def jitter(scope: Scope) -> Iterator[Row]:
 
 
 def load(scope: Scope) -> Iterator[Row]:
-    """Processor time over wall time, with a baseline and with a network."""
+    """Yield processor time over wall time, with a baseline and with a network."""
     for predictor in (scope.baseline, scope.network):
         run = heard(WIRES[0], predictor, _heard_s(scope))
         if isinstance(run, str):
@@ -99,7 +99,7 @@ def load(scope: Scope) -> Iterator[Row]:
 
 
 def start(scope: Scope) -> Iterator[Row]:
-    """Seconds until a receiver has the first Advice of a running node; MiB of its processes."""
+    """Yield the seconds until a receiver has the first Advice; MiB of the node's processes."""
     for kind, predictor, library in (
         ("baseline", scope.baseline, "numpy"),
         ("network", scope.network, "torch"),
@@ -133,12 +133,12 @@ def short_name(wire: str) -> str:
 
 
 def _heard_s(scope: Scope) -> float:
-    """Duration for which a run is heard: intervals need more than single calls."""
+    """Return the measured time of a run; intervals need more than single calls do."""
     return 2.0 * scope.seconds
 
 
 def _wires(scope: Scope) -> tuple[str, ...]:
-    """Serial, and a CAN bus: over a serial adapter where this machine has no multicast."""
+    """Return serial and a CAN bus, over a serial adapter where this machine has no multicast."""
     serial, can, adapter = WIRES
     if scope.wires == 1:
         return (serial,)

@@ -1,4 +1,4 @@
-"""A finished bench as JSON, with its machine; its comparison with an earlier one, by ratios."""
+"""A finished bench as JSON, with its machine; comparison with an earlier bench by ratios."""
 
 import errno
 import json
@@ -23,17 +23,17 @@ from hri_predict.cli.common import writing
 from hri_sim.bench.rows import Row
 
 FORMAT = "hri-predict bench 1"
-_REMEDY = "make one with hri-predict bench --save FILE"
+_REMEDY = "create one with hri-predict bench --save FILE"
 Sections = Mapping[str, Sequence[Row]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """A figure next to that of an earlier run.
+    """A figure compared with an earlier run.
 
     Attributes:
         section, part: their names.
-        p50, p99: new over old; ``None`` where one of them is missing.
+        p50, p99: ratio of new to old; ``None`` where one of them is missing.
         verdict: ``worse``, ``better``, ``as before``, ``new``, or ``gone``.
     """
 
@@ -45,13 +45,13 @@ class Change:
 
 
 def as_json(machine: Mapping[str, Any], sections: Sections) -> dict[str, Any]:
-    """All figures, as plain data."""
+    """Return all figures as plain data."""
     rows = {name: [asdict(row) for row in found] for name, found in sections.items()}
     return {"format": FORMAT, "machine": dict(machine), "sections": rows}
 
 
 def check(flag: str, path: Path) -> None:
-    """Before anything is measured, refuse a file that cannot be written.
+    """Check that the file can be written, before anything is measured.
 
     Raises:
         ConfigError: it is a folder, or its folder cannot be written.
@@ -77,7 +77,7 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
     """Read an earlier bench: its machine, and its rows by section.
 
     Raises:
-        ConfigError: the file does not exist, or it is not one of ours.
+        ConfigError: the file does not exist, or no bench wrote it.
     """
     try:
         told = json.loads(path.read_text(encoding="utf-8"))
@@ -95,10 +95,10 @@ def read(path: Path) -> tuple[dict[str, Any], dict[str, list[Row]]]:
 
 
 def compare(before: Sections, now: Sections, factor: float) -> list[Change]:
-    """Compare what was measured now with the same parts of an earlier run.
+    """Compare the new measurements with the same parts of an earlier run.
 
     Args:
-        before, now: rows by section. Sections that were not measured now are left out.
+        before, now: rows by section. Sections missing from ``now`` are left out.
         factor: ratio of p50 or p99 from which it counts as worse (or better).
     """
     changes = []
@@ -126,23 +126,23 @@ def _change(section: str, old: Row | None, row: Row, factor: float) -> Change:
 
 
 def _ratio(old: float | None, new: float | None) -> float | None:
-    """New over old; ``None`` where that says nothing."""
+    """Return the ratio of new to old; ``None`` where it is meaningless."""
     return new / old if old and new and old > 0 and new > 0 else None
 
 
 def other_machine(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """One line for each way in which the two runs' machines differ."""
+    """Yield one line for each difference between the machines of the two runs."""
     for key in ("processor", "cores", "governor"):
         if before.get(key) != now.get(key):
             yield f"the earlier run had another {key}: {before.get(key)}, now {now.get(key)}"
     old = before.get("yardstick_us")
     if isinstance(old, int | float) and old > 0:
         ratio = now["yardstick_us"] / old
-        yield f"the machine itself: a fixed work takes {ratio:.2f} times as long as in that run"
+        yield f"the machine itself: a fixed workload takes {ratio:.2f} times as long as in that run"
 
 
 def changes_json(changes: Sequence[Change]) -> dict[str, Any]:
-    """A comparison as plain data; nothing where there was none."""
+    """Return a comparison as plain data, empty if there was none."""
     return {"changes": [asdict(change) for change in changes]} if changes else {}
 
 
@@ -154,7 +154,7 @@ _LIBRARIES = ("numpy", "torch", "onnxruntime", "numba", "openvino")
 
 
 def machine() -> dict[str, Any]:
-    """Cores, processor, load average, governor, versions, and a yardstick."""
+    """Return cores, processor, load average, governor, versions, and a yardstick."""
     return {
         "processor": _processor(),
         "cores": len(os.sched_getaffinity(0)),
@@ -170,7 +170,7 @@ def machine() -> dict[str, Any]:
 
 
 def yardstick_us() -> float:
-    """Microseconds of a fixed work in Python and numpy: how fast this machine is just now."""
+    """Return the microseconds of a fixed workload in Python and numpy, to compare machines."""
     values = np.linspace(0.0, 1.0, 1000)
 
     def work() -> None:
@@ -182,17 +182,17 @@ def yardstick_us() -> float:
 
 
 def busy(load_average: float) -> str:
-    """One line if the machine is too busy to be measured, otherwise ""."""
+    """Return one line if the machine is too busy for measurements, otherwise ""."""
     if load_average <= BUSY:
         return ""
     return (
         f"this machine is busy (load average {load_average:.1f}, over {BUSY:g}): figures are too "
-        f"large, and ratios of one run say more; stop what else runs, or wait a minute"
+        "large, and only ratios within one run are useful; stop other programs, or wait a minute"
     )
 
 
 def described(facts: dict[str, Any]) -> str:
-    """The machine in one line."""
+    """Describe the machine in one line."""
     return (
         f"{facts['cores']} cores, {facts['processor']}, governor {facts['governor']}, load average "
         f"{facts['load_average']:g} at start"

@@ -1,7 +1,7 @@
 """Section ``scaling``: the time of a tick as people, joints, horizons, robots and rate grow.
 
 The cases of one axis take turns in blocks of ticks, at the node's rate in real time, so that caches
-are as cold as in the node and other programs disturb all alike.
+are as cold as in the node and other programs disturb all cases equally.
 """
 
 import math
@@ -22,7 +22,7 @@ _WARM_UP_TICKS = 25  # a second: the people are known, and their histories are f
 _LEAST_TICKS = 3  # in a block
 _THIRD = 1.0 / 3.0  # time per person at most people over that for one
 _WHY_PEOPLE = "aim of 16 over 1: a third of the time per person"
-_WHY_POWER = "power: 1 grows in proportion, 0 not at all; between smallest and largest"
+_WHY_POWER = "power: 1 means proportional growth, 0 no growth; between smallest and largest"
 
 
 @dataclass
@@ -30,9 +30,9 @@ class _Case:
     """A node on the virtual clock, ticked in real time.
 
     Attributes:
-        series, size: its place in the plot.
+        series, size: position in the plot.
         rate_hz: ticks a second.
-        taken_ms: of the ticks after the warm-up.
+        taken_ms: durations of the ticks after the warm-up.
     """
 
     series: str
@@ -43,13 +43,13 @@ class _Case:
     _tick_ns: int = VIRTUAL_START_NS
 
     def open(self) -> None:
-        """Bring the people in, as fast as possible."""
+        """Run as fast as possible until the people are in the room."""
         self.assembly.source.open(self._tick_ns)
         for _ in range(max(_WARM_UP_TICKS, round(self.rate_hz))):
             self._tick()
 
     def block(self, ticks: int) -> None:
-        """Tick a period apart."""
+        """Tick once per period."""
         due = time.perf_counter()
         for _ in range(ticks):
             due += 1.0 / self.rate_hz
@@ -72,7 +72,7 @@ class _Case:
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Milliseconds of a tick, without links, and how they grow."""
+    """Yield the milliseconds of a tick without links, and their growth."""
     both = (scope.baseline, scope.network)
     yield from _axis(scope, "people", both, [(n, {"people": n}) for n in scope.people])
     joints = [
@@ -92,7 +92,7 @@ def _axis(
     predictors: Sequence[str],
     sizes: Sequence[tuple[float, dict[str, Any]]],
 ) -> Iterator[Row]:
-    """One row for each case, then how the medians grow."""
+    """Yield one row for each case, then rows for the growth of the medians."""
     for predictor in predictors:
         cases = [_case(predictor, size, wanted) for size, wanted in sizes]
         for _ in range(_BLOCKS):
@@ -121,7 +121,7 @@ def _row(axis: str, case: _Case) -> Row:
 
 
 def _growth(axis: str, predictor: str, found: Sequence[Row]) -> Iterator[Row]:
-    """The last row's median over the first one's, and the power of the size by which it grows."""
+    """Yield the ratio of the last median to the first, and the power by which it grows."""
     if len(found) < 2:
         return
     sizes = [row.size or 1.0 for row in found]

@@ -1,4 +1,4 @@
-"""Section ``speed``: replays times real time, and approaches of the closed loop a minute."""
+"""Section ``speed``: replay speed relative to real time, and simulated approaches per minute."""
 
 import os
 import tempfile
@@ -17,7 +17,7 @@ _SCRIPTS = 24  # procedural motions, as `hri-predict simulate --data procedural`
 _TIMES_REAL = {"baseline": 200.0, "network": 20.0}
 _APPROACHES = 200.0  # a minute: 2,000 in ten
 _REPLAY = "replay: node time over wall time between its first and last tick, with the demo's cell"
-_SIMULATE = "simulate: with the start of its processes, one on each core"
+_SIMULATE = "simulate: including the start of its processes, one on each core"
 
 
 class _Stopwatch(View):
@@ -33,13 +33,13 @@ class _Stopwatch(View):
 
     @property
     def times_real(self) -> float:
-        """Node time over wall time."""
+        """Return node time over wall time."""
         (wall, node_ns), (wall_end, node_end_ns) = self.ticks[0], self.ticks[-1]
         return (node_end_ns - node_ns) * 1e-9 / (wall_end - wall)
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Each with a baseline and with a network."""
+    """Yield each speed with a baseline and with a network."""
     for kind, predictor in (("baseline", scope.baseline), ("network", scope.network)):
         yield Row(
             part=f"replay --speed max, {predictor}",
@@ -79,7 +79,7 @@ def _replay(predictor: str, seconds: float) -> float:
 
 
 def _approaches(predictor: str, episodes: int) -> float:
-    """Approaches a minute, as ``hri-predict simulate --data procedural`` simulates them."""
+    """Return approaches per minute, simulated as by ``hri-predict simulate --data procedural``."""
     request = SimulationRequest(
         config=configuration.find(Path("simulate.yaml")),
         predictors=(predictor,),

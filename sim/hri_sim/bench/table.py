@@ -1,4 +1,4 @@
-"""The bench on the screen: a table for each section, legible at 80 columns, or JSON."""
+"""Output of the bench: a table for each section, legible at 80 columns, or JSON."""
 
 import json
 import sys
@@ -17,11 +17,11 @@ from hri_sim.bench.saved import Change
 
 _WIDTH = 150  # where no terminal says
 Columns = Mapping[str, str | Callable[[Mapping[str, Any]], str]]
-"""Head -> how its cell is made from a row: a form of ``str.format``, or a function."""
+"""Column heading -> format of its cells: a string for ``str.format``, or a function of the row."""
 
 
 def demand(flag: str, value: float, low: float, high: float) -> float:
-    """Return a number of the command line.
+    """Return a number given on the command line.
 
     Raises:
         ConfigError: it is not between ``low`` and ``high``.
@@ -41,12 +41,12 @@ SecondsOption = Annotated[
 
 
 def console() -> Console:
-    """The console of standard output; wide where that is not a terminal."""
+    """Return the console for standard output, wide if it is not a terminal."""
     return Console(width=None if sys.stdout.isatty() else _WIDTH)
 
 
 def measure(rows: Iterable[dict[str, Any]], count: int, description: str) -> list[dict[str, Any]]:
-    """Take rows as they are measured, with a progress bar."""
+    """Collect rows as they are measured, with a progress bar."""
     with progress() as bar:
         return list(bar.track(rows, total=count, description=description))
 
@@ -63,7 +63,7 @@ def figures(
         title: of the table.
         columns: of the table.
         rows: key -> figure.
-        texts: heads of the columns that are text, besides the first.
+        texts: headings of text columns other than the first.
     """
     table = Table(title=title, title_justify="left")
     for index, head in enumerate(columns):
@@ -83,7 +83,7 @@ def report(
     *,
     texts: Collection[str] = (),
 ) -> None:
-    """Print rows of figures: JSON alone, or a table; see ``figures``."""
+    """Print rows of figures as JSON or as a table; see ``figures``."""
     if as_json:
         print(json.dumps(rows))
     else:
@@ -100,7 +100,7 @@ def facts(result: Mapping[str, Any], as_json: bool) -> None:
 
 
 def show(console: Console, about: str, rows: Sequence[Row]) -> None:
-    """Print a section: its table, then what its floors, aims and notes say."""
+    """Print a section: its table, then its floors, aims and notes."""
     beside = any(row.floor is not None or row.aim is not None for row in rows)
     table = _table(about, ("p50", "p99", "max", *(("beside", "times") if beside else ())), True)
     for row in rows:
@@ -116,8 +116,8 @@ def show(console: Console, about: str, rows: Sequence[Row]) -> None:
 
 
 def show_changes(console: Console, changes: Sequence[Change], factor: float) -> None:
-    """Print the ratios of a comparison, and which figures got worse."""
-    table = _table("New over old", ("p50", "p99"), False)
+    """Print the ratios of a comparison, and the figures that got worse."""
+    table = _table("Ratio of new to old", ("p50", "p99"), False)
     for change in changes:
         ratios = ("" if r is None else f"{r:.2f}" for r in (change.p50, change.p99))
         table.add_row(f"{change.section}: {change.part}", change.verdict, *ratios)
@@ -132,7 +132,7 @@ def show_changes(console: Console, changes: Sequence[Change], factor: float) -> 
 
 
 def number(value: float | None) -> str:
-    """Three digits, without an exponent; "" for none."""
+    """Format with three digits, without an exponent; "" for none."""
     if value is None:
         return ""
     size = abs(value)
@@ -144,7 +144,7 @@ def number(value: float | None) -> str:
 
 
 def _beside(row: Row) -> str:
-    """The aim with the figure that it is for, or the floor."""
+    """Return the aim with the name of its figure, or the floor."""
     if row.aim is None:
         return "" if row.floor is None else f"floor {number(row.floor)}"
     of = "" if row.aim_of == "p50" else f"{row.aim_of} "

@@ -1,7 +1,7 @@
-"""``bench trackers``: what a tracker's joints and noise cost.
+"""``bench trackers``: the effect of a tracker's joints and noise on productivity.
 
-People walk up to the demo's moving robot and away, seen by each tracker with each kind of noise,
-through the whole node on the virtual clock, in the modes predictive and iso.
+People walk up to the demo's moving robot and away, observed by each tracker with each kind of
+noise. The whole node runs on the virtual clock, in modes predictive and iso.
 """
 
 import math
@@ -39,7 +39,7 @@ NOISES: dict[str, dict[str, float]] = {
 }
 MODES = ("predictive", "iso")
 _UNUSED: dict[str, Any] = {"name": "zero_velocity", "horizon_s": 1.2}
-"""Mode iso judges the distance now and reads no forecast, so the cheapest will do."""
+"""Mode iso judges the current distance without a forecast, so the cheapest predictor is enough."""
 
 _ENTER_S = 4.0  # by then the robot runs at full speed
 _FAR_M = 5.0  # walks begin and end here, where the robot need not slow down
@@ -71,7 +71,8 @@ def trackers(
     predictor: Annotated[str, typer.Option(help="Name of the predictor to measure.")] = "sinn",
     as_json: JsonOption = False,
 ) -> None:
-    """Let people walk up to a robot and away, seen by several trackers with several kinds of noise.
+    """Let people walk up to a robot and away, observed by several trackers with several kinds of
+    noise.
 
     The whole node runs on the virtual clock, in modes predictive and iso. Exit status 1 if a robot
     was advised "clear" too close to a person, or touched a person while it moved.
@@ -81,7 +82,7 @@ def trackers(
     chosen = cases(only)
     if not chosen:
         names = ", ".join(f"{tracker} {noise}" for tracker, noise in cases(None))
-        raise ConfigError(f"--only {only}: no case has this in its name; there are: {names}")
+        raise ConfigError(f"--only {only}: no case contains this in its name; cases: {names}")
     measured = measure(walked(chosen, walks, predictor), len(chosen), "trackers")
     title = "People who walk up to a robot and away"
     report(measured, as_json, title, _COLUMNS, texts=("noise",))
@@ -90,19 +91,19 @@ def trackers(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Figures of each tracker with each noise, one walk each; of a quick run, without noise."""
+    """Yield the figures of each tracker with each noise, one walk each; no noise in a quick run."""
     found = walked(cases(None if scope.episodes else "none"), 1, scope.network)
     return rows_of(found, "tracker", "noise", more_is_better=("predictive_m_s", "iso_m_s"))
 
 
 def cases(only: str | None = None) -> list[tuple[str, str]]:
-    """Each tracker with each noise; with ``only``, those in whose names this is found."""
+    """Return each tracker with each noise; with ``only``, those whose name contains it."""
     pairs = [(tracker, noise) for tracker in TRACKERS for noise in NOISES]
     return [p for p in pairs if only is None or only.lower() in f"{p[0]} {p[1]}".lower()]
 
 
 def walk(seed: int) -> dict[str, Any]:
-    """A person, as in ``source.people``, who walks up to the robot, waits, and walks away."""
+    """Return a person for ``source.people`` who walks up to the robot, waits, and walks away."""
     rng = np.random.default_rng(seed)
     toward = rng.uniform(-math.pi, math.pi)
     away = toward + rng.uniform(-0.8, 0.8)
@@ -137,7 +138,7 @@ def walked(
 
 
 def measured(base: Config, tracker: str, noise: str, walks: int) -> dict[str, Any]:
-    """The figures of one tracker with one noise, over all ticks with a person in the room.
+    """Return the figures of one tracker with one noise, over all ticks with a person in the room.
 
     Shares are in percent of the ticks in mode predictive. ``ratio`` is the mean speed limit of
     predictive over that of iso. ``clear_too_near`` counts ticks of both modes with the level
@@ -195,7 +196,7 @@ def _walked(config: Config) -> "_Counts":
 
 @dataclass(slots=True)
 class _Counts:
-    """Ticks with a person in the room, and what was said in them."""
+    """Counts over the ticks with a person in the room."""
 
     ticks: int = 0
     unlike: int = 0
@@ -212,7 +213,7 @@ class _Counts:
 
 
 class _Watch(View):
-    """Compares the advice of each tick with where the person truly is."""
+    """Compares the advice of each tick with the person's true position."""
 
     def __init__(self) -> None:
         self.counts = _Counts()

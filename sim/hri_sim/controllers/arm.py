@@ -1,4 +1,4 @@
-"""A simulated arm that follows its trajectory at the permitted speed.
+"""A simulated arm that follows its trajectory no faster than permitted.
 
 The arm never leaves its path: it only slows down along the path, as in a "stop category 2".
 """
@@ -44,13 +44,13 @@ def nominal_speeds(model: Kinematics, trajectory: Path) -> Floats:
 class SimulatedArm:
     """The arm: a path parameter ``path_s`` (seconds of the trajectory) and its rate in 0..1.
 
-    It may also go back along its path. It turns round only where it stands.
+    It may also move backwards along its path, but reverses only at standstill.
 
-    The speed of its fastest point is the rate times the trajectory's own speed there. That speed is
-    what changes by at most ``deceleration_m_s2`` and ``acceleration_m_s2``: a stop from v takes at
-    most v / deceleration, whatever the trajectory does meanwhile. Where the trajectory itself
-    (nearly) stands still the rate is governed by a small floor speed instead of that zero, so that
-    the arm passes through its turning points and dwells.
+    The speed of its fastest point is the rate times the trajectory's own speed there.
+    ``deceleration_m_s2`` and ``acceleration_m_s2`` limit the change of that speed: a stop from v
+    takes at most v / deceleration, whatever the trajectory does in that time. Where the trajectory
+    itself is (nearly) at rest, a small floor speed replaces its speed in this calculation, so that
+    the arm passes its turning points and dwells.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class SimulatedArm:
         rate: float = 0.0,
         speeds: Floats | None = None,
     ) -> None:
-        """Stand at ``path_s``, passing at ``rate``; ``speeds``: ``nominal_speeds``, if known."""
+        """Start at ``path_s`` with ``rate``; ``speeds``: result of ``nominal_speeds``, if known."""
         self._trajectory = trajectory
         self.deceleration_m_s2 = deceleration_m_s2
         self._acceleration = acceleration_m_s2
@@ -81,7 +81,7 @@ class SimulatedArm:
         self._now_ns: int | None = None
 
     def step(self, now_ns: int, permitted_m_s: float, *, backwards: bool = False) -> None:
-        """Move on to ``now_ns``, slowing to (or speeding up to) ``permitted_m_s`` on the way."""
+        """Advance to ``now_ns``, braking or accelerating to ``permitted_m_s`` on the way."""
         if self._now_ns is None or now_ns <= self._now_ns:
             self._now_ns = now_ns if self._now_ns is None else self._now_ns
             return
@@ -106,11 +106,11 @@ class SimulatedArm:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the arm stands because it must."""
+        """Whether the arm stands because motion is not permitted."""
         return self.rate == 0.0
 
     def _substeps(self, count: int, dt: float, permitted_m_s: float) -> None:
-        """Move on ``count`` times by ``dt``; in plain numbers and one loop, for it runs often."""
+        """Advance ``count`` times by ``dt``: one loop over plain numbers, for speed."""
         path_s, rate, way = self.path_s, self.rate, self._way
         slower, faster = self.deceleration_m_s2 * dt, self._acceleration * dt
         for _ in range(count):
@@ -139,7 +139,7 @@ class SimulatedArm:
 
 
 def base_of(q: Floats, qd: Floats) -> BaseMotion:
-    """A moving base's pose and twist; they come before the joints."""
+    """Pose and twist of a moving base; they precede the joints."""
     (x, y, yaw), (vx, vy, turn) = q[:3].tolist(), qd[:3].tolist()
     yaw = math.remainder(yaw, 2 * math.pi)
     return BaseMotion(x_m=x, y_m=y, yaw_rad=yaw, vx_m_s=vx, vy_m_s=vy, yaw_rate_rad_s=turn)

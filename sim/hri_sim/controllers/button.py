@@ -6,23 +6,23 @@ from hri_predict.protocol.messages import Acknowledge
 from hri_sim.controllers.lies import LieSettings
 
 PAUSE_NS = 15_000_000_000
-"""Time that the operator waits between two presses: without a pause of 12 s none counts."""
+"""Time between two presses of the operator; a press is ignored without a pause of 12 s."""
 START_NS = 13_000_000_000
-"""And time after the first Advice of a node: in its first 12 s none counts either."""
+"""Time from a node's first Advice to the first press; earlier than 12 s, presses are ignored."""
 SILENCE_NS = 1_000_000_000
-"""After a longer silence it is the first Advice of another run."""
+"""After a longer silence, the next Advice is treated as the first of another run."""
 HELD_NS = 500_000_000
 """Time from a press to the release, which a controller reports in any case."""
 _PRESSES = 1 << 32  # values of Acknowledge's ACK_ID, of which 0 is not used
 
 
 class Button:
-    """Pressed some time after there is something to acknowledge, and again while it stays.
+    """A button pressed some time after a latch id is shown, and again while it stays shown.
 
     Args:
-        after_s: from being shown to the press, which waits until presses count; ``None``: never
-            pressed.
-        lies: cases in which the controller acknowledges by itself instead.
+        after_s: time from showing a latch id to the press, which is delayed while presses would be
+            ignored; ``None``: never pressed. lies: cases in which the controller acknowledges by
+            itself instead.
 
     Attributes:
         presses: number of presses.
@@ -39,7 +39,7 @@ class Button:
         self._counts_ns = 0  # from when on a press counts
 
     def show(self, latch_id: int, now_ns: int) -> None:
-        """Show what the newest Advice says is to be acknowledged; 0: nothing."""
+        """Show the latch id of the newest Advice, to be acknowledged; 0: nothing."""
         if self._heard_ns is None or now_ns - self._heard_ns > SILENCE_NS:
             self._counts_ns, self._shown = now_ns + START_NS, None
         self._heard_ns = now_ns
@@ -78,7 +78,7 @@ class Button:
 
 
 class _Automatic:
-    """A button that is held down, or a program that acknowledges by itself."""
+    """A button that is held down, or a program that acknowledges on its own."""
 
     def __init__(self, lie: LieSettings) -> None:
         self._lie = lie
@@ -87,12 +87,12 @@ class _Automatic:
         self._next_ns = 0
 
     def show(self, latch_id: int) -> None:
-        """Note the latch id of the newest Advice."""
+        """Record the latch id of the newest Advice."""
         self._shown = latch_id
         self._first = self._first or latch_id
 
     def press(self, now_ns: int) -> Acknowledge | None:
-        """Return the Acknowledge that is due now, if one is."""
+        """Return the Acknowledge that is due now, if any."""
         lie = self._lie
         if self._start_ns is None:
             self._start_ns = now_ns

@@ -1,7 +1,7 @@
 """The simulated cell: a mock controller at the other end of every link with ``simulate:``.
 
-In real time each controller is a separate process behind a pseudo-terminal. On the virtual clock
-this process steps all controllers through pipes. Everything else is the same.
+In real time each controller is a separate process behind a pseudo-terminal. On the virtual clock,
+this process steps all controllers and connects them by pipes. Everything else is the same.
 """
 
 import contextlib
@@ -39,20 +39,20 @@ _LOCK = "owner.lock"
 
 
 class PrivateFolder:
-    """A folder in the system's temporary folder, with a lock that the kernel frees at our death.
+    """A folder in the system's temporary folder, with a lock that the kernel releases when we exit.
 
     Attributes:
         path: the folder.
     """
 
     def __init__(self) -> None:
-        """Create it, and remove the folders of processes that were killed."""
+        """Create the folder, and remove those of processes that were killed."""
         remove_orphans(Path(tempfile.gettempdir()))
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
         self._lock = _locked(self.path / _LOCK, os.O_RDWR | os.O_CREAT)
 
     def remove(self) -> None:
-        """Remove it with all it holds. Safe to call twice."""
+        """Remove the folder with its contents. Safe to call twice."""
         shutil.rmtree(self.path, ignore_errors=True)
         if self._lock is not None:
             os.close(self._lock)
@@ -60,9 +60,9 @@ class PrivateFolder:
 
 
 def remove_orphans(where: Path) -> None:
-    """Remove the folders in ``where`` that are ours, and whose lock is not held.
+    """Remove this user's private folders in ``where`` whose lock is not held.
 
-    A folder without a lock is left alone: its owner may just be making it.
+    A folder without a lock file is kept: its owner may still be creating it.
     """
     for folder in where.glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError):
@@ -75,7 +75,7 @@ def remove_orphans(where: Path) -> None:
 
 
 def _locked(path: Path, flags: int) -> int | None:
-    """Open a file and lock it; ``None`` if another holds the lock.
+    """Open a file and lock it; return ``None`` if another process holds the lock.
 
     Raises:
         OSError: the file does not exist, or it cannot be opened.
@@ -114,7 +114,7 @@ class MockCell:
         factor: float = 1.0,
         manned: Sequence[Post] | None = None,
     ) -> None:
-        """Check everything, but start nothing. ``manned``: the posts, if they are known.
+        """Check everything without starting anything. ``manned``: the posts, if known.
 
         Raises:
             ConfigError: a ``simulate:`` block is wrong; see ``station.posts``.
@@ -137,7 +137,7 @@ class MockCell:
         """Start one process per link; return link name -> port (or channel) for the node to open.
 
         The port is a symbolic link in a private folder to the controller's current
-        pseudo-terminal: its name stays the same when the controller is started again.
+        pseudo-terminal: its name stays the same when the controller restarts.
 
         Raises:
             LinkError: a controller did not start; the error gives the reason.
@@ -223,7 +223,7 @@ class MockCell:
         return truth
 
     def path_s(self) -> dict[str, float]:
-        """Return robot name -> its place in its cycle, in seconds at full speed."""
+        """Return robot name -> position in its cycle, in seconds at full speed."""
         truths = {
             post.robot.name: wiring.truth()
             for post in self._posts.values()
@@ -232,12 +232,12 @@ class MockCell:
         return {name: truth.path_s for name, truth in truths.items() if truth is not None}
 
     def permit(self, link: str, now_ns: int) -> float:
-        """Return the speed that the controller of ``link`` permits now, m/s; 0 if it is dead."""
+        """Return the speed permitted now by the controller of ``link``, m/s; 0 if it is dead."""
         wiring = self._wirings.get(self._posts[link].robot_index)
         return 0.0 if wiring is None else wiring.permit(link, now_ns)
 
     def stops_within_s(self, link: str) -> float:
-        """Return the silence (s) after which the controller of ``link`` stops, with its cycle."""
+        """Return the silence (s) after which the controller of ``link`` stops, plus its cycle."""
         settings = self._posts[link].settings
         return (settings.silence_timeout_s or 0.0) + settings.period_s
 
@@ -261,12 +261,13 @@ class MockCell:
     def true_people(self, source: Source) -> TruePeople | KnownPeople:
         """Return the true positions of all people, from a copy of the source without faults.
 
-        A source that knows the truth is asked for it: its scenes may have noise, or lack joints.
+        If the source knows the true positions, they come from there, because its scenes may have
+        noise or lack joints.
         """
         return KnownPeople(source) if isinstance(source, KnowsTruth) else TruePeople(source)
 
     def stop(self) -> list[ControllerReport]:
-        """End all controllers; return their reports in the links' order. Safe to call twice."""
+        """Stop all controllers; return their reports in link order. Safe to call twice."""
         for name, process in self._processes.items():
             told = process.finish()
             report = _untold(self._posts[name]) if told is None else _report(told)
@@ -291,7 +292,7 @@ class MockCell:
         return sorted({post.robot_index for post in self._posts.values()})
 
     def _channels(self, index: int) -> list[str]:
-        """Names of one robot's controllers, in order."""
+        """Return the names of one robot's controllers, in order."""
         return [post.name for post in self._posts.values() if post.robot_index == index]
 
     def _spawn(self, post: Post) -> "_Process":
@@ -303,7 +304,7 @@ class MockCell:
         return _Process(post.name, job)
 
     def _port_of(self, link: str) -> str:
-        """Wait until the controller reports its port; point the permanent name to it."""
+        """Wait until the controller reports its port, then link the permanent name to it."""
         port = self._processes[link].port()
         if not Path(port).is_absolute():  # a shared bus, such as udp_multicast
             return port
@@ -315,7 +316,7 @@ class MockCell:
 
 
 class _Process:
-    """A controller's process, its two lines of output and its end."""
+    """A controller's process: start, two lines of output, and exit."""
 
     def __init__(self, name: str, job: Path) -> None:
         self._name = name
@@ -339,7 +340,7 @@ class _Process:
         return str(line["port"])
 
     def finish(self) -> dict[str, Any] | None:
-        """Ask the process to end; return its report, or ``None`` if it gives none."""
+        """Request the process to exit; return its report, or ``None`` if there is none."""
         if self._closed:
             return None
         with contextlib.suppress(ProcessLookupError):
@@ -353,7 +354,7 @@ class _Process:
         return report
 
     def kill(self) -> None:
-        """Kill the process at once."""
+        """Kill the process immediately."""
         self._child.kill()
         self._close()
 
@@ -366,7 +367,7 @@ class _Process:
                     stream.close()
 
     def _line(self, timeout_s: float) -> dict[str, Any] | None:
-        """Return the next line of output, or ``None`` if it does not come in time."""
+        """Return the next line of output, or ``None`` if it does not arrive in time."""
         stream = self._child.stdout
         assert stream is not None
         lines: list[bytes] = []

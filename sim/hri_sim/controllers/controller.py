@@ -1,18 +1,18 @@
-"""The logic of a careful robot controller that obeys the node's advice, without input or output.
+"""The logic of a cautious robot controller that obeys the node's advice; no input or output.
 
 The rule: the robot may not move if the link is silent or the advice is stale, corrupt, out of
-order, of an unknown schema, or asks for anything but *clear*, *warn* or *slow*. The controller
-checks everything before it trusts it: counter and CRC of every message, the schema's hash before
-any other message counts, and the age of every advice.
+order, of an unknown schema, or has any level other than *clear*, *warn* or *slow*. The controller
+    checks all input before use: counter and CRC of every message, the hash of the schema before it
+    accepts other messages, and the age of every advice.
 
 The controller shares no clock with the node. An advice carries its age at encoding, and the
 controller measures the time since receipt. The echo bounds the time on the link: an advice that
-repeats the counter of one of our RobotStates was encoded after we sent that RobotState, so the link
-took no longer than the time since then. The controller believes an advice only if we sent that
-RobotState within the last ``max_age_s`` plus the silence time-out. It keeps no times of older ones,
-so the age of an advice that echoes one has no bound, and such an advice gives no permission. The
-counter's 65536 values last 22 min at 50 Hz (65 s at 1000 Hz); only an advice that is delayed longer
-could be mistaken for a fresh one.
+repeats the counter of one of our RobotStates was encoded after we sent that RobotState, so the
+delay on the link is at most the time since then. The controller accepts an advice only if it sent
+that RobotState within the last ``max_age_s`` plus the silence time-out. It does not store the times
+of older ones, so the age of an advice that echoes one of them is unbounded, and such an advice
+gives no permission. The counter's 65536 values last 22 min at 50 Hz (65 s at 1000 Hz); only an
+advice that is delayed longer could be mistaken for a fresh one.
 """
 
 import math
@@ -58,7 +58,7 @@ class ControllerSettings(Settings):
     role: Literal["drive", "monitor"] = Field(
         "drive", description="drive moves the arm; monitor is an independent second channel"
     )
-    robot: str | None = Field(None, description="default: the only robot there is")
+    robot: str | None = Field(None, description="default: the only robot of the configuration")
     trajectory: str | None = Field(
         None, description="shipped name or YAML file; default: that of the robot's motion"
     )
@@ -69,7 +69,7 @@ class ControllerSettings(Settings):
         description="time from receipt until an advice takes effect; default: the link's",
     )
     silence_timeout_s: float | None = Field(
-        None, gt=0, le=2, description="silence after which it stops by itself; default: the link's"
+        None, gt=0, le=2, description="silence after which it stops on its own; default: the link's"
     )
     deceleration: float | None = Field(
         None,
@@ -102,23 +102,23 @@ class ControllerSettings(Settings):
     period_s: float = Field(0.008, gt=0, le=0.1, description="time of its own cycle")
     start_s: float = Field(0.0, ge=0, description="time in its cycle at which the arm starts")
     faults: list[dict[str, Any]] = Field(
-        [], description="faults at its end of the wire; out: from the controller"
+        [], description="faults at its end of the wire; direction out: from the controller"
     )
     fault_seed: int = Field(0, ge=0, description="random seed of these faults")
     lies: list[LieSettings] = Field(
-        [], description="deliberate fault, to see whether the node detects it"
+        [], description="deliberate misbehaviour, to test whether the node detects it"
     )
     tools: list[ToolChange] = Field([], description="tools that it carries, and when")
-    keep_round_trips: bool = Field(False, description="put each round trip into its report")
+    keep_round_trips: bool = Field(False, description="include each round trip in its report")
     requests: list[RequestSettings] = Field(
-        [], description="operating modes that its operator asks for, and when"
+        [], description="operating modes that its operator requests, and when"
     )
     acknowledge_after_s: float | None = Field(
         None,
         gt=0,
-        description="press the button this long after there is something to acknowledge, but not in"
-        " the first 13 s of the node, when no press counts; again 15 s after the last press;"
-        " default: never",
+        description="press the button this long after something can be acknowledged, but not in "
+        "the node's first 13 s, when presses are ignored; repeat after 15 s; "
+        "default: never",
     )
 
     def resolved(self, link: LinkSettings) -> "ControllerSettings":
@@ -143,7 +143,7 @@ class Permit:
 
 @dataclass(frozen=True, slots=True)
 class _Heard:
-    """The newest advice, its time of receipt and its greatest age then (``None``: unbounded)."""
+    """The newest advice, its time of receipt and its maximum age then (``None``: unbounded)."""
 
     at_ns: int
     age_bound_s: float | None
@@ -152,11 +152,11 @@ class _Heard:
 
 
 class ControllerCore(Generic[U]):
-    """Receives, checks, decides and answers; its owner passes in the units and the time.
+    """Receives, checks, decides and answers; its owner passes in received units and the time.
 
     An advice takes effect ``reaction_s`` after its receipt. The watchdogs (silence, age, errors,
-    schema) act at once: their times end when the robot begins to brake. After a watchdog has
-    acted, all earlier advice is void.
+    schema) act immediately: their limits include the time until braking starts. After a watchdog
+    has acted, all earlier advice is void.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class ControllerCore(Generic[U]):
         full_speed_m_s: float,
         base_moves: bool = False,
     ) -> None:
-        """``settings`` are ``resolved``; ``robot`` is the index that an Advice carries."""
+        """``settings`` must be ``resolved``; ``robot`` is the robot's index in an Advice."""
         if None in (settings.reaction_s, settings.silence_timeout_s, settings.state_rate_hz):
             raise ValueError("the settings must be resolved first")
         self._settings = settings
@@ -204,7 +204,7 @@ class ControllerCore(Generic[U]):
         self._report = ControllerReport(name=name, role=settings.role, robot=settings.robot or "")
 
     def receive(self, units: Sequence[U], now_ns: int) -> None:
-        """Take the units that the link has delivered by ``now_ns``."""
+        """Process the units that the link has delivered by ``now_ns``."""
         self._watch(now_ns)
         before = self._error_count()
         for unit in units:
@@ -226,7 +226,7 @@ class ControllerCore(Generic[U]):
         return self._in_effect or Permit(0.0, "starting")
 
     def obey(self, permit: Permit, now_ns: int) -> None:
-        """Note the permit that the robot obeys: this controller's, or another's lower one."""
+        """Record the permit that the robot obeys: this controller's, or a lower one."""
         if self._start_ns is None:
             self._start_ns = now_ns
         limit = permit.speed_m_s
@@ -257,10 +257,9 @@ class ControllerCore(Generic[U]):
 
         Args:
             now_ns: controller's clock.
-            q, qd: (N,) rad and rad/s, m and m/s, a moving base's coordinates first; ``None`` while
-                unknown: then nothing is sent.
-            said: what else RobotState reports.
-            mounted: the tool.
+            q, qd: (N,) rad and rad/s, m and m/s, the coordinates of a moving base first; ``None``
+                while unknown: then nothing is sent. said: further content of RobotState. mounted:
+                the tool.
         """
         units: list[U] = []
         if self._next_state_ns is None:
@@ -291,7 +290,7 @@ class ControllerCore(Generic[U]):
         return units
 
     def write_failed(self) -> None:
-        """Count a unit that the link did not send."""
+        """Count a unit that the link failed to send."""
         self._report.write_errors += 1
 
     def report(self) -> ControllerReport:
@@ -337,7 +336,7 @@ class ControllerCore(Generic[U]):
         self._button.show(advice.latch_id, now_ns)
 
     def _age_bound(self, advice: Advice, now_ns: int) -> float | None:
-        """Return the greatest age of the advice's input at receipt; ``None`` without a bound."""
+        """Return the maximum age of the advice's input at receipt; ``None`` if unbounded."""
         if advice.age_s is not None:
             self._report.max_age_s = max(self._report.max_age_s, advice.age_s)
         if advice.echo is None:

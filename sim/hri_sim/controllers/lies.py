@@ -1,4 +1,4 @@
-"""Behaviour of a simulated controller at set times: lies, and modes that an operator asks for."""
+"""Scheduled behaviour of a simulated controller: lies, and modes that an operator requests."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from hri_predict.protocol.messages import OperatingMode, RobotMode
 
 
 class _Timed(Settings):
-    """Something that a simulated controller does for a time."""
+    """Temporary behaviour of a simulated controller."""
 
     start_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
 
     def active(self, since_s: float) -> bool:
-        """Return whether it is active this long after the controller's first cycle."""
+        """Return whether it is active at this time after the controller's first cycle."""
         end_s = float("inf") if self.duration_s is None else self.start_s + self.duration_s
         return self.start_s <= since_s < end_s
 
@@ -39,29 +39,29 @@ class LieSettings(_Timed):
         "brakes_late",
         "acknowledges",
     ] = Field(
-        description="of the velocities in RobotState: flip, zero, degrees; of the positions: jump,"
-        " hold (the first stay, velocities are true); of both: freeze (the first stay), stand (the"
-        " first positions stay, velocities are 0); of the motion: runs (at full speed, at any "
-        "permitted speed above 0), brakes_late; acknowledges: by itself, as with a button that "
-        "is held down"
+        description="velocities in RobotState: flip, zero, degrees; positions: jump, hold (the "
+        "first are repeated, velocities are true); both: freeze (the first are "
+        "repeated), stand (the first positions are repeated, velocities are 0); "
+        "robot motion: runs (at full speed, at any permitted speed above 0), "
+        "brakes_late; acknowledges: acknowledges on its own, like a button that is "
+        "held down"
     )
-    jump_rad: float = Field(1.0, description="of jump: added to the first joint")
+    jump_rad: float = Field(1.0, description="for jump: added to the first joint")
     factor: float = Field(
-        3.0, ge=1, le=100, description="of brakes_late: factor by which it takes longer to stop"
+        3.0, ge=1, le=100, description="for brakes_late: factor by which the stopping time grows"
     )
     period_s: float = Field(
-        1.0, gt=0, le=60, description="of acknowledges: time from one to the next"
+        1.0, gt=0, le=60, description="for acknowledges: interval between two Acknowledges"
     )
     ids: int = Field(
         255,
         ge=1,
         le=65_535,
-        description="of acknowledges: count of numbers that it gives them, in turn",
+        description="for acknowledges: number of different ids that it uses, in turn",
     )
     names: Literal["shown", "first", "nothing"] = Field(
         "shown",
-        description="of acknowledges: the latch id that is shown now, the first that was ever"
-        " shown, or 0",
+        description="for acknowledges: the latch id shown now, the first ever shown, or 0",
     )
 
 
@@ -99,13 +99,13 @@ class Lies:
         return q, qd
 
     def permitted(self, limit_m_s: float, full_m_s: float, now_ns: int) -> float:
-        """Return the speed that the arm takes for permitted."""
+        """Return the speed that the arm treats as permitted."""
         runs = any(lie.kind == "runs" for lie in self._now(now_ns))
         return full_m_s if runs and limit_m_s > 0 else limit_m_s
 
     @property
     def brakes_slower(self) -> float:
-        """Factor by which the arm takes longer to stop."""
+        """Factor by which the stopping time of the arm grows."""
         return max((lie.factor for lie in self._settings if lie.kind == "brakes_late"), default=1.0)
 
     def _now(self, now_ns: int) -> list[LieSettings]:
@@ -122,7 +122,7 @@ class RequestSettings(_Timed):
     """One entry of ``requests`` in a link's ``simulate:`` block."""
 
     request: Literal["teach", "recovery", "muted"] = Field(description="requested operating mode")
-    enabling: bool = Field(True, description="whether the enabling device is held meanwhile")
+    enabling: bool = Field(True, description="whether the enabling device is held during this time")
     manual: bool | None = Field(
         None, description="whether the controller is in manual mode; default: for teach"
     )
@@ -141,7 +141,7 @@ AUTOMATIC = Said()
 
 
 class Requests:
-    """All requests of one controller; of several at a time the first in the list counts.
+    """All requests of one controller; if several are active, the first in the list applies.
 
     Args:
         settings: see ``RequestSettings``.

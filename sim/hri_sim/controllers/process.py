@@ -1,11 +1,10 @@
-"""A mock controller as a process of its own, in real time.
+"""A mock controller as a separate process, in real time.
 
     python -m hri_sim.controllers.process JOB.json
 
-It prints one JSON line ``{"port": ...}`` when the port is ready, and one with its report when it
-ends. It ends on SIGTERM or when its standard input ends. In the second case it first waits until
-its arm stands, at most two seconds, so that the death of the node that started it is a silence like
-any other.
+It prints one JSON line ``{"port": ...}`` when the port is ready, and one with its report on exit.
+It exits on SIGTERM or when its standard input closes. In the second case it first waits up to two
+seconds for its arm to stop, so that the death of its parent node is just a silent link.
 """
 
 import contextlib
@@ -82,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _tell(what: dict[str, Any]) -> None:
-    """Print one line of JSON. A node that was killed does not read it, and its end is seen then."""
+    """Print one line of JSON; ignore errors, because a killed node does not read it."""
     try:
         print(json.dumps(what), flush=True)
     except OSError:

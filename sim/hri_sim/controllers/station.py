@@ -1,4 +1,4 @@
-"""One complete mock controller: its logic, the arm that it moves, the wires to the other one.
+"""One complete mock controller: its logic, its arm, and the wires to the robot's other controller.
 
 The same object runs in a separate process in real time, and on the virtual clock.
 """
@@ -65,12 +65,12 @@ class Drive:
 
 
 class Brakes:
-    """The deceleration of a drive's fastest point, with each of its tools.
+    """Deceleration of a drive's fastest point, with each tool.
 
     Args:
         drive: the robot and its trajectory.
-        deceleration_m_s2: as set; ``None``: from the stopping tables.
-        up_to_m_s: the highest speed.
+        deceleration_m_s2: as configured; ``None``: from the stopping tables. up_to_m_s: maximum
+            speed.
     """
 
     def __init__(self, drive: Drive, deceleration_m_s2: float | None, up_to_m_s: float) -> None:
@@ -78,7 +78,7 @@ class Brakes:
         self._known: dict[int | None, float] = {}
 
     def with_tool(self, tool: int | None) -> float:
-        """m/s^2 with the tool of this number; ``None``: with the worst of all."""
+        """Return m/s^2 with the tool of this number; ``None``: with the worst tool."""
         if self._set is not None:
             return self._set
         if tool not in self._known:
@@ -97,9 +97,9 @@ def deceleration_of(model: RobotModel, up_to_m_s: float) -> float:
 
 
 def deceleration_with_base(model: RobotModel, trajectory: Trajectory) -> float:
-    """Return such a deceleration of an arm and its base, which brake together on one path.
+    """Return such a deceleration for an arm and its base, which brake together on one path.
 
-    Each is then within its own table at every place of the path, at any speed.
+    Both then stay within their own tables everywhere on the path, at any speed.
     """
     assert model.mobile is not None
     q, qd = trajectory.at(np.linspace(0.0, trajectory.duration_s, _PHASES))
@@ -110,7 +110,7 @@ def deceleration_with_base(model: RobotModel, trajectory: Trajectory) -> float:
 
 
 def _least(together: Floats, part: Floats, table: StoppingTable) -> float:
-    """The deceleration of ``together`` that stops the part within its table; 0: none is needed."""
+    """Return the deceleration of ``together`` that stops the part within its table; 0: none."""
     times, distances = table.times_s(part), table.distances_m(part)
     counts = (times > 0) & (distances > 0)
     if not counts.any():
@@ -129,15 +129,14 @@ U = TypeVar("U")
 
 @dataclass(frozen=True, kw_only=True)
 class Post:
-    """A controller's place in the cell: its link, its robot and its settings.
+    """A controller's position in the cell: link, robot and settings.
 
     Attributes:
         link: the link; the controller is at its other end.
         settings: the link's ``simulate:`` block, resolved.
         robot, robot_index: the controller's robot, and the robot's index in the configuration.
-        base_dir: the folder that relative paths start from.
-        full_speed_m_s: a limit below this slows the robot down.
-        drive: the robot and trajectory of a drive, if they were read already.
+        base_dir: base of relative paths. full_speed_m_s: a limit below this slows the robot down.
+            drive: the robot and trajectory of a drive, if already read.
     """
 
     link: LinkSettings
@@ -258,7 +257,7 @@ class Station(Generic[U]):
             )
 
     def cycle(self, units: Sequence[U], now_ns: int) -> list[U]:
-        """Take the units received by ``now_ns``, decide, move the arm; return the units to send."""
+        """Process units received by ``now_ns``, decide, move the arm; return the units to send."""
         self.core.receive(units, now_ns)
         permit = self.core.permit(now_ns)
         self._wiring.set_permit(self.post.name, permit.speed_m_s, now_ns)
@@ -289,7 +288,7 @@ class Station(Generic[U]):
         return self._answer(now_ns, *self._lies.told(q, qd, now_ns), mounted)
 
     def _answer(self, now_ns: int, q: Floats, qd: Floats, mounted: Mounted) -> list[U]:
-        """Return what is sent while the robot is known: its state, its tool, and requests."""
+        """Return the content to send once the robot is known: its state, its tool, and requests."""
         return self.core.outgoing(now_ns, q, qd, self._requests.said(now_ns), mounted=mounted)
 
     @property

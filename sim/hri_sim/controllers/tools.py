@@ -1,4 +1,4 @@
-"""The tool that a simulated robot carries, and what its controller says of it."""
+"""The tool of a simulated robot, and the controller's report of it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from hri_predict.robots.settings import MAX_TOOL
 
 
 class ToolChange(Settings):
-    """One entry of ``tools`` in a link's ``simulate:`` block: from then on it carries this tool."""
+    """One entry of ``tools`` in a link's ``simulate:`` block: a change to this tool."""
 
     at_s: float = Field(0.0, ge=0, description="after the controller's first cycle")
     tool: int = Field(strict=True, ge=0, le=MAX_TOOL, description="number of the tool")
@@ -34,7 +34,7 @@ class ToolChanger:
     """All tool changes of one controller.
 
     Args:
-        changes: see ``ToolChange``; of those that have begun, the last one in time counts.
+        changes: see ``ToolChange``; the latest change that is already due applies.
     """
 
     def __init__(self, changes: Sequence[ToolChange]) -> None:
@@ -42,7 +42,7 @@ class ToolChanger:
         self._start_ns: int | None = None
 
     def at(self, now_ns: int) -> Mounted:
-        """Return what is mounted at ``now_ns``; the first call starts the time."""
+        """Return the tool mounted at ``now_ns``; time starts with the first call."""
         if self._start_ns is None:
             self._start_ns = now_ns
         since_s = (now_ns - self._start_ns) * 1e-9

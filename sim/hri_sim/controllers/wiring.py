@@ -1,11 +1,12 @@
 """The wires between the controllers of one robot: speed permits, and the true state of the arm.
 
-A monitor gives the drive a hard-wired speed permit, like a second safety channel in a real cell.
-Here that wire is a small file that both processes map into memory. A permit that is missing, torn
+A monitor sends the drive a hard-wired speed permit, like a second safety channel in a real cell.
+This wire is simulated by a small file that both processes map into memory. A permit that is
+missing, torn
 or older than ``PERMIT_STALE_S`` reads as 0: a dead monitor stops the robot.
 
 The same file carries the arm's true joint state, which the monitor reports and the referee uses. On
-the virtual clock plain values replace the file.
+the virtual clock, plain values replace the file.
 """
 
 import mmap
@@ -35,9 +36,11 @@ _REGISTER = 2 * _SLOT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """The arm's true state: (N,) rad and rad/s, m and m/s, at ``stamp_ns``; a moving base's first.
+    """The arm's true state: (N,) rad and rad/s, m and m/s, at ``stamp_ns``; a moving base comes
+    first.
 
-    ``path_s`` is along its path. ``mounted`` is its tool, and what its controller says of it.
+    ``path_s`` is its position along the path. ``mounted`` is its tool, as reported by its
+    controller.
     """
 
     q: Floats
@@ -61,8 +64,8 @@ class Truth:
 class Wiring:
     """One robot's wires: one truth, and one permit per channel (controller).
 
-    Each register has two slots that its single writer fills in turn, each with its CRC: a reader
-    takes the newest whole one, so neither side ever waits and a torn write is never believed.
+    Each register has two slots that its single writer fills in turn, each with a CRC. A reader uses
+    the newest complete slot, so neither side ever waits and a torn write is never used.
     """
 
     def __init__(self, buffer: "bytearray | mmap.mmap", channels: Sequence[str]) -> None:
@@ -170,7 +173,7 @@ class Wiring:
 
 
 class _InMemory(Wiring):
-    """Wires within one thread: nothing can be torn, so plain values replace bytes and CRCs."""
+    """Wires within one thread: writes cannot be torn, so plain values replace bytes and CRCs."""
 
     def __init__(self, channels: Sequence[str]) -> None:
         super().__init__(bytearray(), channels)

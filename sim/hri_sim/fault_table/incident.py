@@ -19,31 +19,31 @@ from hri_predict.run.session import Options, View, run
 from hri_sim.fault_table.outcome import FaultOutcome
 
 Span = tuple[float, float]
-"""Seconds after the start, from and until."""
+"""Start and end of a time span, seconds after the start."""
 ALL_MODES = ("predictive", "iso", "fixed")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Incident:
-    """One story, and its conditions. In every story, a moving robot must touch no person.
+    """A story and its conditions. In every story, a moving robot must not touch a person.
 
     Attributes:
         name: name in the table.
         people: scripts of the people, as in ``source.people``.
         duration_s: length of the story.
-        faults: as on the command line.
+        faults: faults as on the command line.
         settings: differences from the demo's configuration; mappings are merged, key by key.
         lies: the wrong behaviour of simulated controllers, as in ``simulate.lies``.
         liars: links whose controllers lie; default: all.
         requests: requests of every simulated controller, as in ``simulate.requests``.
         simulate: differences of every ``simulate`` block from the demo's.
-        modes: risk modes to play it in.
-        not_clear: no robot may be advised *clear* in this time.
-        not_moving: every robot must be advised to stand in this time; it may not be *clear* then.
-        moving: some advice must permit motion in this time: the cell stays usable.
-        says: each of these reasons must be given at some tick.
-        never_says: none of these may be given.
-        prepare: changes the assembled node before it starts, such as a controller that lies.
+        modes: risk modes in which it is played.
+        not_clear: time in which no robot may be advised *clear*. not_moving: time in which every
+            robot must be advised to stand; *clear* is not allowed.
+        moving: time in which some advice must permit motion, so that the cell stays usable. says:
+            reasons that must each be given at some tick. never_says: reasons that must not be
+            given.
+        prepare: modifies the assembled node before it starts, for example makes a controller lie.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Incident:
 
     @property
     def never_clear(self) -> Span | None:
-        """The time in which no robot may be *clear*."""
+        """Time span in which no robot may be *clear*."""
         return self.not_clear or self.not_moving
 
 
@@ -76,7 +76,7 @@ def run_incident(base: Config, incident: Incident) -> Iterator[FaultOutcome]:
 
 
 def configured(base: Config, incident: Incident, mode: str) -> Config:
-    """The configuration of an incident in one mode.
+    """Return the configuration of an incident in one mode.
 
     Raises:
         ConfigError: its settings are wrong.
@@ -97,7 +97,7 @@ def configured(base: Config, incident: Incident, mode: str) -> Config:
 
 
 def _with_controller(link: LinkSettings, incident: Incident) -> LinkSettings:
-    """The link, with a controller at its far end that lies and asks as the incident says."""
+    """Return the link; the controller at its far end has the incident's lies and requests."""
     if link.simulate is None:
         return link
     lies = incident.lies if not incident.liars or link.name in incident.liars else ()
@@ -132,7 +132,7 @@ class _Watch(View):
         self._start_ns = 0
 
     def bind(self, assembly: Any) -> None:
-        """Note the start, and prepare the assembly as the incident requires."""
+        """Record the start, and prepare the assembly as the incident requires."""
         self._start_ns = assembly.clock.now_ns()
         if self._incident.prepare is not None:
             self._incident.prepare(assembly)
@@ -143,12 +143,12 @@ class _Watch(View):
         self._ticks.append(((tick.now_ns - self._start_ns) * 1e-9, advice.level, advice.reason))
 
     def count(self, span: Span | None, holds: Callable[[Level], bool]) -> int:
-        """Number of ticks in a span with such a level."""
+        """Return the number of ticks in a span with one of these levels."""
         begin, end = span or (0.0, 0.0)
         return sum(begin <= t < end and holds(level) for t, level, _ in self._ticks)
 
     def wrong(self) -> list[str]:
-        """The violated conditions, in words."""
+        """Return the violated conditions, in words."""
         incident, found = self._incident, []
         if clear := self.count(incident.never_clear, lambda level: level is Level.CLEAR):
             found.append(f"clear in {clear} ticks of {incident.never_clear}")
@@ -163,7 +163,7 @@ class _Watch(View):
 
 
 def _merged(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """``data`` with changes; mappings within mappings are merged as well."""
+    """Return ``data`` with changes; nested mappings are merged as well."""
     result = dict(data)
     for key, value in changes.items():
         before = result.get(key)

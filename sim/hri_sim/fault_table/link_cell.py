@@ -1,7 +1,7 @@
-"""Faults of a link in real time: parts common to links that no simulated controller reads.
+"""Faults of a link in real time: common parts for links without a simulated controller.
 
-The link sends Status, Advice (*slow*) and Schema at 25 Hz. The test is that its reader never shows
-more than the node says.
+The link sends Status, Advice (*slow*) and Schema at 25 Hz. Its reader must never show advice less
+strict than the node's.
 """
 
 import time
@@ -25,7 +25,7 @@ class LinkCase:
     """One fault; see ``fault_table.Case``.
 
     Attributes:
-        fault: fault of the link's transport; or ``ends`` (the link ends, and starts again after
+        fault: fault of the link's transport; or ``ends`` (the link stops, and starts again after
             the fault), ``hangs`` (the node posts nothing) or ``router`` (the router is gone).
     """
 
@@ -40,11 +40,11 @@ class LinkCell(ABC):
     """A link with the fault of a case, and its reader.
 
     Attributes:
-        start_s: from the start to the fault, until when the two have found each other.
+        start_s: time from the start to the fault, enough for link and reader to connect.
         acts: name of the reader in the table.
         well: what the reader shows while all is well.
-        stopped: what it shows when it heard nothing, or cannot believe it, with the reason.
-        shown: what the reader showed, with seconds of the monotonic clock.
+        stopped: what the reader shows, with the reason, if it receives nothing or nothing valid.
+            shown: everything the reader showed, with times in seconds of the monotonic clock.
     """
 
     start_s: ClassVar[float]
@@ -60,14 +60,14 @@ class LinkCell(ABC):
 
     @abstractmethod
     def settings(self) -> tuple[type[ConfiguredLink[Any, Any]], ConfiguredLinkSettings]:
-        """Return the kind of link, and its settings."""
+        """Return the kind of link and its settings."""
 
     @abstractmethod
     def look(self) -> None:
-        """Wait a moment for what the reader shows, and note it."""
+        """Wait briefly, and record what the reader shows."""
 
     def counted(self) -> dict[str, int]:
-        """Return what the reader counted."""
+        """Return the reader's counters."""
         return {}
 
     def run(self, name: str) -> FaultOutcome:
@@ -86,12 +86,12 @@ class LinkCell(ABC):
             self.close()
 
     def close(self) -> None:
-        """End the link."""
+        """Stop the link."""
         if self._link is not None:
             self._link.stop()
 
     def well_since_s(self) -> float:
-        """Return the time since which all is well, infinite if it is not."""
+        """Return the time since which all has been well; infinite if something is wrong."""
         since_s = float("inf")
         for at_s, text in reversed(self.shown):
             if text != self.well:
@@ -100,7 +100,7 @@ class LinkCell(ABC):
         return since_s
 
     def break_or_mend(self, broken: bool) -> None:
-        """End the link or start it again, if that is the fault."""
+        """Stop the link or start it again, if that is the fault."""
         if self.case.fault == "ends" and broken and self._link is not None:
             self._link.stop()
             self._link = None
@@ -150,7 +150,7 @@ class LinkCell(ABC):
             acts=self.acts,
             limit_ms=case.limit_ms,
             measured_ms=measured,
-            reason=reason if settled else "heard nothing before the fault",
+            reason=reason if settled else "received nothing before the fault",
             clear_while_near=too_much,
             recovered_ms=1e3 * max(0.0, well_s - end_s) if well and not counts_only else None,
             fine=settled

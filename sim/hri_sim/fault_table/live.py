@@ -1,7 +1,7 @@
 """Faults of live senders, in real time, over the real sockets of every kind of live source.
 
-A node runs with the source under test and a robot at rest; a person stands near it. Once the
-node has been running for a second, the fault begins, at the sender or on the wire.
+A node runs with the source under test and a robot at rest; a person stands near it. When the node
+has run for a second, the fault starts, at the sender or on the wire.
 """
 
 import tempfile
@@ -42,9 +42,9 @@ class LiveCase:
     """One fault of a sender; see ``fault_table.Case``.
 
     Attributes:
-        kind: ``unplugged`` (the sender continues, nothing arrives), ``restarted`` (its program ends
-            and starts again after the fault), ``delayed``, ``flooded`` (more scenes per second),
-            ``corrupted`` (wrong bits), ``clock`` (wrong stamps).
+        kind: ``unplugged`` (the sender continues, nothing arrives), ``restarted`` (its program
+            exits and starts again after the fault), ``delayed``, ``flooded`` (more scenes per
+            second), ``corrupted`` (wrong bits), ``clock`` (wrong stamps).
         amount: seconds of delay, factor of the rate, error probability of a bit, or seconds of the
             clock's step.
     """
@@ -59,7 +59,7 @@ class LiveCase:
 
     @property
     def drain_s(self) -> float:
-        """Seconds from the fault's end until the last delayed unit arrives."""
+        """Return the seconds from the fault's end to the arrival of the last delayed unit."""
         return self.amount if self.kind == "delayed" else 0.0
 
 
@@ -132,7 +132,7 @@ def _config(end: LiveEnd) -> Config:
 
 
 class _Watch(View):
-    """Notes each tick's advice, and compares each scene with what was sent."""
+    """Records each tick's advice, and compares each scene with the one sent."""
 
     def __init__(self) -> None:
         self.false_scenes = 0
@@ -141,7 +141,7 @@ class _Watch(View):
         self._joint_map: Any = None
 
     def bind(self, assembly: Any) -> None:
-        """Take the source's joint map."""
+        """Read the source's joint map."""
         self._joint_map = assembly.source.joint_map
 
     def on_scene(self, scene: Scene, _receipt_ns: int) -> None:
@@ -153,7 +153,7 @@ class _Watch(View):
         self.false_scenes += not right
 
     def on_tick(self, tick: Tick) -> None:
-        """Note the advice for the robot."""
+        """Record the advice for the robot."""
         advice, state = tick.advices[0], tick.status.node_state
         if state is NodeState.STOPPING:  # the node's last message
             return
@@ -168,7 +168,7 @@ class _Watch(View):
     ) -> tuple[float | None, str, float | None, int]:
         """Return ms to the outcome, its reason, ms to recovery, and the ticks of *clear*."""
         if start_ns is None or end_ns is None:
-            return None, "the node never settled", None, 0
+            return None, "the node never settled before the fault", None, 0
         ticks = [tick for tick in self._ticks if tick[0] >= start_ns]
         clear = sum(level is Level.CLEAR for _, level, *_ in ticks)
         outcome = next((t for t in ticks if _is_outcome(case, *t[1:])), None)
@@ -193,8 +193,8 @@ class _Sending(threading.Thread):
     """The sender: a standing person, captured at a steady rate, and the fault.
 
     Attributes:
-        fault_ns: when the fault began; ``None`` before.
-        end_ns: when the fault and its delayed units were over; ``None`` before.
+        fault_ns: start of the fault; ``None`` before. end_ns: end of the fault and its delayed
+            units; ``None`` before.
     """
 
     def __init__(self, end: LiveEnd, case: LiveCase, watch: _Watch, stop: threading.Event) -> None:
@@ -209,7 +209,7 @@ class _Sending(threading.Thread):
         self._line: deque[tuple[int, bytes]] = deque()  # units on the way, with their arrival times
 
     def run(self) -> None:
-        """Send until the node has recovered or its time is over."""
+        """Send until the node has recovered or the time is over."""
         began_ns = due_ns = time.monotonic_ns()
         try:
             while not self._stopping.is_set():
@@ -225,7 +225,7 @@ class _Sending(threading.Thread):
             self._end.stop()
 
     def _fault(self, now_ns: int, began_ns: int) -> Kind | None:
-        """Return the fault while it is active; start it, and end the run, when it is time."""
+        """Return the fault while it is active; start it and end the run when due."""
         well_ns = self._watch.well_since_ns
         if self.fault_ns is None:
             if well_ns is not None and now_ns - well_ns > SETTLED_S * 1e9:
@@ -243,7 +243,7 @@ class _Sending(threading.Thread):
         return None
 
     def _capture(self, fault: Kind | None, due_ns: int, now_ns: int) -> None:
-        """Send the capture of ``due_ns``: a starved sender is late, but its stamps are true."""
+        """Send the capture of ``due_ns``; if the sender runs late, its stamps stay correct."""
         if fault == "restarted":
             self._end.stop()
             self._sends = False

@@ -1,8 +1,9 @@
 """Deaths in real time: of the node, and of a controller. The arm must stop, and move on afterwards.
 
-Two mock controllers and the node run as separate processes. A node that dies gets the controllers'
-ports as plain devices, so that it owns no part of the cell and its death ends nothing else. When a
-controller dies, the node runs in this process, so that all its advice can be observed.
+Two mock controllers and the node run as separate processes. A node that is killed uses the
+controllers' ports as plain devices: it owns no part of the cell, so its death stops no other
+process. When a controller dies, the node runs in this process, so that all its advice can be
+observed.
 """
 
 import contextlib
@@ -56,9 +57,9 @@ def die(
             time-out plus one of its cycles.
 
     Returns:
-        the row: the slower controller counts. Motion recovers when, after the node's second start,
-        both controllers permit it and the arm moves; no controller was restarted. The reason is the
-        cause of the monitor's stop at the second end.
+        the row, with the times of the slower controller. Motion recovers when, after the node's
+        second start, both controllers permit it and the arm moves; no controller was restarted. The
+        reason is the cause of the monitor's stop at the node's second end.
 
     Raises:
         LinkError: the cell or the node did not start, or the robot did not move or stop.
@@ -100,7 +101,7 @@ def _cell(
     """Start the demo's controllers.
 
     Yields the cell, the configuration of a node for it, a watch, and a list that holds the
-    controllers' reports after the block, however it ends.
+    controllers' reports after the block, even after an error.
     """
     demo, clock = baseline_demo(), MonotonicClock()
     cell = MockCell(links=demo.links, robots=demo.node.robots, base_dir=demo.base_dir, clock=clock)
@@ -150,28 +151,28 @@ class ArmWatch:
         return {link: self._cell.permit(link, now_ns) for link in self._links}
 
     def stands(self) -> bool:
-        """Whether no joint of the arm moves."""
+        """Return whether all joints of the arm are at rest."""
         truth = self._cell.robot_truth(self._clock.now_ns())
         return all(np.abs(qd).max() < STANDS_RAD_S for _, qd in truth.values())
 
     def moves(self) -> bool:
-        """Whether all controllers permit motion, and the arm moves."""
+        """Return whether all controllers permit motion and the arm moves."""
         return all(permit > 0 for permit in self.permits().values()) and not self.stands()
 
     def wait_for(self, condition: Callable[[], bool], ended: Callable[[], str]) -> float:
-        """Wait until ``condition`` holds; return that time, of ``time.monotonic``.
+        """Wait until ``condition`` holds; return the time from ``time.monotonic``.
 
         Args:
             condition: to wait for.
-            ended: returns why the node ended, "" while it runs.
+            ended: returns the reason why the node exited, "" while it runs.
 
         Raises:
-            LinkError: the node ends first, or the wait takes too long.
+            LinkError: the node exits first, or the wait takes too long.
         """
         end_s = time.monotonic() + WAIT_S
         while not condition():
             if why := ended():
-                raise LinkError(f"node: ended too early{why}")
+                raise LinkError(f"node: exited too early{why}")
             if time.monotonic() > end_s:
                 raise LinkError(f"node: the robot did not move or stop within {WAIT_S:g} s")
             time.sleep(STEP_S)
@@ -185,7 +186,7 @@ def _ended(node: "subprocess.Popen[bytes]") -> Callable[[], str]:
 def _end(
     node: "subprocess.Popen[bytes]", how: How, watch: ArmWatch
 ) -> tuple[dict[str, float], float, float]:
-    """End the node; return the seconds until each controller, the arm and the process stopped."""
+    """Stop the node; return the seconds until each controller, the arm and the process stopped."""
     stopped: dict[str, float] = {}
     stands = exited = None
     began = time.monotonic()
@@ -218,7 +219,7 @@ def _node(config: Path) -> Iterator["subprocess.Popen[bytes]"]:
 
 
 def _last_stop(reports: Sequence[ControllerReport]) -> str:
-    """Return the cause of the monitor's last stop; the drive may only have followed it."""
+    """Return the cause of the monitor's last stop; the drive may merely have followed it."""
     monitor = next(report for report in reports if report.role == "monitor")
     stops = [cause for _, cause, limit in monitor.events if limit == 0.0]
     return stops[-1] if stops else monitor.ended
@@ -245,8 +246,8 @@ def restart_controller(name: str, link: str, people: Sequence[dict[str, Any]]) -
 
     Returns:
         the row: its limit is a permit's lifetime plus one cycle of the controller. Motion recovers
-        when both controllers permit it and the arm moves, from the new controller's port on. It
-        counts the ticks after the kill by level.
+        when both controllers permit it and the arm moves, counted from the time the new controller
+        has its port. It counts the ticks after the kill by level.
 
     Raises:
         LinkError: the cell or the node did not start, or the arm did not move or stop.

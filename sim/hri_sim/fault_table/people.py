@@ -8,12 +8,12 @@ Person = dict[str, Any]
 
 
 def person(start: Sequence[float], *script: Step, **more: Any) -> Person:
-    """A person who does this once, from a place on the floor; ``more`` as in ``source.people``."""
+    """Return a person who plays this script once from a place; ``more`` as in ``source.people``."""
     return {"start": start, "repeat": False, "script": list(script), **more}
 
 
 def stands(place: Sequence[float], seconds: float = 30.0) -> Person:
-    """A person who stands at a place."""
+    """Return a person who stands at a place."""
     return {"start": place, "script": [wait(seconds)]}
 
 
@@ -23,22 +23,22 @@ def wait(seconds: float) -> Step:
 
 
 def leave() -> Step:
-    """Be gone, for good."""
+    """Return a step: leave for good."""
     return {"do": "leave", "seconds": 3600.0}
 
 
 def walk(to: Sequence[float], **how: Any) -> Step:
-    """Walk to a place on the floor."""
+    """Return a step: walk to a place on the floor."""
     return {"do": "walk", "to": to, **how}
 
 
 def reach(to: Sequence[float], **how: Any) -> Step:
-    """Reach to a point with the right hand."""
+    """Return a step: reach to a point with the right hand."""
     return {"do": "reach", "hand": "right", "to": to, **how}
 
 
 FAR = stands([4.5, 0.2])
-"""Stands far enough away for the robot to run."""
+"""A person who stands far enough away for the robot to run."""
 
 
 DEMO_ROBOT = {
@@ -52,7 +52,7 @@ DEMO_ROBOT = {
 
 
 def comes(hold_s: float) -> Person:
-    """Walks up to a robot at full speed and reaches into its path."""
+    """Return a person who walks up to a robot at full speed and reaches into its path."""
     return person(
         [4.5, 0.2],
         wait(4.0),
@@ -62,7 +62,7 @@ def comes(hold_s: float) -> Person:
 
 
 def reaches_out(waits_s: float, **more: Any) -> Person:
-    """Walks up to 1.2 m from the robot, stands there for a long time, then reaches into its way."""
+    """Return a person who walks to 1.2 m from the robot, waits long, then reaches into its path."""
     return person(
         [3.6, 2.4],
         walk([1.75, 0.1], via=[[2.4, 0.9]]),
@@ -75,5 +75,5 @@ def reaches_out(waits_s: float, **more: Any) -> Person:
 
 
 def walks_out(waits_s: float, place: Sequence[float]) -> Person:
-    """A colleague, with id 2, who stands at a place and walks out by the exit."""
+    """Return a colleague with id 2, who stands at a place and walks out through the exit."""
     return person(place, wait(waits_s), walk([4.0, 2.8], via=[[3.3, 2.1]]), leave(), id=2)

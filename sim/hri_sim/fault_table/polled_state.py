@@ -1,6 +1,5 @@
-"""Faults of a robot's state that a link polls: their effect on what the node knows of the robot.
-
-The server is ``hri_sim.robot_server`` in a process of its own; its arm swings.
+"""Faults of a polled robot state: their effect on the node's knowledge of the robot. The server is
+``hri_sim.robot_server`` in a separate process; its arm swings.
 """
 
 import time
@@ -32,7 +31,7 @@ SOON_MS = 1e3 * (2 * 0.02 + 2 * LOOK_S)  # the next two readings
 
 @dataclass(frozen=True)
 class StateCase(LinkCase):
-    """One fault; ``server``: of the server, by its name there, or ``gone`` or ``stopped``."""
+    """One fault; ``server``: name of a fault of the server, or ``gone`` or ``stopped``."""
 
     server: str = ""
 
@@ -89,7 +88,7 @@ class StateCell(LinkCell):
         return kind, kind.of_robots(settings, [self._robot])
 
     def look(self) -> None:
-        """Take what was read, and note what the node knows of the robot."""
+        """Process the readings, and record what the node knows of the robot."""
         if self._link is not None:
             for received in self._link.take():
                 if isinstance(received.message, RobotState):
@@ -101,11 +100,11 @@ class StateCell(LinkCell):
         time.sleep(LOOK_S)
 
     def counted(self) -> dict[str, int]:
-        """Return the link's counts, and the tracker's of what it refused."""
+        """Return the counts of the link, and those of readings that the tracker refused."""
         return self._counted | {"invalid": self._tracker.counters["invalid"]}
 
     def break_or_mend(self, broken: bool) -> None:
-        """Begin the fault of the server, or end it."""
+        """Start or end the fault of the server."""
         assert isinstance(self.case, StateCase)
         if broken == self._broken:
             return
@@ -121,7 +120,7 @@ class StateCell(LinkCell):
             self._server.toggle()
 
     def close(self) -> None:
-        """End the link and the server."""
+        """Stop the link and the server."""
         super().close()
         self._server.kill()
 
@@ -138,7 +137,7 @@ class ModbusStateCell(StateCell):
 
 
 class OpcUaStateCell(StateCell):
-    """By OPC UA."""
+    """A polling link over OPC UA."""
 
     protocol = "opcua"
 

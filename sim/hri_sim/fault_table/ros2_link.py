@@ -1,6 +1,6 @@
 """Faults of a ROS 2 link: their effect on a subscriber. Needs ROS 2.
 
-The subscriber is the sample ``drivers/ros2/speed_follower.py`` in a process of its own. The advice
+The subscriber is the sample ``drivers/ros2/speed_follower.py`` in a separate process. The advice
 is ``ADVICE``.
 """
 
@@ -57,11 +57,11 @@ class Ros2Cell(LinkCell):
         )
 
     def look(self) -> None:
-        """Wait; the follower's thread notes what it prints."""
+        """Wait; a thread records the follower's output."""
         time.sleep(LOOK_S)
 
     def close(self) -> None:
-        """End the link and the follower."""
+        """Stop the link and the follower."""
         super().close()
         self._follower.kill()
         self._follower.wait()

@@ -43,13 +43,12 @@ _LIES: tuple[Mapping[str, Any], ...] = (
     {"kind": "acknowledges", "period_s": 0.3},
     {"kind": "acknowledges", "period_s": 0.5, "ids": 2, "names": "first"},
 )
-"""Lies of one controller at a time: the other one is truthful."""
+"""Lies of one controller at a time, while the other is truthful."""
 
 
 def draw_faults(seed: int, seconds: float, links: Sequence[str]) -> list[str]:
-    """Draw faults at random times for source and links, in the form of the command line.
-
-    An id that is renamed slides: the person who had it is not seen meanwhile.
+    """Draw faults at random times for source and links, in the form of the command line. A renamed
+    id moves to another person, and its former owner is not seen during that time.
     """
     rng = np.random.default_rng(seed)
     found, start_s = [], QUIET_S
@@ -90,11 +89,11 @@ class SoakResult:
 
     Attributes:
         hours: hours of node time.
-        faults: number of faults injected, lies of controllers among them.
+        faults: number of injected faults, including lies of controllers.
         ticks: number of the node's ticks.
         clear_ticks: number of ticks that advised *clear* although a person was near.
         contacts: touches of a moving robot.
-        posted: messages posted to links.
+        posted: number of messages posted to links.
         unaccounted: posted messages neither sent nor counted as superseded, decimated or failed.
         rss_mib_early, rss_mib_end, growth_percent: resident memory after the warm-up and at the
             end.
@@ -115,7 +114,7 @@ class SoakResult:
 
     @property
     def fine(self) -> bool:
-        """Whether all conditions held."""
+        """Return whether all conditions held."""
         harmless = self.clear_ticks == 0 and self.contacts == 0 and self.unaccounted == 0
         return harmless and self.growth_percent <= LIMIT_PERCENT and self.ticks > 0
 
@@ -154,10 +153,9 @@ def run_soak(hours: float, seed: int = 0, speed: float | None = None) -> dict[st
 
 
 def _scene(base: Config) -> Config:
-    """Return the demo's cell: one person works near the robot, the demo's own comes and goes.
-
-    The one near it takes a step now and then: a body that stood for hours without moving a limb
-    would stay *unknown* after the tracker made it up once.
+    """Return the demo's cell: one person works near the robot, and the demo's own person comes and
+    goes. The person near the robot takes a step now and then: a body that did not move for hours
+    would stay *unknown* once the tracker had invented it.
     """
     data = base.source.model_dump()
     script = [
@@ -170,13 +168,13 @@ def _scene(base: Config) -> Config:
 
 
 def _lying(link: LinkSettings, lies: list[dict[str, Any]]) -> LinkSettings:
-    """Return the link with a controller at its far end that lies, and has a button."""
+    """Return the link; the controller at its far end lies and has a button."""
     changes = {"lies": lies, "acknowledge_after_s": OPERATOR_S}
     return link.model_copy(update={"simulate": (link.simulate or {}) | changes})
 
 
 class _Posts:
-    """Counts what is posted to one link."""
+    """Counts the messages posted to one link."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -193,7 +191,7 @@ class _Posts:
     def unaccounted(self) -> int:
         """Number of messages that were lost without being counted, or counted twice.
 
-        ``write_errors`` counts attempts, and the last one may have succeeded, so it is only an
+        ``write_errors`` counts attempts, and a later attempt may have succeeded, so it is only an
         upper bound of the failed messages.
         """
         counters = self._link.counters
@@ -216,7 +214,7 @@ class _Watch(View):
         self.posts = [_Posts(link) for link in assembly.links]
 
     def on_tick(self, tick: Tick) -> None:
-        """Judge one tick."""
+        """Check one tick."""
         if self._start_ns is None:
             self._start_ns = tick.now_ns
         elapsed_ns = tick.now_ns - self._start_ns
@@ -239,8 +237,8 @@ class Resident:
     """Growth of the resident memory after a warm-up, in which bounded buffers fill.
 
     Args:
-        every_s: interval of node time between two samples.
-        warm_up_s: of node time, from the first look.
+        every_s: node time between two samples. warm_up_s: node time of the warm-up, from the first
+            sample.
     """
 
     def __init__(self, every_s: float, warm_up_s: float) -> None:

@@ -1,4 +1,4 @@
-"""The fault table: each fault is injected alone while a person is near, and its effect measured.
+"""The fault table: each fault is injected alone while a person is near, and its effect is measured.
 
 Faults of sources, links and the predictor run on the virtual clock; their results are exact and
 repeatable. The node's death (``kill -9``) and a controller's restart run in real time in separate
@@ -38,22 +38,20 @@ class Case:
     """One fault and its expected effect.
 
     Attributes:
-        name: name in the table.
-        faults: as on the command line; ``{t}`` stands for the fault's time.
-        expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
-            ``stays stopped`` (nor permits it again before the fault's end), ``may stop`` (chance
-            decides which messages the fault hits; the controller may stop), ``not clear`` (the
-            node does not advise *clear*), ``fault`` (the node advises it), ``degraded`` (the node
-            reports it and continues with the physical limits), ``count only`` (only counters
+        name: name in the table. faults: faults as on the command line; ``{t}`` is replaced by the
+            fault's time. expected: ``unknown`` (the node advises it), ``stop`` (the controller
+            permits no motion), ``stays stopped`` (the same until the fault's end), ``may stop``
+            (the controller may stop, depending on the messages that the fault hits), ``not clear``
+            (the node does not advise *clear*), ``fault`` (the node advises it), ``degraded`` (the
+            node reports it and continues with the physical limits), ``count only`` (only counters
             change).
-        acts: the part that must act: node or controller.
-        limit_ms: longest time from the fault's start until the outcome.
-        reasons: the node's advice must give one of these.
+        acts: the part that must act: node or controller. limit_ms: maximum time from the fault's
+            start to the outcome. reasons: the node's advice must give one of them.
         people: number of people near.
         predictor: replaces the predictor's answer while the fault is active.
         length_s: duration of the fault.
-        drain_s: time from the fault's end until the last delayed message arrives.
-        sensor: the sensor of two that has the faults; "": there is one source.
+        drain_s: time from the fault's end to the arrival of the last delayed message. sensor: which
+            of two sensors has the faults; "": there is only one source.
     """
 
     name: str
@@ -70,7 +68,7 @@ class Case:
 
     @property
     def end_s(self) -> float:
-        """Time at which the fault and its delayed messages are over."""
+        """Time at which the fault is over and its delayed messages have arrived."""
         return START_S + self.length_s + self.drain_s
 
 
@@ -91,7 +89,7 @@ SEEN = 34 + 40
 # own cycle.
 TOLD = 40 + 5 + 20 + 8
 NEXT = 15 + 8
-"""From one message that the controller receives to the next, and its own cycle."""
+"""Interval between two messages that the controller receives, plus its own cycle."""
 SILENT = 60 + NEXT
 
 
@@ -229,7 +227,7 @@ RESTARTS = {f"{link}: controller restarted": link for link in ("drive", "monitor
 
 
 def run_table(only: str | None = None) -> Iterator[FaultOutcome]:
-    """Run every case whose name contains ``only``; yield each row when it is done."""
+    """Run every case whose name contains ``only``; yield each row as soon as it is done."""
     base = baseline_demo()
     for case in (*CASES, *SENSORS):
         if only is None or only in case.name:
@@ -292,7 +290,7 @@ def run_case(base: Config, case: Case) -> FaultOutcome:
 
 
 def _scene(base: Config, people: int) -> Config:
-    """Return the demo's cell with people who stand so near that the robot slows down."""
+    """Return the demo's cell with people who stand near enough for the robot to slow down."""
     return base.with_source(base.source.model_dump() | {"people": _people(people)})
 
 
@@ -304,16 +302,16 @@ def _people(count: int) -> list[dict[str, Any]]:
 def _stop_of_all(
     case: Case, controllers: Sequence[dict[str, Any]]
 ) -> tuple[float | None, float | None, str]:
-    """Return ``_stop_of`` for the slowest of the controllers whose links have the fault."""
+    """Return ``_stop_of`` for the slowest controller whose link has the fault."""
     faulty = {fault.partition(":")[0] for fault in case.faults}
     stops = [_stop_of(case, c["events"]) for c in controllers if c["name"] in faulty]
     return max(stops, key=lambda stop: inf if stop[0] is None else stop[0])
 
 
 def _stop_of(case: Case, events: list[Any]) -> tuple[float | None, float | None, str]:
-    """Return when a controller stopped after the fault's start and moved after its end, in ms.
+    """Return the ms from the fault's start to a controller's stop, and from its end to motion.
 
-    A controller that must stay stopped, but moves before the end, does not count as stopped.
+    A controller that must stay stopped but moves before the fault's end does not count as stopped.
     """
     stop = next(((t, c) for t, c, v in events if t >= START_S - 1e-9 and v == 0.0), None)
     if stop is None:
@@ -359,11 +357,11 @@ class _Watch(View):
 
     @property
     def clear_while_near(self) -> int:
-        """Number of ticks since the fault's start that advised *clear* (a person is near)."""
+        """Return the number of ticks since the fault's start with *clear* (a person is near)."""
         return sum(level is Level.CLEAR for t, level, *_ in self._ticks if t >= START_S)
 
     def reaction(self, case: Case) -> tuple[float | None, float | None, str]:
-        """Return ms until the expected outcome, ms until recovery after the end, and the reason."""
+        """Return ms to the expected outcome, ms from the end to recovery, and the reason."""
         for t, level, reason, state in self._ticks:
             if t < START_S - 1e-9 or t > case.end_s + 1.0:
                 continue
@@ -383,7 +381,7 @@ class _Watch(View):
         return not level.may_move or state is not NodeState.RUNNING  # of "count only": must not be
 
     def _recovery(self, case: Case) -> float | None:
-        """Return when the node runs and permits motion again after the fault's end."""
+        """Return the time after the fault's end at which the node runs and permits motion again."""
         end = case.end_s
         for t, level, _, state in self._ticks:
             if t >= end and level.may_move and state is NodeState.RUNNING:

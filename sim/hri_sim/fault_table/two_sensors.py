@@ -1,4 +1,4 @@
-"""The cell of the fault table, seen by two sensors of which one has the fault."""
+"""The cell of the fault table with two sensors, one of which has the fault."""
 
 from typing import Any
 
@@ -11,8 +11,7 @@ def with_two_sensors(config: Config, faulty: str, faults: list[str]) -> Config:
     """Return the cell with sensors ``back`` and ``front`` in place of its source.
 
     Args:
-        faulty: the sensor that has the faults.
-        faults: as on the command line.
+        faulty: the sensor that has the faults. faults: faults as on the command line.
 
     Raises:
         ConfigError: a fault's text is wrong.

@@ -1,6 +1,6 @@
 """Faults of a zenoh link: their effect on the fleet view. Needs the extra ``fleet``.
 
-The node's link sends through a router, and the view receives. No controller relies on zenoh.
+The node's link sends through a router to the fleet view. No controller relies on zenoh.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ CASES = (
 
 
 class ZenohCell(LinkCell):
-    """The link, its router and the view, which shows a level for the robot."""
+    """The link, its router and the fleet view, which shows a level for the robot."""
 
     start_s, acts = 3.0, "view"
     well = Level.SLOW.name.lower()
@@ -50,7 +50,7 @@ class ZenohCell(LinkCell):
         return ZenohLink, ZenohLinkSettings(name="fleet", cell="faults", connect=connect)
 
     def look(self) -> None:
-        """Receive, and read the view."""
+        """Receive messages, and read the view."""
         with contextlib.suppress(LinkError):  # not connected: the cell turns silent
             for unit in self._observer.read(LOOK_S):
                 self._fleet.take(replace(unit, key=f"hri/{unit.key}"), self._clock.now_ns())
@@ -59,12 +59,12 @@ class ZenohCell(LinkCell):
         self.shown.append((time.monotonic(), level))
 
     def counted(self) -> dict[str, int]:
-        """Return the counts of messages that the view lost and refused."""
+        """Return the number of messages that the view lost and refused."""
         rows = self._fleet.rows(self._clock.now_ns())
         return {"lost": rows[0].lost, "refused": rows[0].refused} if rows else {}
 
     def break_or_mend(self, broken: bool) -> None:
-        """See ``LinkCell``; the router goes and comes back."""
+        """See ``LinkCell``; also stops the router and starts it again."""
         super().break_or_mend(broken)
         if self.case.fault == "router" and broken and self._router is not None:
             self._router.close()
@@ -73,7 +73,7 @@ class ZenohCell(LinkCell):
             self._router = open_session(self._routing)
 
     def close(self) -> None:
-        """End the link, the view and the router."""
+        """Stop the link, the view and the router."""
         super().close()
         self._observer.close()
         if self._router is not None:

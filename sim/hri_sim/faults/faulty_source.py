@@ -43,8 +43,8 @@ class FaultySource:
     """A source with faults, itself a ``Source``; a pure function of its seed and its input.
 
     Attributes:
-        on_truth: called with every scene of the inner source before any fault, at the time it was
-            due; a referee uses it.
+        on_truth: called with every scene of the inner source, before any fault, at its due time;
+            used by a referee.
         injected: number of scenes that each kind of fault has changed, delayed or lost.
     """
 
@@ -57,7 +57,7 @@ class FaultySource:
 
         Raises:
             ConfigError: a fault of unknown kind, with a wrong key, or with a joint that the source
-                does not have; ``where`` names the place.
+                does not have; the message names ``where``.
         """
         self._inner = inner
         self._faults = faults_from(faults, SOURCE_FAULTS, f"{where}.faults")
@@ -84,7 +84,7 @@ class FaultySource:
         self.injected: dict[str, int] = {}
 
     def open(self, start_ns: int) -> None:
-        """Open the inner source; the faults' times count from ``start_ns``."""
+        """Open the inner source; times of the faults are relative to ``start_ns``."""
         self._start_ns = start_ns
         self._inner.open(start_ns)
 

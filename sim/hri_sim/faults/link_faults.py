@@ -35,10 +35,11 @@ STATUS = Status(node_state=NodeState.RUNNING, reason=Reason.NONE, people=0, pred
 
 
 class EmptyRoom:
-    """Says *clear* to every robot whose RobotState it hears, and echoes the state like a node.
+    """Sends *clear* to every robot whose RobotState it receives, and echoes the state as a node
+    does.
 
     Args:
-        base_id: base id of the CAN frames.
+        base_id: base of the arbitration ids.
     """
 
     def __init__(self, base_id: int) -> None:
@@ -50,7 +51,7 @@ class EmptyRoom:
         self._cycle = 0
 
     def hear(self, unit: Any) -> None:
-        """Take a unit of the wire; the sender learns the kind of wire from it."""
+        """Receive a unit from the wire; the sender learns the kind of wire from it."""
         if self._sender is None:
             self._sender, self._receiver = _ends(unit, self._base_id)
         for message in self._receiver.feed(unit):
@@ -58,7 +59,7 @@ class EmptyRoom:
                 self._echoes[message.robot] = message.counter
 
     def says(self, now_ns: int) -> list[Any]:
-        """The units that are due by now."""
+        """Return the units that are due by now."""
         if self._sender is None or now_ns < self._due_ns:
             return []
         self._due_ns = now_ns + PERIOD_NS
@@ -77,7 +78,7 @@ class EmptyRoom:
 
 
 def _ends(unit: Any, base_id: int) -> tuple[Any, Any]:
-    """A sender and a receiver for the wire that carries such units."""
+    """Return a sender and a receiver for the wire that carries such units."""
     if isinstance(unit, CanFrame):
         kind = (unit.fd, base_id, unit.extended)
         return CanSender(*kind), CanReceiver(*kind)
@@ -98,7 +99,7 @@ class LinkFault(FaultSettings):
     """``direction``: ``out`` from the node, ``in`` to it, or ``both``."""
 
     direction: Literal["out", "in", "both"] = Field(
-        "both", description="direction: out, from the node; in, to the node; or both"
+        "both", description="direction: out (from the node), in (to the node), or both"
     )
 
 
@@ -127,7 +128,7 @@ class Jitter(LinkFault, settings.Jitter):
 
 
 class Stretch(LinkFault, settings.Late):
-    """Units arrive later and later, in order: ``rate`` seconds more each second, as in a queue."""
+    """Units arrive in order, with a delay that grows by ``rate`` seconds a second, like a queue."""
 
     soak = ("rate=0.5",)
 
@@ -161,7 +162,7 @@ class Duplicate(LinkFault, settings.Duplicate):
 
 
 class Flood(LinkFault):
-    """Every unit arrives ``times`` times, as from a repeater or a runaway sender."""
+    """Every unit arrives ``times`` times, as with a repeater or a runaway sender."""
 
     soak = ()
 
@@ -177,12 +178,11 @@ class Unplug(LinkFault):
 
 
 class SecondSender(LinkFault):
-    """A second node with the same ids says *clear*; ``direction`` states who hears it.
-
-    ``out``: the controllers; ``in``: the first node.
+    """A second node with the same ids sends *clear*; ``direction`` states the receivers. ``out``:
+    the controllers; ``in``: the first node.
     """
 
-    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="id of its first CAN frame")
+    base_id: int = Field(DEFAULT_BASE_ID, ge=0, description="base of its arbitration ids")
 
 
 LINK_FAULTS: dict[str, type[LinkFault]] = {
@@ -212,9 +212,9 @@ class _Way(settings.Way[U]):
 class FaultyTransport(Generic[U]):
     """A transport with faults, itself a ``Transport``.
 
-    A unit is what the link passes in one piece: on serial one message's bytes when writing and the
-    received chunk when reading; on CAN one frame. A delayed unit leaves at the link's next call of
-    ``write`` or ``read``.
+    A unit is the data that the link passes in one piece. On serial: the bytes of one message when
+    writing, the received chunk when reading. On CAN: one frame. A delayed unit leaves at the link's
+    next call of ``write`` or ``read``.
 
     Attributes:
         injected: number of units (calls, for ``unplug``) that each kind of fault affected.
@@ -276,7 +276,7 @@ class FaultyTransport(Generic[U]):
         return self._due(self._in) + self._from_others(arrived)
 
     def _from_others(self, arrived: Sequence[U]) -> list[U]:
-        """Messages of second senders to the node; they send to the controllers as well."""
+        """Return messages of second senders to the node; also send theirs to the controllers."""
         heard: list[U] = []
         now_ns = self._clock.now_ns()
         for fault, other in self._others:
@@ -292,12 +292,12 @@ class FaultyTransport(Generic[U]):
 
     @property
     def device(self) -> Transport[U]:
-        """The transport without the faults, which knows the state of its device."""
+        """The transport without faults, which reports the state of its device."""
         return self._inner
 
     @property
     def hung_up(self) -> bool:
-        """Whether the other end of the line is closed, if the wire can detect it."""
+        """Return whether the other end of the line is closed, if the wire can detect it."""
         return bool(getattr(self._inner, "hung_up", False))
 
     def close(self) -> None:
@@ -326,7 +326,7 @@ class FaultyTransport(Generic[U]):
     def _check_plugged(self, direction: Direction) -> None:
         if self._unplugs and any(isinstance(f, Unplug) for f in self._active(direction)):
             self.injected["unplug"] = self.injected.get("unplug", 0) + 1
-            raise LinkError("the link is unplugged (an injected fault); it comes back by itself")
+            raise LinkError("the link is unplugged (an injected fault); it reconnects by itself")
 
     def _pass(self, way: _Way[U], direction: Direction, units: Sequence[U]) -> None:
         """Pass ``units`` through the list of faults, into the queue of leaving units."""

@@ -1,4 +1,4 @@
-"""A tracker that lost a person and continues sending one."""
+"""A tracker that has lost a person and continues to send one."""
 
 from collections import deque
 from dataclasses import replace
@@ -16,17 +16,17 @@ MOST_CAPTURES = 60
 
 
 class MadeUp(FaultSettings):
-    """The tracker lost all people and continues sending them, with fresh noise.
+    """The tracker has lost all people and continues to send them, with fresh noise.
 
-    ``how`` is ``hold``: the last skeleton again; ``coast``: it glides on at ``velocity``; or
-    ``loop``: the last ``captures`` captures again and again.
+    ``how`` is ``hold``: repeat the last skeleton; ``coast``: move it on at ``velocity``; or
+        ``loop``: repeat the last ``captures`` captures.
     """
 
     soak = ("how=hold", "how=coast", "how=loop,captures=12")
     deceives = True
 
     how: Literal["hold", "coast", "loop"] = Field(
-        "hold", description="content that it sends instead"
+        "hold", description="content that is sent instead"
     )
     captures: int = Field(12, ge=2, le=MOST_CAPTURES, description="length of the loop")
     velocity: Vector3 = Field([0.0, 1.4, 0.0], description="velocity of all people who coast, m/s")
@@ -34,11 +34,10 @@ class MadeUp(FaultSettings):
 
 
 class MadeUpPeople:
-    """Holds, carries on or repeats the people a source showed last.
+    """Holds, moves on or repeats the people that a source reported last.
 
     Args:
-        fault: says how.
-        rng: of the noise.
+        fault: its settings. rng: generator of the noise.
     """
 
     def __init__(self, fault: MadeUp, rng: np.random.Generator) -> None:
@@ -47,7 +46,7 @@ class MadeUpPeople:
         self._next = 0
 
     def see(self, scene: Scene) -> None:
-        """Take in a true scene."""
+        """Record a true scene."""
         self._seen.append(scene)
         self._next = 0
 

@@ -1,6 +1,6 @@
 """Occlusion: people behind boxes and behind each other, as a tracker reports them.
 
-A joint is seen if a straight line from one of the cameras to it misses every box and every other
+A joint is seen if a straight line to it from one of the cameras misses every box and every other
 body. A tracker loses a person with too few visible joints; when it finds that person again, it may
 give another id.
 """
@@ -16,18 +16,18 @@ from hri_predict.contracts.scene import Person
 SEEN_SHARE = 0.3
 """A tracker follows a person with at least this share of the joints visible."""
 FORGETS_S = 0.2
-"""Absence after which a tracker takes a person for a new one."""
+"""Absence after which a tracker treats a person as new."""
 _HALF_BODY_M = 0.2
 _FIRST_NEW_ID = 1000
 
 
 class Occlusion:
-    """Hides people from cameras; remembers the id that the tracker gave to each person.
+    """Hides people from cameras, and keeps the id that the tracker gave to each person.
 
     Args:
-        cameras: (C, 3) their places, frame of the source.
-        boxes: (B, 5) x and y of two opposite corners on the floor, and the height.
-        rename: chance that a person who is found again gets another id.
+        cameras: (C, 3) positions in the source's frame. boxes: (B, 5) x and y of two opposite
+            corners on the floor, and the height.
+        rename: probability that a person who is found again gets another id.
         rng: generator of the random choices.
     """
 
@@ -50,7 +50,7 @@ class Occlusion:
         self._next_id = _FIRST_NEW_ID
 
     def seen(self, people: Sequence[Person], now_ns: int) -> tuple[Person, ...]:
-        """Return the people in the tracker's report, with the joints that are seen."""
+        """Return the people that the tracker reports, with the joints that it sees."""
         bodies = [_box_of(person) for person in people]
         found = []
         for i, person in enumerate(people):
@@ -83,7 +83,7 @@ class Occlusion:
 
 
 def _box_of(person: Person) -> tuple[Floats, Floats] | None:
-    """The upright box by which a body hides others; ``None`` if nothing of it is known."""
+    """Return the upright box by which a body hides others; ``None`` if no joint is known."""
     known = person.positions[person.observed]
     if not len(known):
         return None
@@ -93,7 +93,7 @@ def _box_of(person: Person) -> tuple[Floats, Floats] | None:
 
 
 def _crosses(camera: Floats, points: Floats, low: Floats, high: Floats) -> Bools:
-    """(J, B) whether the line from the camera to each point passes through each box (slabs)."""
+    """Return (J, B) whether the line from the camera to a point passes through a box (slabs)."""
     way = points - camera
     way = np.where(np.abs(way) < 1e-9, 1e-9, way)[:, None]
     first, second = (low - camera) / way, (high - camera) / way

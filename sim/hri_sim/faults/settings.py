@@ -18,9 +18,9 @@ class FaultSettings(Settings):
     """One fault: its kind, its start (after the run's) and its duration (``None``: to the end)."""
 
     soak: ClassVar[tuple[str, ...]] = ("",)
-    """Parameters with which the soak test injects it, as on the command line; none: it does not."""
+    """Parameter sets for the soak test, as on the command line; empty: never injected there."""
     deceives: ClassVar[bool] = False
-    """Whether it invents people or places: the node must believe what lasts longer than 2 s."""
+    """Whether it invents people or positions; beyond 2 s the node has to accept those."""
 
     kind: str = Field(description="kind of fault")
     start_s: float = Field(0.0, ge=0, description="start, from the run's start")
@@ -126,10 +126,10 @@ class Drop(FaultSettings):
 
 
 class Late(FaultSettings):
-    """A fault that makes late what passes."""
+    """A fault that delays scenes or units."""
 
     def late_ns(self, elapsed_ns: int, rng: np.random.Generator) -> int:
-        """Return by how much, for what passes ``elapsed_ns`` after the start."""
+        """Return the delay in ns of a scene or unit that passes ``elapsed_ns`` after the start."""
         raise NotImplementedError
 
 
@@ -164,7 +164,7 @@ class Reorder(FaultSettings):
 
 
 class Way(Generic[T]):
-    """One direction: what is held back or under way.
+    """One direction of a wire, with units that are held back or delayed.
 
     Args:
         rng: generator of the random choices.
@@ -180,7 +180,7 @@ class Way(Generic[T]):
         self.held: T | None = None
 
     def altered(self, fault: FaultSettings, unit: T) -> list[T]:
-        """Return what comes of a unit if it is lost, doubled or swapped; otherwise the unit."""
+        """Return the resulting units if a unit is lost, doubled or swapped, otherwise the unit."""
         if isinstance(fault, Drop):
             return [] if self.rng.random() < fault.probability else [unit]
         if isinstance(fault, Duplicate):
@@ -191,14 +191,14 @@ class Way(Generic[T]):
         return [unit]
 
     def let_go(self, active: Sequence[FaultSettings]) -> list[T]:
-        """Return the unit that was held back, if the fault that did so has ended."""
+        """Return the unit that was held back, if the fault that held it has ended."""
         if self.held is None or any(isinstance(fault, Reorder) for fault in active):
             return []
         held, self.held = self.held, None
         return [held]
 
     def due(self, now_ns: int) -> list[T]:
-        """Take out what has arrived by now."""
+        """Remove and return the units that have arrived by now."""
         units = []
         while self.late and self.late[0][0] <= now_ns:
             units.append(self.late.popleft()[1])

@@ -23,27 +23,26 @@ SIN_45 = 0.5**0.5
 
 
 class GrowingDelay(Delay):
-    """Scenes arrive late, by ``growth`` more for each second; their capture stamps are true."""
+    """Scenes arrive late, with a delay that grows by ``growth``; their capture stamps are true."""
 
     soak = ("delay_s=0.05", "delay_s=0.6")
 
     growth: float = Field(0.0, ge=0, le=0.5, description="growth of the delay, seconds per second")
 
     def late_ns(self, elapsed_ns: int, rng: np.random.Generator) -> int:
-        """Return the delay, as it has grown since the start."""
+        """Return the delay, including its growth since the start."""
         grown_s = self.growth * (elapsed_ns * 1e-9 - self.start_s)
         return int((self.delay_s + grown_s) * 1e9)
 
 
 class PeopleFault(FaultSettings):
-    """A fault that changes people alone, each by itself."""
+    """A fault that changes only people, each independently."""
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return a person as the source shows them; ``None``: it does not.
+        """Return a person as the source reports them; ``None``: not reported.
 
         Args:
-            person: as they are.
-            joints: names of the source's joints.
+            person: the true person. joints: names of the source's joints.
         """
         raise NotImplementedError
 
@@ -54,26 +53,25 @@ class NamedPeopleFault(PeopleFault):
     person: int | None = Field(None, description="person with this id; default: all people")
 
     def concerns(self, person: Person) -> bool:
-        """Whether it changes this person."""
+        """Return whether the fault applies to this person."""
         return self.person in (None, person.id)
 
 
 class Freeze(FaultSettings):
-    """The source repeats its last scene.
-
-    ``what`` is ``sequence``: the very same scene, sequence and stamp again; or ``joints``: sequence
-    and stamp continue, the joints stay bit-identical, as from a hung camera with a live driver.
+    """The source repeats its last scene. ``what`` is ``sequence``: the identical scene, including
+    sequence and stamp; or ``joints``: sequence and stamp continue while the joints stay
+    bit-identical, as with a hung camera and a live driver.
     """
 
     soak = ("", "what=joints")
 
     what: Literal["sequence", "joints"] = Field(
-        "sequence", description="sequence: the same scene again; joints: only they stay as they are"
+        "sequence", description="sequence: repeat the same scene; joints: repeat only the joints"
     )
 
 
 class Zero(PeopleFault):
-    """Lost joints are sent at one place, and marked as observed."""
+    """Lost joints are all sent at one position, marked as observed."""
 
     soak = ("joints=[l_wrist,l_hand,l_elbow]",)
     deceives = True
@@ -82,7 +80,7 @@ class Zero(PeopleFault):
     at: Vector3 = Field([0.0, 0.0, 0.0], description="the source's origin in the room")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return them with the lost joints at one place."""
+        """Return the person with the lost joints at one position."""
         lost = np.isin(joints, self.joints)
         positions = np.where(lost[:, None], self.at, person.positions)
         return replace(person, positions=positions, observed=person.observed | lost)
@@ -93,7 +91,7 @@ class Nan(FaultSettings):
 
     soak = ("", "fraction=1.0")
 
-    fraction: float = Field(0.3, gt=0, le=1, description="share of the joints")
+    fraction: float = Field(0.3, gt=0, le=1, description="fraction of the joints")
 
 
 class Teleport(NamedPeopleFault):
@@ -105,7 +103,7 @@ class Teleport(NamedPeopleFault):
     offset: Vector3 = Field([2.0, 0.0, 0.0], description="displacement of a body's jump, m")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return them displaced."""
+        """Return the person displaced."""
         if not self.concerns(person):
             return person
         return replace(person, positions=person.positions + np.asarray(self.offset))
@@ -120,7 +118,7 @@ class Rotate(PeopleFault):
     about: Vector3 = Field([0.0, 0.0, 0.0], description="centre of the rotation, room frame, m")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return them turned."""
+        """Return the person turned."""
         turn = Pose(quaternion_xyzw=self.quaternion_xyzw).matrix()[:3, :3]
         about = np.asarray(self.about)
         return replace(person, positions=(person.positions - about) @ turn.T + about)
@@ -134,7 +132,7 @@ class Mirror(PeopleFault):
     at_y: float = Field(0.0, ge=-1000, le=1000, description="y of the mirror plane, m")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return them mirrored."""
+        """Return the person mirrored."""
         over, plane = np.array([1.0, -1.0, 1.0]), np.array([0.0, 2.0 * self.at_y, 0.0])
         return replace(person, positions=person.positions * over + plane)
 
@@ -155,22 +153,24 @@ class Rename(PeopleFault):
     to: int = Field(2000, ge=0, le=65535, description="the new id")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return them with their id."""
+        """Return the person with the new id."""
         return replace(person, id=self.to) if person.id == self.person else person
 
 
 class Alternate(FaultSettings):
-    """The ids ``person`` and ``other`` become one, ``person``, which shows each of them in turn."""
+    """The people ``person`` and ``other`` share the id ``person``, which shows them in turn."""
 
     deceives = True
 
     person: int = Field(1, description="person with this id")
-    other: int = Field(2, description="the other one, who gets that id")
-    captures: int = Field(1, ge=1, le=1000, description="number of captures of each, in turn")
+    other: int = Field(2, description="id of the other person, who gets that id")
+    captures: int = Field(
+        1, ge=1, le=1000, description="number of consecutive captures of each person"
+    )
 
 
 class Occlude(FaultSettings):
-    """People are seen by ``cameras`` alone: boxes ([x, y, x, y, height]) and bodies hide them.
+    """Only ``cameras`` see people: boxes ([x, y, x, y, height]) and bodies hide them.
 
     A person who is found again gets another id with the probability ``rename``.
     """
@@ -181,7 +181,7 @@ class Occlude(FaultSettings):
         [[-6.0, -6.0, 2.8]], min_length=1, description="positions of cameras, room frame, m"
     )
     boxes: list[Annotated[list[Metres], Field(min_length=5, max_length=5)]] = Field(
-        [], description="that hide people: [x, y, x, y, height], m"
+        [], description="boxes that hide people: [x, y, x, y, height], m"
     )
     rename: float = Field(
         0.0, ge=0, le=1, description="chance that a person found again has another id"
@@ -194,7 +194,7 @@ class Vanish(NamedPeopleFault):
     deceives = True
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return who has not vanished."""
+        """Return the person unless vanished."""
         return None if self.concerns(person) else person
 
 
@@ -206,7 +206,7 @@ class Hide(NamedPeopleFault):
     joints: list[str] = Field(min_length=1, description="names of the joints that are not observed")
 
     def changed(self, person: Person, joints: Sequence[str]) -> Person | None:
-        """Return them without the hidden joints."""
+        """Return the person without the hidden joints."""
         if not self.concerns(person):
             return person
         hidden = np.isin(joints, self.joints)
@@ -219,7 +219,7 @@ class Blind(FaultSettings):
 
 
 class ClockDrift(FaultSettings):
-    """The source's clock runs fast by ``ppm`` parts in a million; the offset it gained stays."""
+    """The source's clock runs fast by ``ppm`` parts per million; the gained offset stays."""
 
     soak = ("ppm=400",)
 
@@ -229,13 +229,16 @@ class ClockDrift(FaultSettings):
 
 
 class ClockJump(FaultSettings):
-    """The source's clock is off by ``offset_s``, then right again."""
+    """The source's clock is off by ``offset_s``, then correct again."""
 
     soak = ("offset_s=-3600", "offset_s=3600", "offset_s=0.5")
 
     offset_s: float = Field(-1.0, ge=-1e6, le=1e6, description="size of the jump of its stamps")
     renumber: int = Field(
-        0, ge=-1_000_000, le=0, description="change of its scenes' numbers, as after a restart"
+        0,
+        ge=-1_000_000,
+        le=0,
+        description="change of the scenes' sequence numbers, as after a restart",
     )
 
 

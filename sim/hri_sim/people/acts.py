@@ -1,4 +1,4 @@
-"""The acts of a procedural person, each a stance over time: stand, turn, walk, reach."""
+"""Acts of a procedural person, each a stance over time: stand, turn, walk, reach."""
 
 import math
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ _PEAK = 1.875  # peak rate of the minimum-jerk profile
 
 
 class Act(Protocol):
-    """An act of some duration that ends with the body standing still.
+    """An act with a duration, at whose end the body stands still.
 
     Attributes:
         duration_s: its duration.
@@ -53,7 +53,7 @@ class Stand:
         self._stance = body.standing(xy, heading)
 
     def stance(self, t: float) -> Stance:
-        """The same at all times."""
+        """Return the same stance at all times."""
         return self._stance
 
 
@@ -88,7 +88,7 @@ class Turn:
         self.xy, self.heading = xy, heading + angle
 
     def stance(self, t: float) -> Stance:
-        """``t`` seconds in."""
+        """Return the stance ``t`` seconds after the start."""
         turned = self._angle * minimum_jerk(t / self.duration_s)
         feet = []
         for side, (angle, x) in zip((1.0, -1.0), self._falls.at(turned), strict=True):
@@ -127,7 +127,7 @@ class Walk:
         self.heading = heading + self._turned
 
     def stance(self, t: float) -> Stance:
-        """``t`` seconds in."""
+        """Return the stance ``t`` seconds after the start."""
         s = self._cruise.at(t)
         xy, heading = self._path.at(s)
         feet = []
@@ -143,7 +143,7 @@ class Walk:
 
 
 class Reach:
-    """Reach to a point with the finger tips of one hand, stay, and come back.
+    """Reach to a point with the fingertips of one hand, stay, and return.
 
     Raises:
         ValueError: the point is out of reach, or the duration asks for an inhuman speed.
@@ -175,7 +175,7 @@ class Reach:
         self.duration_s = 2 * self._out_s + hold_s
 
     def stance(self, t: float) -> Stance:
-        """``t`` seconds in."""
+        """Return the stance ``t`` seconds after the start."""
         back = t - self._out_s - self._hold_s
         reach = minimum_jerk(t / self._out_s) - minimum_jerk(back / self._out_s)
         return self._at(reach)

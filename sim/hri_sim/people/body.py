@@ -1,4 +1,4 @@
-"""A human body of constant bone lengths: turns a stance into 21 canonical joints.
+"""A human body of constant bone lengths: converts a stance into 21 canonical joints.
 
 Proportions are fractions of stature from Drillis & Contini (1966) as reprinted in Winter,
 *Biomechanics and Motor Control of Human Movement* (4th ed., 2009), figure 4.1; the lumbar/thoracic
@@ -35,7 +35,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """A foot: ankle over ``xy`` (2,) metres, pointing along ``heading``, ``lift`` metres up."""
+    """A foot: ankle above ``xy`` (2,) metres, pointing along ``heading``, ``lift`` metres up."""
 
     xy: Floats
     heading: float
@@ -47,7 +47,7 @@ class Stance:
     """The place and posture of a body.
 
     Attributes:
-        xy: (2,) pelvis over the floor, metres; ``heading`` radians from +x.
+        xy: (2,) position of the pelvis over the floor, metres; ``heading`` radians from +x.
         left, right: the feet.
         crouch: metres by which the pelvis stays below standing height.
         lean: pitch of the trunk, radians forward.
@@ -125,14 +125,14 @@ class Body:
         return np.array([at[joint] for joint in JOINTS])
 
     def reach_limits(self) -> tuple[float, float]:
-        """Return the least and greatest distance (m) of a finger tip from its shoulder."""
+        """Return the minimum and maximum distance (m) of a fingertip from its shoulder."""
         hand = _HAND * self.height_m
         return hand + 0.35 * self.arm, hand + _REACH * self.arm
 
     def _pelvis_height(
         self, hips: dict[str, Floats], ankles: dict[str, Floats], crouch: float
     ) -> float:
-        """Return the greatest height that legs and crouch allow; a soft minimum avoids a kink."""
+        """Return the maximum height that legs and crouch allow; a soft minimum avoids a kink."""
         limits = [_ANKLE * self.height_m + _STRAIGHT * self.leg - crouch]
         for side, hip in hips.items():
             across = ankles[side][:2] - hip[:2]
@@ -151,7 +151,7 @@ class Body:
         reach: float,
         target: Floats | None,
     ) -> tuple[Floats, Floats, Floats]:
-        """Elbow, wrist and finger tip of one arm."""
+        """Return elbow, wrist and fingertip of one arm."""
         h = self.height_m
         upper, fore, hand = _UPPER_ARM * h, _FOREARM * h, _HAND * h
         hang = math.sin(_ABDUCTION) * outward - math.cos(_ABDUCTION) * UP
@@ -188,7 +188,7 @@ class Body:
 
 
 def two_bones(*, start: Floats, end: Floats, first: float, second: float, side: Floats) -> Floats:
-    """The joint between two bones from ``start`` to ``end``, bent towards ``side``.
+    """Return the joint between two bones from ``start`` to ``end``, bent towards ``side``.
 
     All (3,) metres; ``end`` must be within reach and ``side`` not along the line.
     """
@@ -202,7 +202,7 @@ def two_bones(*, start: Floats, end: Floats, first: float, second: float, side: 
 
 
 def _elbow_side(arm: Floats, ahead: Floats, outward: Floats) -> Floats:
-    """Return the elbow's direction: back and out for a hanging arm, turned by the least rotation.
+    """Return the elbow's direction: back and out for a hanging arm, turned by the minimal rotation.
 
     The direction is smooth everywhere except straight overhead.
     """

@@ -1,7 +1,7 @@
 """A room with procedural people: a source that needs no recording (``kind: procedural``).
 
-Everything is a function of time and the seed. So scenes do not depend on when they are polled, and
-a script plays the same at any speed.
+Everything is a function of time and the seed, so scenes do not depend on polling times, and a
+script plays identically at any speed.
 """
 
 import math
@@ -53,10 +53,9 @@ class ProceduralSettings(SourceSettings):
     people: list[PersonSettings] = Field(
         [validated(PersonSettings, person, "demo") for person in DEMO],
         max_length=16,
-        description="people who come, and their actions; default: a person who walks up and "
-        "reaches out",
+        description="people and their actions; default: a person who walks up and reaches out",
     )
-    keeps_ids: bool = Field(True, description="an id that comes back is the same person")
+    keeps_ids: bool = Field(True, description="an id that reappears is the same person")
     rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second")
     seed: int = Field(0, ge=0, description="random seed")
     latency_s: float = Field(0.0, ge=0, le=2, description="time from capture to arrival")
@@ -65,9 +64,7 @@ class ProceduralSettings(SourceSettings):
         0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
     )
     wander_s: float = Field(0.3, gt=0, le=10, description="correlation time of wander_m")
-    stamp_jitter_s: float = Field(
-        0.0, ge=0, le=1, description="stamps are late by a random time up to this"
-    )
+    stamp_jitter_s: float = Field(0.0, ge=0, le=1, description="maximum random delay of stamps")
     dropout: float = Field(0.0, ge=0, lt=1, description="chance that a joint is not observed")
     joint_map: str | None = Field(
         None,
@@ -77,7 +74,7 @@ class ProceduralSettings(SourceSettings):
 
     @property
     def known_places(self) -> list[list[float]]:
-        """Also the places where the people begin."""
+        """Known places, including the people's starting points."""
         room = self.room_from_source.matrix()
         starts = [room @ [*person.start, 0.0, 1.0] for person in self.people]
         return [*super().known_places, *(start[:3].tolist() for start in starts)]
@@ -101,8 +98,8 @@ class ProceduralSource:
         """Compute the timelines of the scripts.
 
         Raises:
-            ConfigError: a body cannot perform a script, two people share an id, or there is no
-                such joint map.
+            ConfigError: a body cannot perform a script, two people share an id, or the joint map
+                does not exist.
         """
         self.joint_map = _joint_map(settings.joint_map, base_dir)
         self._delivered: Bools = np.asarray((self.joint_map.weights > 0).any(0))
@@ -139,7 +136,7 @@ class ProceduralSource:
         return self._stamp_ns(self._next) + round(self._settings.latency_s * 1e9)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """Return the oldest scene that has arrived by ``now_ns`` and was not returned yet."""
+        """Return the oldest unread scene that has arrived by ``now_ns``."""
         due_ns = self.next_ns()
         if due_ns is None or due_ns > now_ns:
             return None
@@ -154,7 +151,8 @@ class ProceduralSource:
     def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
         """Return the true people: id -> ((21, 3) canonical joints in the room, (21,) known).
 
-        Free of noise, latency, dropout and field of view; ``open`` must have been called.
+        Noise, latency, dropout and the field of view have no effect; ``open`` must have been
+        called.
         """
         assert self._start_ns is not None
         seconds = (now_ns - self._start_ns) * 1e-9
@@ -180,7 +178,7 @@ class ProceduralSource:
         return Scene(self._stamp_ns(k), k, True, people)
 
     def _seen(self, actor: "_Actor", k: int) -> Person | None:
-        """Return one person of scene ``k`` as the sensor sees them; ``None`` if not seen."""
+        """Return one person of scene ``k`` as seen by the sensor; ``None`` if not seen."""
         joints = actor.joints(round(k * 1e9 / self.rate_hz) * 1e-9)
         if joints is None:
             return None
@@ -200,7 +198,7 @@ class ProceduralSource:
 
 
 class _Actor:
-    """A person's script, and the person's own sway."""
+    """A person's script and individual sway."""
 
     def __init__(
         self,
@@ -231,13 +229,13 @@ class _Actor:
         )
 
     def joints(self, t: float) -> Floats | None:
-        """(21, 3) canonical joints ``t`` seconds after the start; ``None`` when not in the room."""
+        """Return (21, 3) canonical joints ``t`` seconds after the start; ``None`` if absent."""
         sway = (self._amplitudes * np.sin(self._rates * t + self._phases)).sum(axis=0)
         return self._timeline.joints(t, sway)
 
 
 def _joint_map(name: str | None, base_dir: Path | None) -> JointMap:
-    """Canonical joints, or those of them that a tracker delivers."""
+    """Return the canonical joints, or the subset that a tracker delivers."""
     if name is None:
         return load_joint_map("canonical")
     beside = base_dir / name if base_dir is not None else Path(name)

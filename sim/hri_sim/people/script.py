@@ -21,7 +21,7 @@ _NEAR_M = 0.05  # two places nearer than this count as one
 
 
 class WalkTo(Settings):
-    """Walk to a point, through waypoints; turn in that direction first."""
+    """Turn towards a point, then walk there through waypoints."""
 
     do: Literal["walk"] = Field(description="walk to a point")
     to: Point = Field(description="[x, y], m")
@@ -30,7 +30,7 @@ class WalkTo(Settings):
         1.2,
         ge=0.1,
         le=8.0,
-        description="highest speed; from about 2 m/s on people run; sharp bends are slower",
+        description="maximum speed; from about 2 m/s people run; sharp bends are slower",
     )
     backwards: bool = Field(False, description="walk backwards")
 
@@ -52,25 +52,25 @@ class TurnTo(Settings):
         le=MAX_ANGLE_RAD,
         description="new direction, from +x counter-clockwise",
     )
-    toward: Point | None = Field(None, description="instead: a point to look at, m")
+    toward: Point | None = Field(None, description="instead of yaw: a point to look at, m")
 
 
 class ReachTo(Settings):
-    """Reach to a point with a hand's finger tips, stay, come back; turn to it first if needed."""
+    """Turn to a point if needed, reach for it with the fingertips of one hand, stay, and return."""
 
     do: Literal["reach"] = Field(description="reach out with one hand")
-    to: Vector3 = Field(description="[x, y, z] of the finger tips, m")
+    to: Vector3 = Field(description="[x, y, z] of the fingertips, m")
     hand: Literal["left", "right"] = Field("right", description="hand that reaches out")
-    hold_s: float = Field(1.0, ge=0, le=3600, description="time for which it stays there")
+    hold_s: float = Field(1.0, ge=0, le=3600, description="time that the hand stays there")
     duration_s: float | None = Field(
-        None, gt=0, le=60, description="duration of the way out; default: an easy pace"
+        None, gt=0, le=60, description="duration of the outward movement; default: an easy pace"
     )
 
 
 class Leave(Settings):
-    """Be out of the room; come back at ``start``."""
+    """Leave the room; return at ``start``."""
 
-    do: Literal["leave"] = Field(description="be out of the room")
+    do: Literal["leave"] = Field(description="leave the room")
     seconds: float = Field(3.0, gt=0, le=3600, description="duration")
 
 
@@ -82,17 +82,17 @@ class PersonSettings(Settings):
 
     id: int | None = Field(None, ge=0, le=65535, description="default: 1, 2, ... as listed")
     height_m: float = Field(1.75, ge=1.4, le=2.1, description="body height")
-    start: Point = Field(description="[x, y] where the person begins, m")
+    start: Point = Field(description="[x, y] of the starting point, m")
     yaw: float | None = Field(
         None,
         ge=-MAX_ANGLE_RAD,
         le=MAX_ANGLE_RAD,
-        description="radians; default: the direction of the first walk",
+        description="initial heading, radians; default: the direction of the first walk",
     )
     enter_s: float = Field(
         0.0, ge=0, le=3600, description="time at which the person enters the room"
     )
-    repeat: bool = Field(True, description="begin again after the last step")
+    repeat: bool = Field(True, description="start again after the last step")
     script: list[Step] = Field(
         min_length=1, max_length=200, description="the person's actions, step by step"
     )
@@ -129,7 +129,7 @@ class Timeline:
         self.cycle_s = float(self._ends[-1])
 
     def stance(self, t: float) -> Stance | None:
-        """The stance ``t`` seconds after the start; ``None`` when not in the room."""
+        """Return the stance ``t`` seconds after the start; ``None`` if not in the room."""
         t -= self._enter_s
         if t < 0:
             return None
@@ -140,7 +140,7 @@ class Timeline:
         return self._acts[k].stance(min(t - begin, self._acts[k].duration_s))
 
     def joints(self, t: float, sway: Floats) -> Floats | None:
-        """(21, 3) canonical joints, or ``None``; ``sway`` (2,) metres moves the pelvis."""
+        """Return (21, 3) canonical joints, or ``None``; ``sway`` (2,) metres moves the pelvis."""
         stance = self.stance(t)
         if stance is None:
             return None
@@ -205,7 +205,9 @@ class Timeline:
         if np.linalg.norm(self._start - self._xy) >= _NEAR_M:
             self._walk([self._start.tolist()], 1.2, backwards=False)
         elif np.linalg.norm(self._start - self._xy) > 0:
-            raise ConfigError("a script that repeats must end at its start, or away from it")
+            raise ConfigError(
+                "a script that repeats must end at its start, or clearly away from it"
+            )
         self._turn(heading)
 
     def _turn(self, heading: float) -> None:

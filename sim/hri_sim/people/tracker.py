@@ -1,4 +1,4 @@
-"""A procedural body as a tracker sees it: the joints that it delivers, and its errors."""
+"""A procedural body as a tracker reports it: the tracker's joints and errors."""
 
 import math
 from dataclasses import replace
@@ -10,11 +10,12 @@ from hri_predict.contracts.joint_map import JointMap, load_joint_map
 
 
 def delivered_by(tracker: JointMap) -> JointMap:
-    """A joint map of canonical joints that delivers what ``tracker`` does.
+    """Return a joint map of canonical joints that delivers the same joints as ``tracker``.
 
-    A joint that the tracker derives from others which it delivers (COCO's waist, between the hips)
-    is derived here, too, so it has their errors. One that is derived from points that are not
-    canonical joints (COCO's head, between the ears; a shoulder by markers on a chest) is itself.
+    A joint that the tracker derives from other delivered joints (COCO's waist, between the hips) is
+    derived from them here, too, and so has their errors. A joint derived from points that are not
+    canonical joints (COCO's head, between the ears; a shoulder from markers on the chest) is taken
+    directly from the body.
     """
     alone = (tracker.weights > 0) & ((tracker.weights > 0).sum(1, keepdims=True) == 1)
     owner = alone.astype(np.float64)  # (J, J_source): which canonical joint a source joint is
@@ -40,7 +41,7 @@ class Wander:
         wander_m: standard deviation per axis.
         wander_s: correlation time.
         rate_hz: captures per second.
-        seed: of its random numbers.
+        seed: seed of its random numbers.
     """
 
     def __init__(self, wander_m: float, wander_s: float, rate_hz: float, seed: list[int]) -> None:
@@ -50,7 +51,7 @@ class Wander:
         self._now: Floats | None = None
 
     def next(self, joints: int) -> Floats:
-        """(joints, 3) metres: the error at the next capture."""
+        """Return (joints, 3) metres, the error at the next capture."""
         fresh = self._rng.normal(0.0, self._wander_m, (joints, 3))
         if self._now is None:
             self._now = fresh

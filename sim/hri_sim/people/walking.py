@@ -1,7 +1,7 @@
-"""Walk of a body: paths through waypoints, footfalls, turns, and smooth time profiles.
+"""Walking of a body: paths through waypoints, footfalls, turns, and smooth time profiles.
 
 Step length and cadence keep a constant ratio over walking speeds (the walk ratio: Sekiya &
-Nagasaki, *Gait & Posture* 7, 1998); every stance foot stays where it was put, and the pelvis is
+Nagasaki, *Gait & Posture* 7, 1998); every stance foot stays in place, and the pelvis is
 half a step ahead of the rear foot when the other lands. Point-to-point movements follow the
 minimum-jerk profile of Flash & Hogan, *J. Neurosci.* 5(7), 1985, equation 5.
 """
@@ -23,18 +23,18 @@ _TABLE_M = 0.005
 
 
 def minimum_jerk(x: float) -> float:
-    """0 to 1 over x from 0 to 1, at rest at both ends; its peak rate is 1.875."""
+    """Return 0 to 1 for x from 0 to 1, at rest at both ends, with a peak rate of 1.875."""
     x = min(max(x, 0.0), 1.0)
     return x**3 * (10 - 15 * x + 6 * x * x)
 
 
 def wrapped(angle: float) -> float:
-    """An angle in (-pi, pi]."""
+    """Return the angle in (-pi, pi]."""
     return -((math.pi - angle) % (2 * math.pi) - math.pi)
 
 
 def step_length(speed_m_s: float) -> float:
-    """Metres per step at a walking speed."""
+    """Return the metres per step at a walking speed."""
     return min(math.sqrt(speed_m_s * 60 * WALK_RATIO), MAX_STEP_M)
 
 
@@ -62,7 +62,7 @@ class Path:
         self.sharpest = float(np.abs(np.diff(ways)).max()) * 199 / self.length_m
 
     def at(self, s: float) -> tuple[Floats, float]:
-        """Position (2,) and direction of travel (radians) at ``s`` metres along."""
+        """Return position (2,) and direction of travel (radians) at ``s`` metres along the path."""
         u = float(np.interp(s, self._s, self._u))
         dx, dy = self._at(u, derivative=True)
         return self._at(u), math.atan2(dy, dx)
@@ -74,7 +74,7 @@ class Path:
         return _cubic((u - self._knots[i]) / h, h, p, q, derivative=derivative)
 
     def _all_at(self, u: Floats, derivative: bool = False) -> Floats:
-        """(N, 2) as ``_at``, for (N,) parameters: a path has a thousand places in its table."""
+        """Return (N, 2) as ``_at``, for (N,) parameters; the path's table has 1000 entries."""
         i = np.minimum(np.searchsorted(self._knots, u, side="right") - 1, len(self._knots) - 2)
         h = (self._knots[i + 1] - self._knots[i])[:, None]
         p, q = self._points[[i, i + 1]], self._bends[[i, i + 1]]
@@ -82,9 +82,8 @@ class Path:
 
 
 def _cubic(b: Any, h: Any, p: Floats, q: Floats, *, derivative: bool) -> Floats:
-    """Place or derivative at the share ``b`` of a span ``h`` between two knots.
-
-    ``p``, ``q``: places and second derivatives at both.
+    """Return the position or derivative at fraction ``b`` of a span ``h`` between two knots. ``p``,
+    ``q``: positions and second derivatives at the two knots.
     """
     a = 1.0 - b
     if derivative:
@@ -95,7 +94,7 @@ def _cubic(b: Any, h: Any, p: Floats, q: Floats, *, derivative: bool) -> Floats:
 
 
 def _natural_spline(knots: Floats, points: Floats) -> Floats:
-    """Second derivatives (N, 2) at the knots, zero at both ends."""
+    """Return second derivatives (N, 2) at the knots, zero at both ends."""
     n, h = len(knots), np.diff(knots)
     system, right = np.eye(n), np.zeros_like(points)
     for i in range(1, n - 1):
@@ -106,7 +105,7 @@ def _natural_spline(knots: Floats, points: Floats) -> Floats:
 
 
 class Cruise:
-    """Way along a path over time: speed up, cruise, slow down; no step in acceleration."""
+    """Distance along a path over time: speed up, cruise, slow down; no step in acceleration."""
 
     def __init__(self, length_m: float, speed_m_s: float) -> None:
         self.speed_m_s = min(speed_m_s, length_m / RAMP_S)
@@ -114,13 +113,13 @@ class Cruise:
         self.duration_s = length_m / self.speed_m_s + RAMP_S
 
     def at(self, t: float) -> float:
-        """Metres after ``t`` seconds."""
+        """Return the metres after ``t`` seconds."""
         if t > self.duration_s / 2:
             return self._length_m - self._rising(self.duration_s - t)
         return self._rising(t)
 
     def pace(self, t: float) -> float:
-        """Speed after ``t`` seconds, as a fraction of the cruising speed."""
+        """Return the speed after ``t`` seconds, as a fraction of the cruising speed."""
         return minimum_jerk(t / RAMP_S) * minimum_jerk((self.duration_s - t) / RAMP_S)
 
     def _rising(self, t: float) -> float:
@@ -130,7 +129,7 @@ class Cruise:
 
 
 class Footfalls:
-    """The places of both feet while the body advances from 0 to ``length``, in metres or radians.
+    """Positions of both feet while the body advances from 0 to ``length``, in metres or radians.
 
     The feet start and end together and swing in turn; the first and last swing is half a stride. A
     swing lasts while the body advances by one step, and moves the foot twice as far.
@@ -143,7 +142,7 @@ class Footfalls:
         self._left_first = left_first
 
     def at(self, s: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return, for the left and the right foot, its place and the phase of its swing, 0 to 1."""
+        """Return position and swing phase (0 to 1) of the left and the right foot."""
         k = min(max(math.floor(s / self.step + 0.5), 0), self.steps)  # the current swing
         begin, end = max((k - 0.5) * self.step, 0.0), min((k + 0.5) * self.step, self._length)
         x = min(max((s - begin) / (end - begin), 0.0), 1.0)
@@ -155,5 +154,5 @@ class Footfalls:
 
 
 def lift(x: float, step_m: float) -> float:
-    """Height (m) of a foot that is ``x`` (0 to 1) into its swing."""
+    """Return the height (m) of a foot at phase ``x`` (0 to 1) of its swing."""
     return LIFT_PER_STEP * step_m * math.sin(math.pi * x) ** 2

@@ -1,1 +1,1 @@
-"""Servers that show an arm's state: ``python -m hri_sim.robot_server modbus``, or ``opcua``."""
+"""Servers that publish an arm's state: ``python -m hri_sim.robot_server modbus`` or ``opcua``."""

@@ -1,9 +1,9 @@
-"""A server with an arm that swings, for trying ``modbus_client`` and ``opcua_client``.
+"""A server with a swinging arm, to try out ``modbus_client`` and ``opcua_client``.
 
     python -m hri_sim.robot_server modbus
 
-It prints a line of JSON with its port when it is ready. It ends with Ctrl-C. SIGUSR1 begins the
-fault at once, and ends it.
+It prints a line of JSON with its port when it is ready. It stops with Ctrl-C. SIGUSR1 starts the
+fault immediately, or ends it.
 """
 
 import asyncio
@@ -31,15 +31,15 @@ FAULTS = ("none", "frozen", "not a number", "late", "wrong type", "mode")
 
 
 def main(
-    protocol: Annotated[Protocol, typer.Argument(help="What it speaks.")],
+    protocol: Annotated[Protocol, typer.Argument(help="Protocol of the server.")],
     *,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option(help="0: the system chooses. Default: 5021, or 4841 for opcua.")
+        int, typer.Option(help="Port; 0: chosen by the system. Default: 5021, or 4841 for opcua.")
     ] = -1,
-    fault: Annotated[str, typer.Option(help=f"What goes wrong: {', '.join(FAULTS)}.")] = "none",
+    fault: Annotated[str, typer.Option(help=f"Fault of the server: {', '.join(FAULTS)}.")] = "none",
     after_s: Annotated[
-        float, typer.Option(help="The fault begins this long after a client connects.")
+        float, typer.Option(help="Time from the connection of a client to the start of the fault.")
     ] = 5.0,
 ) -> None:
     """Serve an arm's state until interrupted."""

@@ -17,10 +17,10 @@ COUNT = 2 + 4 * JOINTS
 
 
 async def serve(robot: Robot, address: tuple[str, int], ready: Callable[[int], None]) -> None:
-    """Serve until cancelled; ``ready`` is called with the port.
+    """Serve until cancelled; call ``ready`` with the port.
 
     Raises:
-        OSError: it cannot listen there.
+        OSError: it cannot listen on the address.
     """
     logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
@@ -43,7 +43,7 @@ async def serve(robot: Robot, address: tuple[str, int], ready: Callable[[int], N
 
 
 def words(robot: Robot) -> list[int]:
-    """The registers now."""
+    """Return the current registers."""
     values = [*robot.positions, *robot.velocities]
     if robot.has("not a number"):
         values[2] = math.nan

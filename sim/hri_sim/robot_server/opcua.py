@@ -1,6 +1,6 @@
 """The state as OPC UA variables: ``ns=2;s=Robot.Heartbeat``, ``.Mode``, ``.Joint1.Position``, ...
 
-Positions are in degrees, as OPC UA for Robotics (40010-1) has them, velocities in degrees a second.
+Positions are in degrees, as in OPC UA for Robotics (40010-1), velocities in degrees per second.
 """
 
 import asyncio
@@ -19,10 +19,10 @@ NONE = ua.DataValue(StatusCode=ua.StatusCode(ua.StatusCodes.BadWaitingForInitial
 
 
 async def serve(robot: Robot, address: tuple[str, int], ready: Callable[[int], None]) -> None:
-    """Serve until cancelled; ``ready`` is called with the port.
+    """Serve until cancelled; call ``ready`` with the port.
 
     Raises:
-        OSError: it cannot listen there.
+        OSError: it cannot listen on the address.
     """
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     server = Server()

@@ -1,4 +1,4 @@
-"""The robot's server as a process of its own, for tests and measurements."""
+"""The robot's server as a separate process, for tests and measurements."""
 
 import json
 import signal
@@ -13,8 +13,8 @@ class ServerProcess:
 
     Args:
         protocol: ``modbus`` or ``opcua``.
-        fault: what goes wrong, from ``toggle`` on; see ``hri_sim.robot_server.__main__``.
-        port: of 127.0.0.1; 0: the system chooses.
+        fault: the fault that ``toggle`` starts; see ``hri_sim.robot_server.__main__``. port: port
+            on 127.0.0.1; 0: chosen by the system.
     """
 
     def __init__(self, protocol: str, fault: str = "none", port: int = 0) -> None:
@@ -24,10 +24,10 @@ class ServerProcess:
 
     @cached_property
     def port(self) -> int:
-        """Its port; the first use waits until it listens.
+        """Port of the server; the first use waits until it listens.
 
         Raises:
-            RuntimeError: it ended before that; its standard error says why.
+            RuntimeError: it exited before that; see its standard error.
         """
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
@@ -36,15 +36,15 @@ class ServerProcess:
         return int(json.loads(line)["port"])
 
     def toggle(self) -> None:
-        """Begin the fault, or end it."""
+        """Start the fault, or end it."""
         self._process.send_signal(signal.SIGUSR1)
 
     def hang(self, hangs: bool) -> None:
-        """Stop the process as it is, or let it continue."""
+        """Suspend the process, or let it continue."""
         self._process.send_signal(signal.SIGSTOP if hangs else signal.SIGCONT)
 
     def kill(self) -> None:
-        """End it at once, and wait until it has."""
+        """Kill the process, and wait until it has exited."""
         self._process.kill()
         self._process.wait()
         assert self._process.stdout is not None

@@ -1,4 +1,4 @@
-"""The arm behind the servers: it swings, and its controller writes the state in each cycle."""
+"""The arm behind the servers: it swings, and its controller writes the state every cycle."""
 
 import asyncio
 import time
@@ -15,15 +15,15 @@ LATE_S = 0.15
 
 
 class Robot:
-    """The state as it was written last.
+    """The state as last written.
 
     Args:
-        fault: what goes wrong.
-        after_s: when it begins after the first client has come, unless ``toggle`` was called.
+        fault: kind of fault. after_s: time from the first client's connection to the fault, unless
+            ``toggle`` was called.
 
     Attributes:
-        beat: time of the newest cycle, ms of the machine's monotonic clock, modulo 65536; it stands
-            still with a controller that has stopped.
+        beat: time of the newest cycle, ms of the machine's monotonic clock, modulo 65536; it stops
+            when the controller has stopped.
         positions, velocities: rad, rad/s.
     """
 
@@ -37,12 +37,12 @@ class Robot:
         self._toggled: bool | None = None
 
     def seen(self) -> None:
-        """Note that a client reads."""
+        """Record that a client has read."""
         if self._came_s is None:
             self._came_s = time.monotonic()
 
     def has(self, fault: Fault) -> bool:
-        """Whether this goes wrong now."""
+        """Return whether this fault is active."""
         if self._came_s is None or fault != self._fault:
             return False
         if self._toggled is not None:
@@ -50,7 +50,7 @@ class Robot:
         return time.monotonic() - self._came_s >= self._after_s
 
     def toggle(self) -> None:
-        """Begin the fault now, or end it."""
+        """Start the fault now, or end it."""
         self._toggled = not self.has(self._fault)
 
     @property
@@ -59,7 +59,7 @@ class Robot:
         return 2 if self.has("mode") else 1
 
     async def run(self, written: Callable[[], object] = lambda: None) -> None:
-        """Write the state in each cycle, until cancelled."""
+        """Write the state every cycle, until cancelled."""
         before_s = due_s = time.monotonic()
         while True:
             due_s = max(due_s + CYCLE_S, time.monotonic())

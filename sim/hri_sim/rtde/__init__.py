@@ -1,1 +1,1 @@
-"""A Universal Robots controller to try the ``rtde`` link with: ``python -m hri_sim.rtde``."""
+"""A simulated Universal Robots controller for the ``rtde`` link: ``python -m hri_sim.rtde``."""

@@ -1,9 +1,9 @@
-"""A controller with an arm that obeys the speed slider, for trying ``kind: rtde`` without a robot.
+"""A controller whose arm obeys the speed slider, to try out ``kind: rtde`` without a robot.
 
     python -m hri_sim.rtde
 
-It prints a line of JSON with its port when it is ready, then one for each change of what a client
-has written. It ends with Ctrl-C.
+It prints a line of JSON with its port when it is ready, then one for each change of a client's
+inputs. It stops with Ctrl-C.
 """
 
 import asyncio
@@ -22,19 +22,33 @@ from hri_sim.rtde.server import Behaviour, Controller
 def main(
     *,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="0: the system chooses.")] = 30_004,
-    watchdog_register: Annotated[int, typer.Option(help="As the link's.")] = 24,
-    level_register: Annotated[int, typer.Option(help="As the link's.")] = 25,
+    port: Annotated[int, typer.Option(help="Port; 0: chosen by the system.")] = 30_004,
+    watchdog_register: Annotated[
+        int, typer.Option(help="Number of the watchdog register, as in the link's settings.")
+    ] = 24,
+    level_register: Annotated[
+        int, typer.Option(help="Number of the level register, as in the link's settings.")
+    ] = 25,
     watchdog_s: Annotated[
-        float, typer.Option(help="Pause if the watchdog stops for this long; 0: never.")
+        float,
+        typer.Option(
+            help="Pause the program after this many seconds without a watchdog change; 0: never."
+        ),
     ] = 0.06,
     each: Annotated[bool, typer.Option(help="Print every data package, with its time.")] = False,
     refuse_version: Annotated[bool, typer.Option(help="Refuse protocol version 2.")] = False,
-    lacks: Annotated[list[str] | None, typer.Option(help="A name that is not found.")] = None,
-    silent_after_s: Annotated[float, typer.Option(help="Then send no more data.")] = 1e9,
-    garbage_after_s: Annotated[float, typer.Option(help="Then send other bytes.")] = 1e9,
-    piece: Annotated[int, typer.Option(help="Send in pieces of this many bytes.")] = 0,
-    frozen: Annotated[bool, typer.Option(help="The time stamp stops.")] = False,
+    lacks: Annotated[
+        list[str] | None,
+        typer.Option(help="Name of an input or output that is reported as not found."),
+    ] = None,
+    silent_after_s: Annotated[
+        float, typer.Option(help="Seconds after which no more data is sent.")
+    ] = 1e9,
+    garbage_after_s: Annotated[
+        float, typer.Option(help="Seconds after which invalid bytes are sent.")
+    ] = 1e9,
+    piece: Annotated[int, typer.Option(help="Send packets in pieces of this many bytes.")] = 0,
+    frozen: Annotated[bool, typer.Option(help="Keep the time stamp constant.")] = False,
 ) -> None:
     """Serve RTDE until interrupted."""
     behaviour = Behaviour(

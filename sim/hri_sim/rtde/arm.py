@@ -1,4 +1,4 @@
-"""The arm behind the made-up controller: it swings to and fro, as fast as the slider says."""
+"""The arm of the simulated controller: it swings to and fro at the speed set by the slider."""
 
 import math
 
@@ -6,11 +6,11 @@ REST = (0.0, -1.57, 1.57, -1.57, -1.57, 0.0)
 SWING = (0.6, 0.2, 0.2, 0.0, 0.0, 0.4)
 """Amplitude of each joint, rad."""
 PHASE_RATE = 1.0
-"""Turns of the swing, rad/s, with the slider at 1."""
+"""Angular frequency of the swing, rad/s, with the slider at 1."""
 RAMP_PER_S = 2.0
-"""Slope with which its speed follows the slider, fraction per second."""
+"""Rate at which the speed follows the slider, fraction per second."""
 JUMP = 0.1
-"""A slider that rises from 0 by more than this at once is a protective stop."""
+"""A step of the slider from 0 by more than this causes a protective stop."""
 
 NORMAL, PROTECTIVE_STOP = 1, 3  # safety_mode
 PLAYING, PAUSED = 2, 4  # runtime_state
@@ -19,16 +19,15 @@ PLAYING, PAUSED = 2, 4  # runtime_state
 class Arm:
     """An arm of six joints whose program never ends.
 
-    It obeys the slider, and its program pauses if the watchdog register stops or the level
+    It obeys the slider, and its program pauses if the watchdog register stops changing or the level
     permits no motion.
 
     Args:
-        watchdog_s: after this time without a new value in the watchdog register it pauses; 0: its
-            program has no such guard.
+        watchdog_s: time without a new value in the watchdog register after which the program
+            pauses; 0: never.
 
     Attributes:
-        slider: fraction of the speed slider.
-        safety_mode, runtime_state: as RTDE numbers them.
+        slider: fraction of the speed slider. safety_mode, runtime_state: as numbered by RTDE.
     """
 
     def __init__(self, watchdog_s: float) -> None:
@@ -42,19 +41,19 @@ class Arm:
         self._phase = self._rate = 0.0
 
     def move_slider(self, fraction: float) -> None:
-        """Move the slider; a jump from 0 stops the arm for good, as some controllers do."""
+        """Move the slider; as in some controllers, a jump from 0 stops the arm for good."""
         if self.slider == 0.0 and fraction > JUMP:
             self.safety_mode = PROTECTIVE_STOP
         self.slider = fraction
 
     def hear(self, watchdog: int, level: int, now_s: float) -> None:
-        """Take the watchdog and the level that a client has written."""
+        """Accept the watchdog and the level that a client has written."""
         if watchdog != self._watchdog:
             self._watchdog, self._changed_s = watchdog, now_s
         self._level = level
 
     def step(self, now_s: float, dt: float) -> None:
-        """Move on by ``dt`` seconds."""
+        """Advance by ``dt`` seconds."""
         silent = now_s - self._changed_s > self._watchdog_s
         guarded = bool(self._watchdog_s) and (silent or self._level not in (1, 2, 3))
         self.runtime_state = PAUSED if guarded else PLAYING

@@ -1,7 +1,6 @@
-"""The made-up controller's RTDE port, protocol version 2.
-
-Written from the tables of Universal Robots' "Real-Time Data Exchange (RTDE) Guide", and from none
-of the link's code, so that one can be held against the other.
+"""The RTDE port of the simulated controller, protocol version 2. Written from the tables of
+Universal Robots' "Real-Time Data Exchange (RTDE) Guide" alone, without the link's code, so that
+each checks the other.
 """
 
 import asyncio
@@ -38,15 +37,15 @@ INPUTS: dict[str, tuple[str, str]] = {
 
 @dataclass(kw_only=True)
 class Behaviour:
-    """Misbehaviour that a test asks for.
+    """Misbehaviour requested by a test.
 
     Attributes:
         refuse_version: refuse protocol version 2.
         lacks: names of inputs and outputs that it does not know.
-        silent_after_s: send no data package later than this after the start of a client.
-        garbage_after_s: send bytes that are not RTDE, that long after the start of a client.
+        silent_after_s: seconds after a client's start at which data packages stop. garbage_after_s:
+            seconds after a client's start at which bytes that are not RTDE are sent.
         piece: send each packet in pieces of this many bytes; 0: whole.
-        frozen: the time stamp stops.
+        frozen: keep the time stamp constant.
     """
 
     refuse_version: bool = False
@@ -78,7 +77,7 @@ class Controller:
         arm: the arm.
         watched: numbers of the watchdog's and the level's register.
         behaviour: for tests.
-        on_input: called with the values of each data package that a client wrote, by name.
+        on_input: called with the values of each data package from a client, by name.
 
     Attributes:
         values: newest value of each input that was written.
@@ -100,10 +99,10 @@ class Controller:
         self._numbers = 0
 
     async def serve(self, host: str, port: int, ready: Callable[[int], None]) -> None:
-        """Serve until cancelled; ``ready`` is called with the port.
+        """Serve until cancelled; call ``ready`` with the port.
 
         Raises:
-            OSError: it cannot listen there.
+            OSError: it cannot listen on the address.
         """
         server = await asyncio.start_server(self._connected, host, port)
         async with server:
@@ -177,7 +176,7 @@ class Controller:
         return known[name][0] if there else "NOT_FOUND"
 
     def _written(self, client: _Client, data: bytes) -> None:
-        """Take a data package of a client, if it fits its recipe."""
+        """Accept a data package from a client if it fits its recipe."""
         names = client.inputs.get(data[0]) if data else None
         layout = struct.Struct(">" + "".join(INPUTS[name][1] for name in names or ()))
         if names is None or len(data) != 1 + layout.size:

@@ -1,6 +1,6 @@
 """Senders for every kind of live source: the other end of the wire, for the fault table.
 
-A kind joins the table by a line in ``LIVE_ENDS``.
+To add a kind, add a line to ``LIVE_ENDS``.
 """
 
 import os
@@ -83,13 +83,13 @@ def _mocap(program: Callable[[], Program], kind: str) -> Callable[[Path], LiveEn
 
 
 class _Served(Wire):
-    """A server on this machine, which continues answering while its program is started again."""
+    """A server on this machine, which keeps answering while its program restarts."""
 
     def __init__(self, server: Motive | Qtm) -> None:
         self._server = server
 
     def write(self, unit: bytes) -> None:
-        """Send it to those who asked the server for captures."""
+        """Send the unit to the clients that requested captures."""
         self._server.send(unit)
 
 

@@ -8,19 +8,19 @@ from hri_predict.contracts.scene import Scene
 from hri_sim.senders import natnet, qualisys, rokoko, vmc, zed_livelink
 
 HOURS_2_S = 7200.0
-"""Programs with a clock of their own start it here, so that it can step back."""
+"""Initial time of programs with their own clock, so that the clock can step back."""
 
 
 class Program(ABC):
-    """A program that sends captures; what it writes, without the socket."""
+    """A program that sends captures: its datagrams, without the socket."""
 
     kind: str
     greeting: tuple[bytes, ...] = ()
-    """Datagrams for a client that asks, before the first capture."""
+    """Datagrams for a client's requests, before the first capture."""
     _began_ns = 0
 
     def start(self) -> None:
-        """Start, or start again: its clock does, too."""
+        """Start or restart the program and its clock."""
         self._began_ns = time.time_ns()
 
     @abstractmethod
@@ -28,7 +28,7 @@ class Program(ABC):
         """Return the datagrams of one capture of canonical joints; its stamp is ns of UTC."""
 
     def time_s(self, scene: Scene) -> float:
-        """Time of a capture on the program's clock."""
+        """Return the time of a capture on the program's clock."""
         return (scene.stamp_ns - self._began_ns) * 1e-9 + HOURS_2_S
 
 
@@ -38,7 +38,7 @@ class VmcPerformer(Program):
     kind = "vmc"
 
     def encode(self, scene: Scene) -> list[bytes]:
-        """Return the packets of the first person; a performer has no other."""
+        """Return the packets of the first person; a performer is a single person."""
         time_s = self.time_s(scene)
         if not scene.people:
             return [vmc.bundle([vmc.message("/VMC/Ext/OK", 0), vmc.message("/VMC/Ext/T", time_s)])]

@@ -1,4 +1,4 @@
-"""Sends a person who sways, as a motion capture program would: to try a source without its system.
+"""Sends a swaying person, like a motion capture program, to try out a source without its system.
 
 python -m hri_sim.senders.mocap_person vmc --port 39539
 """
@@ -21,7 +21,7 @@ from hri_sim.senders.qualisys import Qtm
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Send until the time is over, or Ctrl-C."""
+    """Send until the time is over or Ctrl-C is pressed."""
     parser = argparse.ArgumentParser(description="Send a person who sways.")
     parser.add_argument("kind", choices=sorted(PROGRAMS), help="kind of source that receives")
     parser.add_argument("--host", default="127.0.0.1", help="address to send to")
@@ -29,8 +29,10 @@ def main(arguments: list[str] | None = None) -> None:
         "--port", type=int, required=True, help="port of the source; natnet: command_port"
     )
     parser.add_argument("--rate", type=float, default=60.0, help="captures per second")
-    parser.add_argument("--seconds", type=float, help="time to send; default: until Ctrl-C")
-    parser.add_argument("--place", type=float, nargs=2, default=(2.0, 0.0), help="x and y, metres")
+    parser.add_argument("--seconds", type=float, help="duration; default: until Ctrl-C")
+    parser.add_argument(
+        "--place", type=float, nargs=2, default=(2.0, 0.0), help="x and y of the person, metres"
+    )
     asked = parser.parse_args(arguments)
     program = PROGRAMS[asked.kind]()
     program.start()
@@ -51,8 +53,8 @@ def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
     """Return the function that sends a datagram to a source.
 
     Args:
-        kind: of the source.
-        host, port: of the source; for natnet and qualisys, the server's on this machine.
+        kind: kind of the source. host, port: address of the source; for natnet and qualisys, of the
+            server on this machine.
     """
     if kind == MotiveProgram.kind:
         return Motive(MotiveProgram.skeletons, port).send

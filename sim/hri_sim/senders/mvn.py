@@ -1,4 +1,4 @@
-"""Sends the datagrams that Xsens MVN sends: a stand-in for MVN in tests and fault tables.
+"""Sends datagrams like Xsens MVN, as a stand-in for MVN in tests and fault tables.
 
 Written from "MVN real-time network streaming, Protocol Specification", MV0305P revision N; it
 shares no code with the decoder. Numbers in brackets are the specification's clauses.
@@ -27,7 +27,7 @@ def datagram(
     props: int = 0,
     fingers: int = 0,
 ) -> bytes:
-    """One datagram [2.4.1]; ``kind`` is the two digits of its type, ``counter`` the datagram's."""
+    """Return one datagram [2.4.1]; ``kind``: two-digit type, ``counter``: datagram counter."""
     return b"".join(
         (
             b"MXTP" + kind.encode("ascii"),
@@ -50,12 +50,12 @@ def quaternions(
     fingers: int = 0,
     items_each: int = MTU_ITEMS,
 ) -> list[bytes]:
-    """The datagrams of one character in one sample, type 02 [2.5.3].
+    """Return the datagrams of one character in one sample, type 02 [2.5.3].
 
     Args:
         positions: (23, 3) metres, z up; every segment is turned by 90 degrees about z.
         fingers: 0 or 40 finger segments, all at the origin.
-        items_each: most segments in one datagram.
+        items_each: maximum number of segments in one datagram.
     """
     half = float(np.sqrt(0.5))
     rotation = pack(">ffff", half, 0.0, 0.0, half)  # re, i, j, k
@@ -66,7 +66,7 @@ def quaternions(
 
 
 def eulers(sample: int, time_code_ms: int, character: int, positions: Floats) -> list[bytes]:
-    """The datagram of one character in one sample, type 01 [2.5.2]: centimetres, y up.
+    """Return the datagram of one character in one sample, type 01 [2.5.2]: centimetres, y up.
 
     Args:
         positions: (23, 3) metres, z up, x forward; MVN turns them so that z is forward, x left.
@@ -92,7 +92,7 @@ def _split(kind: str, items: list[bytes], each: int, **head: int) -> list[bytes]
 
 
 def meta_data(sample: int, time_code_ms: int, character: int, name: str) -> bytes:
-    """A datagram of type 12 [2.6.1]: the character's name and number, tagged."""
+    """Return a datagram of type 12 [2.6.1]: the character's name and number, tagged."""
     text = f"name:{name}\nxmid:00130000\ncolor:FF8000\n".encode()
     return datagram(
         kind="12",
@@ -105,7 +105,7 @@ def meta_data(sample: int, time_code_ms: int, character: int, name: str) -> byte
 
 
 def time_code(sample: int, time_code_ms: int, clock: str = "11:22:33.444") -> bytes:
-    """A datagram of type 25 [2.7.6]: the time of day."""
+    """Return a datagram of type 25 [2.7.6]: the time of day."""
     return datagram(
         kind="25",
         sample=sample,
@@ -117,9 +117,9 @@ def time_code(sample: int, time_code_ms: int, clock: str = "11:22:33.444") -> by
 
 
 def segments_of(joints: Floats) -> Floats:
-    """(23, 3) origins of MVN's segments in a body of canonical joints (21, 3).
+    """Return the origins (23, 3) of MVN's segments for canonical joints (21, 3).
 
-    Spine segments that the canonical skeleton lacks lie on the line between its joints.
+    Spine segments that the canonical skeleton lacks are interpolated between its joints.
     """
     at = {name: joints[i] for i, name in enumerate(CANONICAL.joints)}
 

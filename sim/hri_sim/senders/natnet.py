@@ -27,18 +27,18 @@ _QUATERNION = (0.5, 0.5, 0.5, 0.5)
 
 
 def packet(message: int, payload: bytes) -> bytes:
-    """A packet with its head."""
+    """Return a packet with its header."""
     return pack("<HH", message, len(payload)) + payload
 
 
 def server_info(version: Sequence[int] = (4, 1, 0, 0)) -> bytes:
-    """The answer to a client that connects."""
+    """Return the answer to a client that connects."""
     name = b"Motive".ljust(256, b"\0")
     return packet(SERVER_INFO, name + bytes((3, 1, 0, 0)) + bytes(version) + bytes(8))
 
 
 def model_definitions(skeletons: Mapping[int, str], minor: int = 1) -> bytes:
-    """A rigid body that is not a person, then these skeletons, by id."""
+    """Return descriptions: a rigid body that is not a person, then these skeletons, by id."""
     datasets = [pack("<ii", 1, 12) + b"Wand".ljust(12, b"\0")]
     for number, name in skeletons.items():
         bones = b"".join(
@@ -61,15 +61,14 @@ def frame(
     local: bool = False,
     changed: bool = False,
 ) -> bytes:
-    """A frame of data.
+    """Return a frame of data.
 
     Args:
-        number: of the frame.
-        time_s: Motive's time.
+        number: frame number. time_s: Motive's time.
         people: by skeleton id, (21, 3) canonical joints: x forward, y left, z up.
         untracked: bones whose tracking-valid bit is not set.
         local: whether bones are relative to their parents.
-        changed: whether to say that the models have changed.
+        changed: whether to report that the models have changed.
     """
     marker_set = _text("all") + pack("<i3f", 1, 1.0, 2.0, 3.0)
     skeletons = b"".join(_skeleton(k, j, untracked, local) for k, j in people.items())
@@ -108,7 +107,7 @@ def _skeleton(number: int, joints: Floats, untracked: Sequence[str], local: bool
 
 
 def bones_of(joints: Floats) -> Floats:
-    """(21, 3) of Motive's bones in its frame, y up: z forward, x left."""
+    """Return (21, 3) of Motive's bones in its frame: y up, z forward, x left."""
     body = BodyPoints(np.asarray(joints)[:, [1, 2, 0]])
     spine = [
         body.at("waist"),
@@ -129,11 +128,10 @@ class Motive:
     """A server on this machine, in unicast: answers a client, and sends frames to it.
 
     Args:
-        skeletons: names by id.
-        port: of its commands; 0: any that is free.
+        skeletons: names by id. port: command port; 0: any free port.
 
     Attributes:
-        port: of its commands.
+        port: command port.
     """
 
     def __init__(self, skeletons: Mapping[int, str], port: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""A stand-in for Qualisys Track Manager: packets of the RT protocol, and a server for a client.
+"""A stand-in for Qualisys Track Manager: packets of the RT protocol, and a server for one client.
 
 Written from the "QTM Real-time Server Protocol Documentation"; it shares no code with the reader.
 """
@@ -22,12 +22,12 @@ FIRST_ID = 11
 
 
 def packet(kind: int, content: bytes) -> bytes:
-    """A packet with its head."""
+    """Return a packet with its header."""
     return pack("<II", 8 + len(content), kind) + content
 
 
 def parameters(names: list[str]) -> bytes:
-    """The answer to ``GetParameters Skeleton``: nested segments, as of version 1.21."""
+    """Return the answer to ``GetParameters Skeleton``: nested segments, as from version 1.21."""
     inner = "".join(f'<Segment Name="{n}" ID="{FIRST_ID + k}">' for k, n in enumerate(SEGMENTS))
     skeleton = f"<Scale>1</Scale><Segments>{inner}{'</Segment>' * len(SEGMENTS)}</Segments>"
     found = "".join(f'<Skeleton Name="{name}">{skeleton}</Skeleton>' for name in names)
@@ -36,11 +36,10 @@ def parameters(names: list[str]) -> bytes:
 
 
 def data(number: int, time_us: int, people: Mapping[str, Floats], *, local: bool = False) -> bytes:
-    """A data packet.
+    """Return a data packet.
 
     Args:
-        number: of the frame.
-        time_us: QTM's time.
+        number: frame number. time_us: QTM's time.
         people: by name, (21, 3) canonical joints in metres: x forward, y left, z up.
         local: whether segments are relative to their parents.
     """
@@ -60,7 +59,7 @@ def data(number: int, time_us: int, people: Mapping[str, Floats], *, local: bool
 
 
 def segments_of(joints: Floats) -> Floats:
-    """(24, 3) of QTM's segments, in the axes of the joints."""
+    """Return (24, 3) of QTM's segments, in the axes of the joints."""
     body = BodyPoints(np.asarray(joints))
     found = [body.at("waist"), body.between("waist", "torso", 0.5), body.at("torso")]
     found += [body.between("torso", "neck", 0.4), body.at("neck"), body.at("head")]
@@ -72,7 +71,7 @@ def segments_of(joints: Floats) -> Floats:
 
 
 class Qtm:
-    """A server on this machine: answers one client, and sends data to it once it asked.
+    """A server on this machine that answers one client, and sends data to it on request.
 
     Attributes:
         port: for little-endian clients.
@@ -89,7 +88,7 @@ class Qtm:
         threading.Thread(target=self._serve, name="qtm", daemon=True).start()
 
     def send(self, unit: bytes) -> None:
-        """Send a data packet to the client that asked for them."""
+        """Send a data packet to the client that requested data."""
         if self._streams is not None:
             with contextlib.suppress(OSError):
                 self._streams.sendall(unit)

@@ -1,4 +1,4 @@
-"""Sends what Rokoko Studio sends as JSON v3: a stand-in for it in tests, fault tables and trials.
+"""Sends JSON v3 like Rokoko Studio, as a stand-in in tests, fault tables and trials.
 
 Written from Rokoko's "Custom Streaming" and its sample; it shares no code with the reader.
 """
@@ -16,7 +16,7 @@ _PARTS = ("Shoulder", "UpperArm", "LowerArm", "Hand", "UpLeg", "Leg", "Foot", "T
 
 
 def capture(actors: Mapping[str, Floats], time_s: float, *, lz4: bool = False) -> bytes:
-    """The datagram of one capture.
+    """Return the datagram of one capture.
 
     Args:
         actors: by name, (21, 3) canonical joints in metres: x forward, y left, z up.
@@ -39,7 +39,7 @@ def capture(actors: Mapping[str, Floats], time_s: float, *, lz4: bool = False) -
 
 
 def actor(name: str, joints: Floats) -> dict[str, Any]:
-    """One actor, in Unity's frame."""
+    """Return one actor, in Unity's frame."""
     body = BodyPoints(np.asarray(joints)[:, [1, 2, 0]] * [-1.0, 1.0, 1.0])
     parts = {
         "hip": body.at("waist"),

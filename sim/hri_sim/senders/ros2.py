@@ -1,4 +1,4 @@
-"""People as a ROS 2 node publishes them, for the fault table; made and serialised by rclpy."""
+"""People published by a ROS 2 node, for the fault table; created and serialised by rclpy."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ TOPIC, FRAME = "/hri_bench/people", "map"
 
 
 class Ros2End(LiveEnd):
-    """A ``PoseArray`` of all people."""
+    """Return a ``PoseArray`` of all people."""
 
     checked = False
 
@@ -31,7 +31,7 @@ class Ros2End(LiveEnd):
         self._publisher: Publisher | None = None
 
     def start(self) -> None:
-        """A new node, which others must find first."""
+        """Start a new node, which others must discover first."""
         self.stop()
         node = self._spinning.open()
         self._publisher = node.create_publisher(PoseArray, TOPIC, qos_profile_sensor_data)

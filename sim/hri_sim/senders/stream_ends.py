@@ -1,4 +1,4 @@
-"""Senders for live sources: what a program sends, and the wire that carries it to the node."""
+"""Senders for live sources: a program's output, and the wire that carries it to the node."""
 
 import contextlib
 import json
@@ -24,14 +24,14 @@ class Wire(ABC):
     """Carries units to the node's port; they may be lost without notice."""
 
     def open(self) -> None:  # noqa: B027  # most have nothing to do
-        """Begin, or begin again after ``close``."""
+        """Start, or start again after ``close``."""
 
     @abstractmethod
     def write(self, unit: bytes) -> None:
         """Carry one."""
 
     def close(self) -> None:  # noqa: B027
-        """Hang up, as the sender's program does at its end. Safe to call twice."""
+        """Disconnect, as the sender's program does on exit. Safe to call twice."""
 
 
 class LiveEnd:
@@ -57,7 +57,7 @@ class LiveEnd:
     def encode(self, scene: Scene) -> list[bytes]:
         """Return a scene of canonical joints (metres) as units: datagrams, lines or frames.
 
-        The scene's stamp is nanoseconds of UTC; its sequence begins at 0 with each ``start``.
+        The scene's stamp is nanoseconds of UTC; its sequence starts at 0 with each ``start``.
         """
         return self._program.encode(scene)
 
@@ -66,7 +66,7 @@ class LiveEnd:
         self._wire.write(unit)
 
     def stop(self) -> None:
-        """Stop, as the sender's program does at its end. Safe to call twice."""
+        """Stop, as the sender's program does on exit. Safe to call twice."""
         self._wire.close()
 
 
@@ -77,8 +77,7 @@ class Udp(Wire):
     """Datagrams to a port of this machine.
 
     Args:
-        port: of the source.
-        lasting: a program that is started again continues with the same socket.
+        port: port of the source. lasting: a restarted program continues with the same socket.
     """
 
     def __init__(self, port: int, *, lasting: bool = False) -> None:
@@ -100,14 +99,14 @@ class Udp(Wire):
 
 
 class Tcp(Wire):
-    """Connects to the node, trying again with each unit until it succeeds."""
+    """Connects to the node, retrying with each unit until it succeeds."""
 
     def __init__(self, port: int) -> None:
         self._port = port
         self._socket: socket.socket | None = None
 
     def write(self, unit: bytes) -> None:
-        """Send one, if the node is there."""
+        """Send a unit if the node is connected."""
         try:
             if self._socket is None:
                 self._socket = socket.create_connection(("127.0.0.1", self._port), 1.0)
@@ -133,7 +132,7 @@ class WebSocket(Wire):
         self._connection: Any = None
 
     def write(self, unit: bytes) -> None:
-        """Send one as text, if the node is there."""
+        """Send a unit as text if the node is connected."""
         try:
             if self._connection is None:
                 connecting = self._connect(self._url, open_timeout=1.0)
@@ -150,10 +149,10 @@ class WebSocket(Wire):
 
 
 class Serial(Wire):
-    """A serial line, which stays open.
+    """A serial line that stays open.
 
     Attributes:
-        path: of the node's port.
+        path: path of the node's port.
     """
 
     def __init__(self) -> None:
@@ -163,7 +162,7 @@ class Serial(Wire):
         self._line.open()
 
     def write(self, unit: bytes) -> None:
-        """Send one, if the line accepts it."""
+        """Send a unit if the line accepts it."""
         with contextlib.suppress(LinkError):
             self._line.write(unit)
 
@@ -175,15 +174,14 @@ class SceneStream(Program):
     """The node's own scene stream.
 
     Args:
-        key: of the stream; ``None``: it has none.
-        serial: as frames of a serial line.
+        key: key of the stream; ``None``: none. serial: whether to send frames of a serial line.
     """
 
     def __init__(self, key: Key | None = None, *, serial: bool = False) -> None:
         self._key, self._serial = key, serial
 
     def encode(self, scene: Scene) -> list[bytes]:
-        """Return datagrams or frames; each start is a new session."""
+        """Return datagrams or frames; each start opens a new session."""
         people = tuple(SentPerson(p.id, p.positions, p.observed, p.error_m) for p in scene.people)
         sent = SentScene(
             stamp_ns=scene.stamp_ns,
@@ -215,14 +213,14 @@ class Json(Program):
     """A scene as JSON text (``drivers/SCENE_JSON.md``).
 
     Args:
-        end: of each scene's text.
+        end: terminator of each scene's text.
     """
 
     def __init__(self, end: bytes = b"") -> None:
         self._end = end
 
     def encode(self, scene: Scene) -> list[bytes]:
-        """Return one text."""
+        """Return the scene as one text."""
         people = [
             {
                 "id": person.id,

@@ -1,7 +1,7 @@
-"""Sends what a VMC performer sends: a stand-in for one in tests, fault tables and trials.
+"""Sends packets like a VMC performer, as a stand-in in tests, fault tables and trials.
 
 Written from the VMC protocol's Marionette specification V2.7 and OSC 1.0; it shares no code with
-the reader. Every bone is turned, so that a receiver that ignores rotations is found.
+the reader. Every bone is rotated, which reveals receivers that ignore rotations.
 """
 
 import math
@@ -32,13 +32,13 @@ def capture(
     time_first: bool = False,
     leave_out: Sequence[str] = (),
 ) -> list[bytes]:
-    """The packets of one capture.
+    """Return the packets of one capture.
 
     Args:
         joints: (21, 3) canonical joints in metres: x forward, y left, z up.
         time_s: the performer's time.
         ok: arguments of ``/VMC/Ext/OK``.
-        scale, offset: of the avatar; the joints are the wearer's.
+        scale, offset: scale and offset of the avatar; the joints are the wearer's.
         time_first: whether the time comes before the bones.
         leave_out: bones that this avatar lacks.
     """
@@ -59,7 +59,7 @@ def avatar(
     offset: Sequence[float] = (0.0, 0.0, 0.0),
     leave_out: Sequence[str] = (),
 ) -> tuple[list[float], dict[str, list[float]]]:
-    """Root and local poses of the bones in Unity's frame: position and quaternion x, y, z, w."""
+    """Return root and local bone poses in Unity's frame: position, quaternion x, y, z, w."""
     body = BodyPoints(np.asarray(joints)[:, [1, 2, 0]] * [-1.0, 1.0, 1.0] * scale + offset)
     parents, places = _hierarchy(body, leave_out)
     turns = {name: _turn(k) for k, name in enumerate(places)}
@@ -76,7 +76,7 @@ def avatar(
 def _hierarchy(
     body: BodyPoints, leave_out: Sequence[str]
 ) -> tuple[dict[str, str], dict[str, Floats]]:
-    """Parents of the bones, and their places."""
+    """Return the parents of the bones, and their positions."""
     spine = {
         "Hips": body.at("waist"),
         "Spine": body.between("waist", "torso", 0.4),
@@ -102,13 +102,13 @@ def _hierarchy(
 
 
 def bundle(messages: Sequence[bytes]) -> bytes:
-    """An OSC bundle of messages."""
+    """Return an OSC bundle of messages."""
     elements = b"".join(pack(">i", len(each)) + each for each in messages)
     return b"#bundle\0" + IMMEDIATELY + elements
 
 
 def message(address: str, *arguments: str | int | float) -> bytes:
-    """An OSC message."""
+    """Return an OSC message."""
     tags, data = ",", b""
     for each in arguments:
         if isinstance(each, str):
@@ -130,7 +130,7 @@ _Turn = tuple[float, float, float, float]
 
 @cache
 def _turn(k: int) -> _Turn:
-    """A rotation that is another for each bone."""
+    """Return a rotation that differs from bone to bone."""
     axis = np.array([math.sin(k), math.cos(2 * k), 0.5])
     x, y, z = axis / np.linalg.norm(axis) * math.sin(0.2 + 0.1 * k)
     return float(x), float(y), float(z), math.cos(0.2 + 0.1 * k)
@@ -150,7 +150,7 @@ def _cross(u: Sequence[float], v: Sequence[float]) -> tuple[float, float, float]
 
 
 def _product(a: _Turn, b: _Turn) -> _Turn:
-    """First ``b``, then ``a``."""
+    """Return the rotation that applies ``b``, then ``a``."""
     x, y, z = (a[3] * v + b[3] * u + w for u, v, w in zip(a[:3], b[:3], _cross(a, b), strict=True))
     return x, y, z, a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2]
 

@@ -1,4 +1,4 @@
-"""Sends what Stereolabs' Live Link senders send: a stand-in in tests, fault tables and trials.
+"""Sends datagrams like Stereolabs' Live Link senders, as a stand-in in tests and trials.
 
 Written from the published senders for Unreal (2024) and Unity (2022) and the ZED SDK's
 ``BODY_38_PARTS``; it shares no code with the reader.
@@ -15,14 +15,14 @@ from hri_sim.senders.body_points import BodyPoints
 
 MILLIMETRES, METRES = 0, 2
 UNITY_AXES, UNREAL_SENDER_AXES = 1, 2
-"""LEFT_HANDED_Y_UP, and RIGHT_HANDED_Y_UP, which the sender for Unreal uses."""
+"""LEFT_HANDED_Y_UP and RIGHT_HANDED_Y_UP, as used by the sender for Unreal."""
 BODY_38 = 2
 ROLE_CAMERA, ROLE_BODY = 1, 2
 _SIDED = ("CLAVICLE", "SHOULDER", "ELBOW", "WRIST", "HIP", "KNEE", "ANKLE", "BIG_TOE")
 
 
 def for_unreal(people: Mapping[int, Floats], stamp_ns: int, frame_id: int) -> list[bytes]:
-    """The datagrams of one capture, a body each: millimetres, right-handed, y up."""
+    """Return the datagrams of one capture, one per body: millimetres, right-handed, y up."""
     head = {
         "frame_id": frame_id,
         "timestamp": stamp_ns,
@@ -39,7 +39,7 @@ def for_unreal(people: Mapping[int, Floats], stamp_ns: int, frame_id: int) -> li
 
 
 def for_unity(people: Mapping[int, Floats], stamp_ns: int) -> bytes:
-    """The datagram of one capture: metres, left-handed, y up."""
+    """Return the datagram of one capture: metres, left-handed, y up."""
     axes = np.array([[0, -1, 0], [0, 0, 1], [1, 0, 0]])  # x right, y up, z forward
     bodies = {
         "body_format": BODY_38,
@@ -53,7 +53,7 @@ def for_unity(people: Mapping[int, Floats], stamp_ns: int) -> bytes:
 
 
 def camera(stamp_ns: int, frame_id: int) -> bytes:
-    """The datagram of a camera's pose, which the sender for Unreal may add."""
+    """Return the datagram of a camera's pose, which the sender for Unreal may add."""
     nowhere = {"x": 0.0, "y": 0.0, "z": 0.0}
     return json.dumps(
         {"serial_number": 1, "frame_id": frame_id, "timestamp": stamp_ns, "role": ROLE_CAMERA,
@@ -78,7 +78,7 @@ def _body(number: int, joints: Floats) -> dict[str, Any]:
 
 
 def keypoints_of(joints: Floats) -> Floats:
-    """(38, 3) in any axes; zeros for those that the canonical skeleton does not place."""
+    """Return (38, 3) in any axes; zeros for joints that the canonical skeleton does not define."""
     body = BodyPoints(np.asarray(joints))
     across = body.at("l_shoulder") - body.at("r_shoulder")
     ear = 0.2 * across

@@ -1,4 +1,4 @@
-"""A sender for the zenoh source of the fault table, and its router. Needs the extra ``fleet``."""
+"""A sender for the zenoh source in the fault table, and its router. Needs the extra ``fleet``."""
 
 import contextlib
 import weakref
@@ -18,7 +18,7 @@ class Zenoh(Wire):
     """Units under the scene's key, through a router that keeps running.
 
     Attributes:
-        endpoint: of the router.
+        endpoint: endpoint of the router.
     """
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class Zenoh(Wire):
         self._transport.open()
 
     def write(self, unit: bytes) -> None:
-        """Put one unit, if the router is connected."""
+        """Put one unit if the router is connected."""
         with contextlib.suppress(LinkError):
             self._transport.write(Keyed(SCENE, unit))
 

@@ -50,10 +50,10 @@ def simulate(request: SimulationRequest, progress: Callable[[int, int], None]) -
 
     Args:
         request: the simulation to run.
-        progress: called with the number of finished episodes and of all episodes.
+        progress: called with the number of finished episodes and the total.
 
     Raises:
-        HriPredictError: it cannot start; one line with the remedy.
+        HriPredictError: the simulation cannot start; one line with the remedy.
     """
     plan = _plan(request)
     for name in plan.names:  # report errors before anything starts
@@ -89,7 +89,7 @@ def _plan(request: SimulationRequest) -> SimulationPlan:
 
 
 def _decided_by(plan: SimulationPlan) -> dict[str, Any]:
-    """Return everything that decides the results; recordings by name, not by folder."""
+    """Return everything that determines the results; recordings by name, not by folder."""
     return {
         "config": plan.loaded(None).text,
         "predictors": [_decides(plan, name) for name in plan.names],
@@ -110,7 +110,7 @@ def _settings(config: Config) -> PredictorSettings:
 
 
 def _decides(plan: SimulationPlan, predictor: str | None) -> list[Any]:
-    """Return what decides a predictor's results: its name, settings, weights and calibration."""
+    """Return the name, settings, weights and calibration, which determine a predictor's results."""
     config = plan.loaded(predictor)
     beside = config.node.risk.coverage.calibration
     text = None if beside is None else read_text(config.base_dir / beside, "calibration")
@@ -118,27 +118,27 @@ def _decides(plan: SimulationPlan, predictor: str | None) -> list[Any]:
 
 
 def _basis(plan: SimulationPlan, predictor: str | None) -> ZoneBasis:
-    """Return the basis of one predictor's zones."""
+    """Return the basis of a predictor's zones."""
     config = plan.loaded(predictor)
     coverage = config.node.risk.coverage
     return basis_of(plan.asked(predictor), _settings(config), coverage, config.base_dir)
 
 
 def _said(value: SourceValue) -> str | float:
-    """Return a value of the source as the report states it."""
+    """Return a value of the source in the form used by the report."""
     if isinstance(value, tuple):
         return ", ".join(value)
     return Path(value).name if isinstance(value, str) else value
 
 
 def _text(joint_map: str | None) -> str | None:
-    """Return a joint map's content, or its shipped name."""
+    """Return the content of a joint map, or its name if it is shipped."""
     own = joint_map is not None and joint_map.endswith(YAML_ENDINGS)
     return read_text(Path(joint_map), "joint map") if own and joint_map else joint_map
 
 
 def _reads(plan: SimulationPlan) -> list[Path]:
-    """The files that decide an episode, except for those of the installation."""
+    """Return the files that determine an episode, except for those of the installation."""
     config = plan.loaded(None)
     beside = [config.node.risk.coverage.calibration, plan.joint_map, *dict(plan.seen).values()]
     named = [name for name in beside if isinstance(name, str) and Path(name).suffix]
@@ -152,7 +152,7 @@ def _reads(plan: SimulationPlan) -> list[Path]:
 def _usable(
     plan: SimulationPlan, cell: Cell, modes: Sequence[Variant]
 ) -> tuple[SimulationPlan, list[str]]:
-    """The plan with the recordings that can be played, and a line for each of the others.
+    """Return the plan with the playable recordings, and a line for each of the others.
 
     Raises:
         HriPredictError: a recording cannot be read, or none is left.
@@ -186,10 +186,10 @@ def _usable(
 
 
 def _demand_seen(motion: Motion, cell: Cell) -> None:
-    """Check that the tracker of ``source.tracker`` sees anything of this recording.
+    """Check that the tracker of ``source.tracker`` delivers a joint of this recording.
 
     Raises:
-        UnusableRecordingError: it does not, so the node would see no person.
+        UnusableRecordingError: it delivers none, so the node would see no person.
     """
     source = cell.source
     able = map_of([motion], source.tracker, cell.config.base_dir, source.lacks).mapped
@@ -201,10 +201,11 @@ def _demand_seen(motion: Motion, cell: Cell) -> None:
 
 
 def _demand_fast(motion: Motion, cell: Cell, modes: Sequence[Variant]) -> None:
-    """Check that a node can work with a recording that is slower than the source may be.
+    """Check that a node can work with the capture rate of a recording.
 
     Raises:
-        UnusableRecordingError: it cannot: what it knows is too old when the robot has stopped.
+        UnusableRecordingError: it cannot: its knowledge would be too old by the time the robot has
+            stopped.
     """
     if motion.rate_hz >= cell.source.rate_hz:
         return

@@ -1,7 +1,8 @@
-"""One approach as a source (``kind: approach``): motions, each placed somewhere on the floor.
+"""One approach as a source (``kind: approach``): motions placed on the floor.
 
 ``hri-predict simulate`` fills in motions and places. A configuration that contains them plays that
-approach through the node (``hri-predict run``), so that a user can examine a contact in a table.
+approach through the node (``hri-predict run``), so that a user can examine a contact listed in a
+table.
 """
 
 import zlib
@@ -36,12 +37,12 @@ class ApproachSettings(SourceSettings):
 
     kind: Literal["approach"]
     room_from_source: Pose = Field(Pose(), description="pose of the source's frame in the room")
-    keeps_ids: bool = Field(True, description="an id that comes back is the same person")
+    keeps_ids: bool = Field(True, description="an id that reappears is the same person")
     motions: list[str] = Field(
         [], max_length=16, description="recordings or procedural:SEED; simulate fills them in"
     )
     places: list[Vector3] = Field(
-        [], description="[x, y, yaw] of each motion: turn its frame about z, then move it"
+        [], description="[x, y, yaw] of each motion: its frame is turned about z, then moved"
     )
     joint_map: str | None = Field(
         None, description="a joint map's name or file; default: found by the joints' names"
@@ -52,18 +53,18 @@ class ApproachSettings(SourceSettings):
     )
     lacks: list[str] = Field([], description="canonical joints that the tracker never delivers")
     hidden: list[str] = Field(
-        [], description="canonical joints that the tracker knows and does not see here"
+        [], description="canonical joints that the tracker knows but does not see here"
     )
     noise_m: float = Field(0.0, ge=0, le=0.2, description="noise: standard deviation per axis")
     wander_m: float = Field(
         0.0, ge=0, le=0.2, description="noise correlated in time: standard deviation per axis"
     )
-    wander_s: float = Field(0.3, gt=0, le=10, description="its correlation time")
+    wander_s: float = Field(0.3, gt=0, le=10, description="correlation time of wander_m")
     error_m: float = Field(
-        0.0, ge=0, le=3, description="error of each person's place that the tracker states"
+        0.0, ge=0, le=3, description="position error of each person, as stated by the tracker"
     )
     lead_in_s: float = Field(3.0, ge=0, le=60, description="seconds of empty room at the start")
-    rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="scenes per second at most")
+    rate_hz: float = Field(30.0, ge=MIN_RATE_HZ, le=240, description="maximum scenes per second")
 
     @field_validator("lacks", "hidden")
     @classmethod
@@ -75,7 +76,7 @@ class ApproachSettings(SourceSettings):
 
 
 def exact(settings: ApproachSettings) -> ApproachSettings:
-    """The same approach, seen without errors: what truly happens."""
+    """The same approach without errors: the true course."""
     clear: dict[str, Any] = {
         "tracker": None,
         "lacks": [],
@@ -93,7 +94,7 @@ class ApproachSource:
     settings_model = ApproachSettings
 
     def __init__(self, settings: ApproachSettings, base_dir: Path | None = None) -> None:
-        """Read the motions; relative paths start at ``base_dir``, or in the current folder.
+        """Read the motions; relative paths start at ``base_dir`` or the current folder.
 
         Raises:
             ConfigError: no motion is named, or the motions cannot be combined.
@@ -101,8 +102,8 @@ class ApproachSource:
         """
         if not settings.motions or len(settings.motions) != len(settings.places):
             raise ConfigError(
-                "source: an approach needs motions and as many places; "
-                "run 'hri-predict simulate', which fills them in"
+                "source: an approach needs motions and the same number of places; run "
+                "'hri-predict simulate', which fills them in"
             )
         self._motions = [
             load_motion(name, settings.rate_hz, base_dir, settings.joint_map)
@@ -141,7 +142,7 @@ class ApproachSource:
         return self._capture_ns(self._next)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """Return the oldest scene that has arrived by ``now_ns`` and was not returned yet."""
+        """Return the oldest unread scene that has arrived by ``now_ns``."""
         due_ns = self.next_ns()
         if due_ns is None or due_ns > now_ns:
             return None
@@ -161,8 +162,8 @@ class ApproachSource:
     def truth(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
         """Return id -> canonical joints (J, 3) and which are known (J,), at ``now_ns``.
 
-        Free of noise, with all joints that were recorded; ``open`` must have been called, and the
-        times that are asked for must not go back.
+        Without noise, with all recorded joints; ``open`` must have been called, and successive
+        times must not decrease.
         """
         assert self._start_ns is not None
         if self._truth is None:
@@ -184,7 +185,7 @@ class ApproachSource:
 
 @lru_cache(maxsize=64)
 def noise(motion: Motion, noise_m: float, wander_m: float, wander_s: float) -> Floats:
-    """(N, J, 3) metres in the motion's own frame: the same for the same motion, wherever it is."""
+    """Return noise (N, J, 3) in metres in the motion's own frame, the same at any place."""
     if noise_m == 0 and wander_m == 0:
         return np.zeros(3)
     seed = zlib.crc32(Path(motion.name).name.encode())
@@ -206,7 +207,7 @@ def map_of(
     base_dir: Path | None,
     without: Sequence[str] = (),
 ) -> JointMap:
-    """A tracker that delivers the joints that the recordings have, but not those ``without``."""
+    """Return a tracker that delivers the joints of the recordings except ``without``."""
     whole = _canonical()
     if tracker is not None:
         beside = (base_dir or Path()) / tracker
@@ -220,7 +221,7 @@ def map_of(
 
 
 def together(motions: list[Motion]) -> NDArray[np.int64]:
-    """Return (N,) captures that all motions have in common, up to the end of the shortest.
+    """Return (N,) capture times common to all motions, up to the end of the shortest.
 
     Raises:
         ConfigError: their rates differ.
@@ -232,7 +233,7 @@ def together(motions: list[Motion]) -> NDArray[np.int64]:
         if apart[:-1].any():  # the last of a recording may come early
             raise ConfigError(
                 f"recordings {motions[0].name} ({motions[0].rate_hz:g} Hz) and {motion.name} "
-                f"({motion.rate_hz:g} Hz): several people need one rate; lower source.rate_hz"
+                f"({motion.rate_hz:g} Hz): several people need the same rate; lower source.rate_hz"
             )
         captures = captures[: len(captures) - int(apart[-1])]
     return captures

@@ -1,8 +1,7 @@
 """The node's knowledge of people, tick by tick: computed once per motion, then moved to each place.
-
-Forecasts and zones depend on no robot, nor on a motion's place on the floor: the stages are
-equivariant under turns about z and moves over the floor. So each motion runs once through the real
-stages in its own frame, and an episode moves the results.
+Forecasts and zones depend neither on robots nor on a motion's place on the floor: the stages are
+equivariant under turns about z and moves over the floor. Each motion therefore runs once through
+the real stages in its own frame, and an episode moves the results.
 """
 
 from collections.abc import Sequence
@@ -42,7 +41,7 @@ class TrueFuture:
 
     Args:
         source: a copy of the node's source, not yet open.
-        start_ns, end_ns: the time to cover; before and after it people stand still.
+        start_ns, end_ns: the time to cover; people stand still before and after it.
     """
 
     def __init__(self, source: Source, start_ns: int, end_ns: int) -> None:
@@ -64,11 +63,11 @@ class TrueFuture:
 def foreknown(
     snapshots: Sequence[PeopleSnapshot], zones: Sequence[BodyZones], future: TrueFuture
 ) -> list[BodyZones]:
-    """Return the zones of each tick, as narrow as the bodies themselves.
+    """Return zones for each tick that are as narrow as the bodies themselves.
 
     Args:
         snapshots: (K) ticks.
-        zones: (K) the node's zones; those of lost people stay unchanged.
+        zones: (K) the node's zones; zones of lost people stay unchanged.
         future: the true future.
     """
     return [
@@ -78,7 +77,7 @@ def foreknown(
 
 
 def _narrow(snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture) -> BodyZones:
-    """Move captured capsules: each end follows the joint that was nearest to it."""
+    """Move captured capsules: each end follows the nearest joint at capture."""
     zones = bodies.zones
     own = zones.capsules
     a, b, radius = own.a.copy(), own.b.copy(), own.radius.copy()
@@ -105,13 +104,13 @@ def _narrow(snapshot: PeopleSnapshot, bodies: BodyZones, future: TrueFuture) -> 
 
 @dataclass(frozen=True, eq=False)
 class MotionTicks:
-    """K ticks of one motion or of several together.
+    """K ticks of one motion or of several motions together.
 
     Attributes:
         snapshots: (K).
         forecasts: (K) of (P, H, J, 3); ``None`` without a forecast.
         zones: variant's name -> (K).
-        nobody: (K) zones of the same moments if the node had seen no person; empty: not computed.
+        nobody: (K) zones at the same ticks if the node had seen no person; empty: not computed.
     """
 
     snapshots: list[PeopleSnapshot]
@@ -134,8 +133,8 @@ def compute(
         cell: gives predictor and configuration.
         motions: the people's motions.
         lead_in_s: seconds of empty room before.
-        variants: ways to judge risk; zones may depend on them.
-        places: (x, y, yaw) of each; default: each in its own frame.
+        variants: ways to judge risk, on which zones may depend. places: (x, y, yaw) of each motion;
+            default: each in its own frame.
     """
     config = cell.config
     placed = [list(place) for place in places or [(0.0, 0.0, 0.0)] * len(motions)]
@@ -165,10 +164,10 @@ def compute(
 def engines_of(
     cell: Cell, source: ApproachSource, clock: VirtualClock, variants: Sequence[Variant]
 ) -> dict[str, RiskEngine]:
-    """A risk engine for each variant.
+    """Return a risk engine for each variant.
 
     Raises:
-        ConfigError: the source's rate, or the configuration, does not allow it.
+        ConfigError: the source's rate or the configuration does not allow it.
     """
     trackers = (cell.trackers(clock) for _ in variants)
     return {
@@ -178,7 +177,7 @@ def engines_of(
 
 
 def without_people(snapshot: PeopleSnapshot) -> PeopleSnapshot:
-    """The snapshot of an empty room, and without reasons against one."""
+    """Return the snapshot of an empty room, without reasons to doubt that it is empty."""
     return replace(
         snapshot,
         ids=(),
@@ -206,7 +205,7 @@ def moved(bodies: MotionTicks, matrix: Floats, person: int) -> MotionTicks:
 
 
 def joined(parts: Sequence[MotionTicks]) -> MotionTicks:
-    """Join people who were computed alone into one room, up to the end of the shortest."""
+    """Combine separately computed people in one room, up to the end of the shortest motion."""
     if len(parts) == 1:
         return parts[0]
     count = min(len(part.snapshots) for part in parts)

@@ -37,7 +37,7 @@ class Variant:
 
     @property
     def is_foreknown(self) -> bool:
-        """Whether it uses the true future: a bound that no real node can run with."""
+        """Whether it uses the true future, which gives a bound for real nodes."""
         return self.name == FOREKNOWN
 
 
@@ -100,7 +100,7 @@ def _start(link: LinkSettings) -> dict[str, Any]:
 
 
 class Cell:
-    """The parts that stay the same in all episodes with one predictor.
+    """The parts shared by all episodes with one predictor.
 
     Attributes:
         config: without a scenario.
@@ -144,18 +144,18 @@ class Cell:
 
     @property
     def source(self) -> ApproachSettings:
-        """The configuration's source."""
+        """The source of the configuration."""
         assert isinstance(self.config.source, ApproachSettings)
         return self.config.source
 
     def config_of(self, variant: Variant) -> Config:
-        """``with_risk`` of a variant, validated once."""
+        """Return ``with_risk`` for a variant, validated once."""
         if variant.name not in self._configs:
             self._configs[variant.name] = with_risk(self.config, variant)
         return self._configs[variant.name]
 
     def posts(self, links: Sequence[LinkSettings]) -> list[Post]:
-        """Return the posts at the far ends of these links, with a scenario's start."""
+        """Return the controllers' posts at the far ends of these links, at a scenario's start."""
         return [
             replace(post, link=link, settings=post.settings.model_copy(update=_start(link)))
             for post, link in zip(self._posts, links, strict=True)

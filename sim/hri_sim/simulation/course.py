@@ -1,8 +1,7 @@
-"""True events of an episode: noted tick by tick, and judged afterwards, many ticks at once.
-
-Recorded people do not react, so where they truly are is the same whatever the robot does: it is
-computed once for all episodes of a scenario. Nor does the referee act: it may judge when all is
-over, and then the arrays are long enough to be worth their calls.
+"""True course of an episode: recorded tick by tick, and judged afterwards, many ticks at once.
+Recorded people do not react, so their true positions do not depend on the robot and are computed
+once for all episodes of a scenario. The referee does not act either, so it can judge afterwards, on
+arrays long enough for numpy to be efficient.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,7 +15,7 @@ from hri_predict.base.skeleton import CANONICAL
 from hri_sim.referee import MOVING_M_S, Bodies, Joints, Referee, TruePeople, body_capsules
 
 _MOST_TICKS = 12
-"""Ticks judged at once: more, and the distances no longer fit a core's cache."""
+"""Number of ticks judged at once; with more, the distances no longer fit into a core's cache."""
 
 
 class SharedTruth:
@@ -27,12 +26,12 @@ class SharedTruth:
         self._known: dict[int, dict[int, tuple[Floats, Bools]]] = {}
 
     def open(self, start_ns: int) -> None:
-        """Start; once is enough."""
+        """Start; further calls do nothing."""
         if not self._known:
             self._truth.open(start_ns)
 
     def at(self, now_ns: int) -> dict[int, tuple[Floats, Bools]]:
-        """See ``TruePeople.at``: times that were not asked for before must not go back."""
+        """See ``TruePeople.at``: new times must not decrease."""
         if now_ns not in self._known:
             self._known[now_ns] = self._truth.at(now_ns)
         return self._known[now_ns]
@@ -44,8 +43,8 @@ class Course:
 
     Attributes:
         stamps_ns: (K,).
-        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``.
-        tools: (K,) robot's name -> number of the tool that it carries; ``None``: all of them.
+        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``. tools: (K,) robot name
+            -> number of its tool; ``None``: all tools.
     """
 
     stamps_ns: list[int] = field(default_factory=list)
@@ -54,7 +53,7 @@ class Course:
     tools: list[dict[str, int | None]] = field(default_factory=list)
 
     def runs(self) -> Iterator[range]:
-        """Ticks that can be judged at once: each has the people and tools of the one before."""
+        """Yield runs of ticks that can be judged at once, with the same people and tools."""
         k = 0
         while k < len(self.stamps_ns):
             end = k + 1
@@ -80,10 +79,10 @@ class Course:
 
 
 class CourseReferee(Referee):
-    """The referee of a course that is over; its findings equal those made tick by tick."""
+    """The referee of a finished course; its results equal those of judging tick by tick."""
 
     def judge(self, course: Course) -> None:
-        """Judge all of it."""
+        """Judge the whole course."""
         for ticks in course.runs():
             self._tool_of = course.tools[ticks[0]].get
             if len(ticks) == 1 or not self._judge_at_once(course, ticks):
@@ -91,7 +90,7 @@ class CourseReferee(Referee):
                     self.observe(course.stamps_ns[k], course.people[k], course.robots[k])
 
     def _judge_at_once(self, course: Course, ticks: range) -> bool:
-        """Judge a run; false if its touches have to be reported one by one."""
+        """Judge a run; return false if its touches must be reported one by one."""
         assert self._last is not None
         times = self._instants(course.stamps_ns[ticks[0]])
         ids = sorted(course.people[ticks[0]])
@@ -122,7 +121,7 @@ class CourseReferee(Referee):
 
 
 def _gaps(bodies: Capsules, counts: Bools, robot: Capsules) -> Floats:
-    """(P, K) distances of bodies (P, K, B) that count from a robot (K, C)."""
+    """Return distances (P, K) between a robot (K, C) and the bodies (P, K, B) that count."""
     distance = capsule_distance(
         Capsules(bodies.a[..., :, None, :], bodies.b[..., :, None, :], bodies.radius[..., :, None]),
         Capsules(robot.a[:, None], robot.b[:, None], robot.radius[:, None]),
@@ -132,15 +131,14 @@ def _gaps(bodies: Capsules, counts: Bools, robot: Capsules) -> Floats:
 
 
 def _between(states: Floats, times: Floats) -> Floats:
-    """(M * K, N) values at K fractions of the way from each of M + 1 states (M + 1, N) to the
-    next."""
+    """Return (M * K, N) values at K fractions of each step between M + 1 states (M + 1, N)."""
     start, end = states[:-1, None], states[1:, None]
     result: Floats = start + (end - start) * times[:, None]
     return result.reshape(-1, states.shape[-1])
 
 
 def _bodies(ids: Sequence[int], people: Sequence[Bodies], times: Floats) -> tuple[Capsules, Bools]:
-    """Capsules (P, M * K, B) at K fractions of the way between each two of M + 1 observations."""
+    """Return capsules (P, M * K, B) at K fractions of each step between M + 1 observations."""
     joints = len(CANONICAL.joints)
     at = np.array([[seen[person][0] for seen in people] for person in ids])  # (P, M + 1, J, 3)
     known = np.array([[seen[person][1] for seen in people] for person in ids])

@@ -1,6 +1,6 @@
 """One episode, stepped through the closed loop.
 
-Levels, publisher, link, wire, controller, arm and referee are those of the node and the cell,
+Levels, publisher, link, wire, controller, arm and referee are the real ones of node and cell,
 stepped as in ``hri-predict run --speed max``. People, predictor and zones are played from
 ``MotionTicks``.
 """
@@ -43,14 +43,13 @@ from hri_sim.simulation.scenario import Scenario
 
 @dataclass(kw_only=True)
 class Log(Tally):
-    """The true course of an episode, tick by tick, and the referee's tally. K ticks.
+    """The true course of an episode over K ticks, and the referee's tally.
 
     Attributes:
         times_s: (K,) since the start.
         course: (K) people, robots and tools.
-        q, path_s: robot name -> (K) joints (N,), and seconds of full speed along its path, not
-            wrapped at the cycle's end.
-        levels: (K) of each robot's advice.
+        q, path_s: robot name -> (K) joints (N,), and position along its path in seconds at full
+            speed, not wrapped at the cycle's end. levels: (K) levels of each robot's advice.
         controllers: their reports.
         harm: consequences of touches by a moving robot.
     """
@@ -85,9 +84,9 @@ def run_episode(
         scenario: the approach.
         variant: the way to judge risk.
         bodies: the people as the node knows them, in the room frame.
-        truth: true places of the people, if other episodes of the scenario ask as well.
-        nobody: show the node an empty room, so that the robot works as if alone. This gives the
-            course without protection, and the work that an empty cell does.
+        truth: true positions of the people, if shared with other episodes of the scenario. nobody:
+            show the node an empty room, so that the robot works as if alone. This gives the
+            unprotected course and the productivity of an empty cell.
     """
     config = with_scenario(cell.config_of(variant), scenario)
     clock = VirtualClock(VIRTUAL_START_NS)
@@ -144,13 +143,13 @@ def run_episode(
 
 
 def truth_of(cell: Cell, scenario: Scenario) -> SharedTruth:
-    """Return the true places of a scenario's people, in all its episodes."""
+    """Return the true positions of a scenario's people, for all its episodes."""
     settings = exact(cell_settings(with_scenario(cell.config, scenario)))
     return SharedTruth(TruePeople(ApproachSource(settings, cell.config.base_dir)))
 
 
 def _bearable(config: Config, models: Sequence[RobotModel]) -> dict[str, Bearable]:
-    """By the name of each robot that may touch people, whatever the mode."""
+    """Return the bearable limits of each robot that may touch people, by name, in any mode."""
     return {
         robot.name: Bearable.of(config, robot, model)
         for robot, model in zip(config.node.robots, models, strict=True)
@@ -165,7 +164,7 @@ def cell_settings(config: Config) -> ApproachSettings:
 
 
 class _Played:
-    """The stages' results by the tick's time."""
+    """Results of the stages, by time of the tick."""
 
     def __init__(self, bodies: MotionTicks, variant: str, nobody: bool) -> None:
         self._bodies = bodies
@@ -182,7 +181,7 @@ class _Played:
 
 
 class _PlayedPeople(People):
-    """Tracks no person: the people were computed before."""
+    """Stands in for the tracker; the people were computed before."""
 
     def __init__(self, played: _Played) -> None:
         self._played = played
@@ -196,7 +195,7 @@ class _PlayedPeople(People):
 
 
 class _NoPrediction(PredictionRunner):
-    """Makes no forecast, because the zones were computed before."""
+    """Stands in for the predictor; the zones were computed before."""
 
     def __init__(self) -> None:
         self.failures = self.late = 0
@@ -207,7 +206,7 @@ class _NoPrediction(PredictionRunner):
 
 
 class _PlayedRisk(RiskEngine):
-    """The engine, whose zones were computed before."""
+    """Stands in for the risk engine; its zones were computed before."""
 
     def __init__(self, engine: RiskEngine, played: _Played) -> None:
         self._engine, self._played = engine, played
@@ -215,7 +214,7 @@ class _PlayedRisk(RiskEngine):
     def assess(
         self, snapshot: PeopleSnapshot, forecast: Forecast | None, reasons: Sequence[Reason] = ()
     ) -> Assessment:
-        """Judge the zones of this tick: separation and levels alone are computed."""
+        """Judge the zones of this tick; only separation and levels are computed."""
         engine = self._engine
         bodies = self._played.zones(snapshot.now_ns) or engine.zones(snapshot, None)
         findings = engine.separation(bodies, engine.robots(snapshot.now_ns))
@@ -231,7 +230,7 @@ class _PlayedRisk(RiskEngine):
 
 
 class _QuietPublisher(Publisher):
-    """Leaves out messages that no simulated controller uses."""
+    """Omits messages that no simulated controller uses."""
 
     def publish(
         self, tick: Tick, leaves_out: Callable[[type[Message]], bool] = lambda _: True
@@ -247,13 +246,13 @@ class _Watch(Listener):
         self.levels: dict[int, tuple[Level, ...]] = {}
 
     def on_tick(self, tick: Tick) -> None:
-        """Note the levels."""
+        """Record the levels."""
         if tick.assessment is not None:  # not the announcements of start and end
             self.levels[tick.now_ns] = tuple(advice.level for advice in tick.advices)
 
 
 class _Recorder:
-    """Notes the true state at each tick."""
+    """Records the true state at each tick."""
 
     def __init__(self, mock: MockCell, truth: SharedTruth, cell: Cell) -> None:
         self._mock, self._truth = mock, truth
@@ -266,7 +265,7 @@ class _Recorder:
         )
 
     def observe(self, now_ns: int) -> None:
-        """Note the state at a tick."""
+        """Record the state at a tick."""
         log, course = self._log, self._log.course
         if not course.stamps_ns:
             self._truth.open(now_ns)
@@ -283,7 +282,7 @@ class _Recorder:
             before.append(now)
 
     def log(self, watch: _Watch, reports: Sequence[ControllerReport]) -> Log:
-        """The whole log, at the end."""
+        """Return the complete log, at the end."""
         log, stamps = self._log, self._log.course.stamps_ns
         log.times_s = [(stamp - VIRTUAL_START_NS) * 1e-9 for stamp in stamps]
         log.levels = [watch.levels[stamp] for stamp in stamps]

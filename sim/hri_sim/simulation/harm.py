@@ -1,8 +1,7 @@
-"""Consequences of touches by a moving robot: how fast it touched which part of the body.
-
-The speed of a touch is that of the robot's fastest point, an upper bound of the touching link's.
-The *relative* speed adds that of the body part. Recorded people do not react: they walk on through
-a robot that touches them, so a touch may go deeper, and reach other parts, than it would in truth.
+"""Consequences of touches by a moving robot: speed and body part of each touch. The speed of a
+touch is that of the robot's fastest point, an upper bound for the touching link. The *relative*
+speed adds the speed of the body part. Recorded people do not react: they walk on through a robot
+that touches them, so a touch may go deeper, and reach other parts, than in reality.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,11 +22,11 @@ from hri_sim.referee import Contact
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bearable:
-    """Limits that people bear of one robot.
+    """Limits of what people can bear from one robot.
 
     Attributes:
-        transient_m_s, clamped_m_s: (B,) of each of the referee's capsules, see ``SegmentLimits``.
-        fixtures: against which it may clamp a person.
+        transient_m_s, clamped_m_s: (B,) limits of the referee's capsules, see ``SegmentLimits``.
+            fixtures: objects against which the robot may clamp a person.
     """
 
     transient_m_s: Floats
@@ -36,7 +35,7 @@ class Bearable:
 
     @classmethod
     def of(cls, config: Config, robot: RobotSettings, model: RobotModel) -> "Bearable":
-        """The limits of a robot that may touch people."""
+        """Return the limits of a robot that may touch people."""
         risk = config.node.risk
         limits = segment_limits(risk, model, CANONICAL.segment_names, config.base_dir)
         ground = floor(config.node.people.floor_m, "floor")
@@ -48,7 +47,7 @@ class Bearable:
 
 
 def _with_joints(limits: Floats) -> Floats:
-    """A lone joint bears what the most delicate segment bears that ends there."""
+    """A lone joint has the limits of the most delicate segment that ends there."""
     joints = [
         min(
             (v for s, v in zip(CANONICAL.segments, limits, strict=True) if j in _joints_of(s.name)),
@@ -74,14 +73,12 @@ class Touches:
     """Consequences of the touches of an episode.
 
     Attributes:
-        touch_speeds_m_s, touch_relative_m_s: segment or joint -> the highest speed of a touch.
-        touch_limits_m_s: maximum speed of a touch that the same parts bear; of several robots, the
-            lowest.
-        touches_beyond: instants of touches that were faster than the part bears.
-        touches_relative_beyond: the same by the relative speed.
-        touches_forbidden: instants of touches of head, face or neck.
-        clampings: instants at which a part was between a link and a fixture, and the robot faster
-            than it bears.
+        touch_speeds_m_s, touch_relative_m_s: segment or joint -> maximum speed of a touch.
+            touch_limits_m_s: maximum permissible speed of a touch of the same parts; the lowest for
+            several robots. touches_beyond: number of instants with a touch faster than permissible.
+            touches_relative_beyond: the same for the relative speed. touches_forbidden: number of
+            instants with a touch of head, face or neck. clampings: number of instants at which a
+            part was between a link and a fixture, and the robot faster than permissible.
     """
 
     touch_speeds_m_s: dict[str, float] = field(default_factory=dict)
@@ -95,16 +92,16 @@ class Touches:
 
 @dataclass
 class Harm(Touches):
-    """Counts what touches meant; give ``note`` to the referee.
+    """Counts the consequences of touches; pass ``note`` to the referee.
 
     Attributes:
-        bearable: by the robot's name.
+        bearable: limits by robot name.
     """
 
     bearable: Mapping[str, Bearable]
 
     def note(self, contact: Contact) -> None:
-        """Take the touches of one robot since the last observation."""
+        """Record the touches of one robot since the last observation."""
         if contact.robot not in self.bearable:
             return
         limits = self.bearable[contact.robot]
@@ -128,7 +125,7 @@ class Harm(Touches):
         )
 
     def _clamps(self, contact: Contact, limits: Bearable, at: tuple[Ints, Ints, Ints]) -> Bools:
-        """(n,) whether a touched part is pressed against a fixture, too fast."""
+        """Return (n,) whether a touched part is pressed against a fixture too fast."""
         person, instant, body = at
         people, robot = contact.bodies, contact.links
         part = Capsules(
@@ -146,5 +143,5 @@ class Harm(Touches):
         return pressed & fast
 
     def touches(self) -> dict[str, Any]:
-        """Return what was counted."""
+        """Return the counts."""
         return {each.name: getattr(self, each.name) for each in fields(Touches)}

@@ -20,20 +20,19 @@ from hri_sim.people.script import PersonSettings, Timeline
 from hri_sim.replay import RecordingSettings, RecordingSource
 
 PROCEDURAL = "procedural"
-"""A motion with this name is a script: ``procedural:talking`` one by its name, ``procedural:3`` one
-that its seed draws."""
+"""Prefix of scripted motions: ``procedural:talking`` by name, ``procedural:3`` from a seed."""
 _SHOULDERS_M = 1.05
-"""Height of a seated person's shoulders, for recordings of arms in a camera's frame."""
+"""Shoulder height of a seated person, for recordings of arms in a camera's frame."""
 _NO_FLOOR = "marker_clusters9"
 _CROWN_M = 1.71
-"""Height of a standing person's crown, for the clusters: their origin is about a table's height.
+"""Height of a standing person's crown, for the clusters, whose origin is at about table height.
 Mean stature of ANSUR II, see ``hri_predict.base.skeleton``."""
 _SHORTEST_S = 1.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """One person's motion. N captures, J canonical joints.
+    """One person's motion with N captures and J canonical joints.
 
     Attributes:
         name: path of the recording, or ``procedural:SEED``.
@@ -51,7 +50,7 @@ class Motion:
 
     @property
     def duration_s(self) -> float:
-        """From the first capture to the last."""
+        """Time from the first capture to the last."""
         return float(self.capture_ns[-1]) * 1e-9
 
 
@@ -59,13 +58,13 @@ class Motion:
 def load_motion(
     name: str, rate_hz: float, base_dir: Path | None = None, joint_map: str | None = None
 ) -> Motion:
-    """Read a recording (or write out a script) at ``rate_hz``, or its own rate if that is lower.
+    """Read a recording (or play a script) at ``rate_hz``, or at its own rate if that is lower.
 
-    ``joint_map`` is the user's own for the recording's joints.
+    ``joint_map`` is the user's own map for the recording's joints.
 
     Raises:
         RecordingError: it cannot be read.
-        UnusableRecordingError: it does not hold one second or more of a person's motion.
+        UnusableRecordingError: it has less than one second of a person's motion.
         ConfigError: it is not a motion file.
     """
     if name.startswith(PROCEDURAL + ":"):
@@ -117,7 +116,7 @@ def _collected(name: str, source: RecordingSource | ProceduralSource) -> Motion:
 
 
 def _lifted(motion: Motion, joints: Sequence[str], height_m: float) -> Motion:
-    """Lift a recording whose floor is not known: its joints, on average, to this height."""
+    """Raise a recording with unknown floor, so that the mean height of its joints is this."""
     chosen = [JOINTS.index(joint) for joint in joints]
     lift = height_m - float(np.nanmean(motion.positions[:, chosen, 2]))
     lifted = motion.positions + np.array([0.0, 0.0, lift])
@@ -125,7 +124,7 @@ def _lifted(motion: Motion, joints: Sequence[str], height_m: float) -> Motion:
 
 
 def _procedural(name: str, rate_hz: float) -> Motion:
-    """Write out a script: by its name, or one that the seed draws."""
+    """Play a script: a named one, or one drawn from the seed."""
     named = name.partition(":")[2]
     person = SCRIPTS[named] if named in SCRIPTS else _drawn(name)
     settings = PersonSettings.model_validate(person | {"repeat": False})
@@ -172,14 +171,14 @@ _TO_ROBOT = 3.1415926
 
 
 def _gesture(hand: str, at: tuple[float, float, float], hold_s: float) -> dict[str, Any]:
-    """A hand rises at some words."""
+    """Return a gesture of one hand while talking."""
     ahead, aside, up = at
     to = [-ahead, aside, up]
     return {"do": "reach", "hand": hand, "to": to, "hold_s": hold_s}
 
 
 def _reach_in() -> dict[str, Any]:
-    """An easy reach toward the robot, and back."""
+    """Return an easy reach towards the robot and back."""
     return {"do": "reach", "hand": "right", "to": [-0.6, 0.05, 1.05], "hold_s": 0.8}
 
 
@@ -216,4 +215,4 @@ SCRIPTS: dict[str, dict[str, Any]] = {
         ],
     },
 }
-"""``PersonSettings`` of each."""
+"""``PersonSettings`` of each named script."""

@@ -1,10 +1,9 @@
 """People lost by cameras: episodes behind boxes and behind each other, through the whole node.
 
 Each episode draws from its seed: a camera (or two), one to three people who walk to a place near
-the robot, stay there, reach into its path and walk off; boxes that hide the places from the camera;
-the camera's rate; and whether people get other ids when they are found again. Nothing is played
-from earlier results: people, zones, links, controllers, arm and referee are those of a run at
-``--speed max``.
+    the robot, stay there, reach into its path and leave; boxes that hide the places from the
+    camera; the camera's rate; and whether people get other ids when found again. No earlier results
+    are reused: people, zones, links, controllers, arm and referee run as with ``--speed max``.
 """
 
 import math
@@ -35,12 +34,11 @@ _FAR_M = 100.0
 def shadows_of(
     boxes: Sequence[Sequence[float]], cameras: Sequence[Sequence[float]], room_m: float
 ) -> list[dict[str, Any]]:
-    """Prisms in which something is hidden from every camera.
+    """Return prisms in which something is hidden from every camera.
 
     Args:
-        boxes: x and y of two opposite corners, and the height.
-        cameras: places.
-        room_m: from the origin to each wall.
+        boxes: x and y of two opposite corners, and the height. cameras: positions. room_m: distance
+            from the origin to each wall.
     """
     room = [[-room_m, -room_m], [room_m, -room_m], [room_m, room_m], [-room_m, room_m]]
     hidden: list[Floats] = [np.array(room)]
@@ -51,7 +49,7 @@ def shadows_of(
 
 
 def _shadow(box: Floats, camera: Floats) -> Floats:
-    """(N, 2) the floor behind a box, seen from a camera, with the box: a convex polygon."""
+    """Return the convex polygon (N, 2) of a box and the floor that it hides from a camera."""
     corners = box[[[0, 1], [2, 1], [2, 3], [0, 3]]]
     way = corners - camera[:2]
     # a ray over the box's edge meets the floor so much farther away; never, if the box is higher
@@ -61,7 +59,7 @@ def _shadow(box: Floats, camera: Floats) -> Floats:
 
 
 def _hull(points: Floats) -> Floats:
-    """Convex hull, counterclockwise (Andrew's monotone chain)."""
+    """Return the convex hull, counterclockwise (Andrew's monotone chain)."""
     order = sorted(map(tuple, points.tolist()))
     chains = []
     for chosen in (order, order[::-1]):
@@ -79,7 +77,7 @@ def _turn(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
 
 
 def _clipped(subject: Floats, convex: Floats) -> Floats:
-    """The part of a polygon inside a convex, counterclockwise one (Sutherland, Hodgman 1974)."""
+    """Clip a polygon to a convex, counterclockwise one (Sutherland, Hodgman 1974)."""
     points = [tuple(p) for p in subject.tolist()]
     for a, b in zip(convex.tolist(), np.roll(convex, -1, axis=0).tolist(), strict=True):
         inside = [_turn(a, b, p) >= 0 for p in points]
@@ -119,7 +117,7 @@ _TRIES = 30
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """Events of one episode; places in metres, room frame."""
+    """One episode; places in metres, room frame."""
 
     cameras: list[list[float]]
     boxes: list[list[float]]
@@ -154,7 +152,7 @@ def _at(bearing: float, away_m: float) -> list[float]:
 
 
 def _person(rng: np.random.Generator, number: int, bearing: float, stay_m: float) -> dict[str, Any]:
-    """Comes from afar, stays, reaches for the middle of the robot's way, and leaves again."""
+    """Return a person who comes from afar, stays, reaches into the robot's path, and leaves."""
     speed = float(rng.uniform(0.6, 1.8))
     near_m = float(rng.uniform(0.95, 1.25))
     reach = {
@@ -180,7 +178,7 @@ def _person(rng: np.random.Generator, number: int, bearing: float, stay_m: float
 
 
 def _box(rng: np.random.Generator, place: Sequence[float], camera: Sequence[float]) -> list[float]:
-    """A box between a place and the camera, hiding it wholly or in part."""
+    """Return a box between a place and the camera that hides it wholly or partly."""
     way = np.array(camera[:2]) - place
     middle = np.array(place) + way / np.hypot(*way) * rng.uniform(0.5, 0.9)
     half = rng.uniform(0.2, 0.7, 2)
@@ -189,10 +187,10 @@ def _box(rng: np.random.Generator, place: Sequence[float], camera: Sequence[floa
 
 
 def configured(base: Config, episode: Episode, mode: str, *, free_space: bool) -> Config:
-    """The configuration of one episode in one mode.
+    """Return the configuration of one episode in one mode.
 
     Raises:
-        ConfigError: the base does not fit.
+        ConfigError: the base configuration does not fit.
     """
     floor = {
         "polygon": [[-ROOM_M, -ROOM_M], [ROOM_M, -ROOM_M], [ROOM_M, ROOM_M], [-ROOM_M, ROOM_M]]
@@ -232,7 +230,7 @@ def configured(base: Config, episode: Episode, mode: str, *, free_space: bool) -
 
 
 class _Watch(View):
-    """Sums what was permitted."""
+    """Sums the permitted speeds."""
 
     def __init__(self) -> None:
         self.ticks = 0
@@ -240,7 +238,7 @@ class _Watch(View):
         self.lost = 0
 
     def on_tick(self, tick: Tick) -> None:
-        """Note the first robot's advice."""
+        """Record the first robot's advice."""
         if tick.snapshot is None:
             return
         advice = tick.advices[0]
@@ -284,7 +282,7 @@ def _base(request: OcclusionRequest) -> Config:
 
 
 def _possible(base: Config, request: OcclusionRequest, index: int) -> Episode:
-    """The first draw whose people can do what they are to do; arms have their length."""
+    """Return the first draw whose people can perform their scripts; arms have limited reach."""
     for attempt in range(_TRIES):
         seed = request.seed * _TRIES + attempt
         episode = draw(seed, index, request.rates_hz, request.cameras)

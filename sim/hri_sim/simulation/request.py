@@ -11,8 +11,8 @@ from hri_predict.lab.evaluation.table import Table
 class SimulationRequest:
     """The settings of a simulation; see ``hri-predict simulate``.
 
-    Predictors are ``NAME`` or ``NAME=WEIGHTS``. A calibration is that of the predictor that it was
-    made for.
+    Predictors are ``NAME`` or ``NAME=WEIGHTS``. A calibration applies only to the predictor for
+    which it was made.
     """
 
     config: Path
@@ -60,9 +60,9 @@ class OcclusionRow:
 
     Attributes:
         index, mode: the episode's index and mode.
-        contacts, contacts_standing: touches of a moving and of a standing robot.
-        permitted: mean speed limit, as a share of the robot's highest speed.
-        lost: share of the ticks in which a person was lost.
+        contacts, contacts_standing: touches by a moving and by a standing robot. permitted: mean
+            speed limit, as a fraction of the robot's maximum speed. lost: fraction of the ticks in
+            which a person was lost.
     """
 
     index: int
@@ -100,10 +100,9 @@ class SimulationReport:
     """The result of a simulation, as shown and written.
 
     Attributes:
-        tables, notes: for people.
-        json: the same for programs.
+        tables, notes: for readers. json: the same for programs.
         files: the files written.
-        disagreements: one line for each episode with a different result in the whole node.
+        disagreements: one line for each episode whose result in the whole node differs.
     """
 
     tables: Sequence[Table]

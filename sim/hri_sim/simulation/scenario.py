@@ -1,8 +1,8 @@
-"""Scenarios: motions, their places, and the phases of the robots' cycles; all drawn from a seed.
+"""Scenarios: motions, their places, and the phases of the robots' cycles, all drawn from a seed.
 
 A motion is turned about z and moved over the floor, never lifted, so that one of its joints passes
 through a point of the workspace at the joint's own height. The workspace is a cylinder around the
-robot's base, as wide and as high as the robot sweeps in its cycle.
+robot's base, as wide and as high as the space that the robot sweeps in its cycle.
 """
 
 import math
@@ -21,8 +21,10 @@ from hri_sim.simulation.approach import over_floor
 from hri_sim.simulation.motion import Motion
 
 ENTER_M = 2.0
-"""A person may appear at this distance from a robot at full speed. It is about the protective
-separation distance of ISO/TS 15066; no person appears from nowhere within it."""
+"""Minimum distance from a robot at full speed at which a person may appear.
+
+It is about the protective separation distance of ISO/TS 15066.
+"""
 _TRIES = 40
 _FREE_M = 0.05  # at the start nobody is nearer to the swept space
 _LATE = 0.25  # share of a motion before which nobody passes
@@ -35,10 +37,10 @@ class Scenario:
     """One approach.
 
     Attributes:
-        index: its number; number and seed decide everything else.
+        index: its number, which with the seed determines everything else.
         motions: names of the motions, one for each person.
-        places: (x, y, yaw) of each.
-        lead_in_s: seconds of empty room before; 0 if a person starts near the robot.
+        places: (x, y, yaw) of each motion. lead_in_s: seconds of empty room before; 0 if a person
+            starts near the robot.
         phase_s: each robot's phase in its cycle at the start.
         link_seed: random seed of the losses on the wire.
     """
@@ -57,7 +59,7 @@ class Workspace:
 
     Attributes:
         rounds: (x, y, radius, lowest z, highest z) of each robot, metres, room frame.
-        capsules: (C,) all capsules of all robots over a cycle: the space that they sweep.
+        capsules: (C,) capsules of all robots over a cycle, which cover the swept space.
         cycle_s: duration of the longest trajectory.
     """
 
@@ -160,7 +162,7 @@ def _through(
 
 
 def _start_m(motion: Motion, place: Sequence[float], workspace: Workspace) -> float:
-    """Return the metres between the body at its first capture and the swept space."""
+    """Return the distance in metres between the body at its first capture and the swept space."""
     body, counts = body_capsules(
         transform(over_floor(place), motion.positions[0]), motion.observed[0]
     )

@@ -1,4 +1,4 @@
-"""Finished blocks as JSON lines, in a file named after everything that decides the results."""
+"""Finished blocks as JSON lines, in a file named after everything that determines the results."""
 
 import hashlib
 import json
@@ -13,14 +13,14 @@ VERSION = 2
 
 
 class Store:
-    """The blocks of one plan; without a folder they are kept in memory only."""
+    """The blocks of one plan; without a folder, they are kept only in memory."""
 
     def __init__(self, folder: Path | None, decided_by: dict[str, Any], resume: bool) -> None:
         """Read the finished blocks.
 
         Raises:
-            ConfigError: the folder holds another simulation, or one although ``resume`` is false,
-                or cannot be written.
+            ConfigError: the folder holds another simulation, holds any simulation while ``resume``
+                is false, or cannot be written.
         """
         self.done: dict[str, dict[str, Any]] = {}
         self._path = None if folder is None else folder / "episodes.jsonl"
@@ -87,8 +87,10 @@ def _line(key: str, rows: dict[str, Any]) -> str:
 
 
 def _sum(key: Any, rows: Any) -> str:
-    """Return the checksum of a block's line: its numbers go into tables, and only the checksum
-    shows that they are the numbers that were written."""
+    """Return the checksum of a block's line.
+
+    Its numbers go into tables, and only the checksum proves that they are unchanged.
+    """
     return hashlib.sha256(json.dumps([key, rows]).encode()).hexdigest()[:16]
 
 

@@ -1,6 +1,6 @@
 """Runs an episode through the whole node on the virtual clock: the result must be the same.
 
-Nothing is played from earlier results: the placed recording passes through people, predictor,
+No earlier results are reused: the placed recording passes through people, predictor,
 zones, publisher, link and controller, as in ``hri-predict run --speed max``.
 """
 
@@ -12,16 +12,16 @@ from hri_sim.simulation.episode import Log
 from hri_sim.simulation.scenario import Scenario
 
 TOLERANCE_M = 0.01
-"""Smallest separations may differ by this: networks are equivariant except for rounding."""
+"""Maximum difference of smallest separations: networks are equivariant except for rounding."""
 TOLERANCE_S = 0.1
-"""So may the times of the same stop: rounding may tip a threshold one tick or two later."""
+"""Maximum difference of the times of a stop: rounding may delay a threshold by one or two ticks."""
 
 
 def disagreement(cell: Cell, scenario: Scenario, variant: Variant, log: Log) -> str:
     """Return the differences between the whole node's result and ``log``, or "".
 
-    Contacts and stops must be the same, stops to ``TOLERANCE_S``, the smallest separation to
-    ``TOLERANCE_M``.
+    Contacts and stops must agree, stop times within ``TOLERANCE_S`` and the smallest separation
+    within ``TOLERANCE_M``.
     """
     config = with_scenario(with_risk(cell.config, variant), scenario)
     summary = run(config, Options(factor=None))
@@ -45,7 +45,7 @@ def disagreement(cell: Cell, scenario: Scenario, variant: Variant, log: Log) -> 
 
 
 Stops = list[tuple[float, str]]
-"""Time (s) and cause of each stop."""
+"""Return time (s) and cause of each stop."""
 
 
 def _stops(events: Iterable[tuple[float, str, float]]) -> Stops:

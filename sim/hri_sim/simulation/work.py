@@ -1,4 +1,4 @@
-"""Blocks of episodes: one process runs one block at a time; finished blocks are not repeated."""
+"""Blocks of episodes: one process runs one block at a time; finished blocks are not run again."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -32,15 +32,15 @@ BLOCK = 20
 """Number of episodes of one recording in a block."""
 
 SourceValue = str | float | tuple[str, ...]
-"""Value of a key of ``source:``."""
+"""A value in ``source:``."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SimulationPlan(SimulationRequest):
-    """A request, for the worker processes, with the recordings that can be played.
+    """A request for the worker processes, with the playable recordings.
 
     Attributes:
-        checked: (predictor, episode) that run again through the whole node.
+        checked: (predictor, episode) pairs that are repeated through the whole node.
     """
 
     checked: frozenset[tuple[str | None, int]]
@@ -52,7 +52,7 @@ class SimulationPlan(SimulationRequest):
 
     @property
     def seen(self) -> tuple[tuple[str, SourceValue], ...]:
-        """Settings of how people are seen: ``source:`` keys that differ from the configuration."""
+        """Settings of the sensor: ``source:`` keys that differ from the configuration."""
         asked = {
             "tracker": self.tracker,
             "lacks": self.lacks or None,
@@ -85,8 +85,8 @@ class SimulationPlan(SimulationRequest):
     def _with_calibration(self, config: Config, *, own: bool) -> Config:
         """Give a predictor the calibration that was made for it.
 
-        The configuration's file is for its own predictor: another one uses it if it fits, and
-        otherwise the shipped one or none.
+        The file in the configuration is for its own predictor. Another predictor uses it if it
+        fits, otherwise the shipped calibration or none.
         """
         coverage = config.node.risk.coverage
         base_dir = config.base_dir or Path()
@@ -103,7 +103,7 @@ class SimulationPlan(SimulationRequest):
 
 
 def with_predictor(config: Config, text: str) -> Config:
-    """The configuration with ``NAME`` or ``NAME=WEIGHTS`` as its predictor."""
+    """Return the configuration with ``NAME`` or ``NAME=WEIGHTS`` as its predictor."""
     (asked,) = asked_predictors([text])
     settings: dict[str, Any] = {"horizon_s": config.predictor.horizon_s}
     if asked.name == config.predictor.name:  # its other weights: everything else stays
@@ -116,7 +116,7 @@ def with_predictor(config: Config, text: str) -> Config:
 
 @dataclass(frozen=True, order=True)
 class Block:
-    """Some episodes of one recording under one predictor (its place in the plan)."""
+    """Some episodes of one recording with one predictor (its index in the plan)."""
 
     predictor: int
     motion: int
@@ -124,7 +124,7 @@ class Block:
 
     @property
     def key(self) -> str:
-        """Its name in the file."""
+        """Name of the block in the file."""
         return f"{self.predictor}/{self.motion}/{self.part}"
 
 
@@ -140,7 +140,7 @@ def blocks(plan: SimulationPlan) -> list[Block]:
 
 
 def episodes(plan: SimulationPlan, block: Block) -> list[int]:
-    """Return the numbers of the block's episodes: approaches take the recordings in turn."""
+    """Return the numbers of the block's episodes: approaches use the recordings in turn."""
     count = len(plan.motions)
     mine = range(block.motion, plan.episodes, count)
     return list(mine[block.part * BLOCK : (block.part + 1) * BLOCK])

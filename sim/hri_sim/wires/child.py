@@ -13,15 +13,14 @@ from hri_predict.base.errors import LinkError
 
 START_S = 60.0  # long enough for a loaded machine
 Run = Callable[..., Any]
-"""A function of a pipe and more; when the pipe has something to read, it ends with a report."""
+"""A function of a pipe and more arguments; it returns a report once the pipe has data to read."""
 
 
 class Child:
     """A running process.
 
     Args:
-        pid: its id.
-        pipe: this end of its pipe.
+        pid: process id. pipe: this end of its pipe.
     """
 
     def __init__(self, pid: int, pipe: Connection) -> None:
@@ -40,40 +39,40 @@ class Child:
 
         Args:
             timeout_s: maximum time to wait.
-            awaited: another process, without which nothing will be sent.
+            awaited: another process that must run for the object to be sent.
 
         Raises:
-            LinkError: one of the two ended, or nothing came in time.
+            LinkError: one of the two processes exited, or nothing arrived in time.
         """
         give_up_s = time.monotonic() + timeout_s
         while not self._pipe.poll(0.1):
             if awaited is not None and awaited.poll() is not None:
                 assert awaited.stderr is not None
                 said = awaited.stderr.read().strip().splitlines()[-1:]
-                raise LinkError(f"a process of the bench ended: {''.join(said) or 'nothing'}")
+                raise LinkError(f"a process of the bench exited: {''.join(said) or 'nothing'}")
             if time.monotonic() > give_up_s:
                 raise LinkError(f"a process of the bench sent nothing in {timeout_s:g} s")
         try:
             told = self._pipe.recv()
         except EOFError:
-            raise LinkError("a process of the bench ended without a report") from None
+            raise LinkError("a process of the bench exited without a report") from None
         if isinstance(told, LinkError):
             raise told
         return told
 
     def report(self) -> Any:
-        """End the process; return its report."""
+        """Stop the process; return its report."""
         self.send("end")
         return self.receive()
 
 
 @contextlib.contextmanager
 def child(run: Run, *arguments: Any) -> Iterator[Child]:
-    """Run a function in a process of its own, which ends with the context.
+    """Run a function in a separate process, which stops when the context exits.
 
     Args:
         run: the function; it must be importable.
-        arguments: of the function, after its pipe.
+        arguments: arguments of the function, after its pipe.
     """
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
@@ -94,6 +93,6 @@ def _run(run: Run, pipe: Connection, arguments: tuple[Any, ...]) -> None:
     try:
         told = run(pipe, *arguments)
     except Exception as error:
-        told = LinkError(f"a process of the bench ended: {type(error).__name__}: {error}")
+        told = LinkError(f"a process of the bench exited: {type(error).__name__}: {error}")
     with contextlib.suppress(OSError):
         pipe.send(told)

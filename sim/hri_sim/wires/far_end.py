@@ -1,8 +1,7 @@
-"""The far end of a serial line, as a process of its own: it takes bytes at the rate of the wire.
-
-A pseudo-terminal takes everything that fits at once; a serial line takes one bit at a time.
+"""The far end of a serial line, as a separate process that reads bytes at the rate of the wire. A
+pseudo-terminal accepts everything that fits immediately; a serial line takes one bit at a time.
 ``drain`` makes a pseudo-terminal behave like a serial line: a byte leaves the buffer when its last
-bit would have left the sender. A CAN adapter's USB side takes bytes at once.
+bit would have left the sender. The USB side of a CAN adapter takes bytes immediately.
 """
 
 import array
@@ -27,8 +26,8 @@ class Drained:
 
     Attributes:
         received: number of bytes.
-        busy_s: time from the first byte's arrival until the last one had left.
-        backlog_bytes: number of waiting bytes, at each read while there were any.
+        busy_s: time from the arrival of the first byte to the departure of the last one.
+            backlog_bytes: number of waiting bytes at each read, if not zero.
     """
 
     received: int = 0
@@ -37,10 +36,9 @@ class Drained:
 
 
 def drain(fd: int, bytes_per_s: float, until: Callable[[float | None], bool]) -> Drained:
-    """Take the bytes that arrive at ``fd``, no faster than the wire would deliver them.
-
-    ``until`` waits for the end or for bytes at ``fd``, at most for the given seconds (``None``:
-    without limit); it returns whether the end has come.
+    """Read the bytes that arrive at ``fd``, no faster than the wire would deliver them. ``until``
+    waits for the end or for bytes at ``fd``, at most for the given seconds (``None``: without
+    limit); it returns whether the end was reached.
     """
     drained, began = Drained(), time.monotonic()
     last, credit = began, 0.0  # bytes may be there before the first look
@@ -76,14 +74,14 @@ def _waiting(fd: int) -> int:
 
 
 def serial_line(pipe: Connection, bytes_per_s: float) -> Drained:
-    """Be the far end of a serial line; for ``child``. Sends the path of its port first."""
+    """Act as the far end of a serial line; for ``child``. First sends the path of its port."""
     master, path = open_pty()
     pipe.send(path)
     return drain(master, bytes_per_s, _until_end_or_bytes(master, pipe))
 
 
 def can_adapter(pipe: Connection) -> int:
-    """Be an slcan adapter; for ``child``. Sends its port's path; reports the number of frames."""
+    """Act as an slcan adapter; for ``child``. Sends its port's path; reports the frame count."""
     master, path = open_pty()
     adapter, frames = SlcanAdapter(master), 0
     adapter.open()

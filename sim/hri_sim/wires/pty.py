@@ -38,7 +38,7 @@ class PtyTransport:
         fd: the master's descriptor; ``close`` closes it, which unplugs the other side's port.
 
     Attributes:
-        hung_up: the other side was closed at the last ``read``.
+        hung_up: whether the other side was closed at the last ``read``.
     """
 
     def __init__(self, fd: int) -> None:
@@ -56,7 +56,7 @@ class PtyTransport:
         os.set_blocking(self._fd, False)
 
     def write(self, unit: bytes) -> None:
-        """Write all bytes; waits at most 50 ms for the other side to read."""
+        """Write all bytes; wait at most 50 ms for the other side to read."""
         self._check()
         try:
             while unit:

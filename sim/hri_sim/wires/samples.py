@@ -1,4 +1,4 @@
-"""Messages as a node with one robot sends them, with sensible values."""
+"""Messages of a node with one robot, with sensible values."""
 
 from dataclasses import replace
 from typing import Any
@@ -70,7 +70,7 @@ def one_of_each() -> list[Message]:
 
 
 def of_a_cycle(cycle: int, now_ns: int, people: int = 1) -> list[Message]:
-    """Return what a node with one robot posts in a cycle, in its order; each second the Schema."""
+    """Return a cycle's messages of a node with one robot, in order; the Schema once a second."""
     messages: list[Message] = [
         replace(ADVICE, capture_ns=now_ns),
         replace(STATUS, people=people, cycle=cycle, capture_ns=now_ns),

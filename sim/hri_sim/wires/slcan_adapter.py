@@ -46,8 +46,8 @@ class SlcanAdapter:
         fd: the master side of the pseudo-terminal; ``close`` closes it.
 
     Attributes:
-        bitrate, data_bitrate: as the driver has set them; ``None`` before.
-        listen_only: the driver opened the channel with ``L``.
+        bitrate, data_bitrate: as set by the driver; ``None`` before. listen_only: whether the
+            driver opened the channel with ``L``.
         channel_open: whether frames pass.
         malformed: number of lines that were neither a valid command nor a valid frame.
         refused: number of valid commands and frames at the wrong time, such as frames while the
@@ -110,14 +110,14 @@ class SlcanAdapter:
         return frames
 
     def close(self) -> None:
-        """Close the descriptor: the driver sees its adapter unplugged."""
+        """Close the descriptor; for the driver, its adapter is unplugged."""
         self.channel_open = False
         self._port.close()
 
     # -- commands ---------------------------------------------------------------------------------
 
     def _answer(self, line: str, frames: list[CanFrame]) -> bytes | None:
-        """Answer one line; ``None`` if it is wrong: then it has no effect."""
+        """Return the answer to one line; ``None`` if it is wrong and has no effect."""
         if not line:
             return OK
         kind, argument = line[0], line[1:]

@@ -74,7 +74,7 @@ def test_a_screen_that_died_starts_again_at_the_same_address(screen, monkeypatch
     screen.process.kill()
     screen.process.wait()
     screen.show(LARGE)  # finds out
-    assert "the viewer ended; it starts again in 0.02 s" in caplog.text
+    assert "the viewer exited; it restarts in 0.02 s" in caplog.text
     wait_for(lambda: (screen.keep_alive(), screen.starts == 2)[1])
     wait_for(says_its_address)
     assert screen.show(LARGE)
@@ -144,7 +144,7 @@ def test_two_screens_on_one_port_are_refused():
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     both = [ScreenSettings("viewer", VIEWER, port), ScreenSettings("operator", OPERATOR, port)]
-    with pytest.raises(ConfigError, match=f"{port}: give each a port of its own"), Feed(both):
+    with pytest.raises(ConfigError, match=f"{port}: give each its own port"), Feed(both):
         pass
 
 

@@ -81,7 +81,7 @@ def test_comparing_two_runs(tmp_path, monkeypatch):
     [
         (["--only", "fest"], "did you mean 'fast'"),
         (["--worse-than", "2"], "has no effect without --baseline"),
-        (["--baseline", "none.json"], "make one with hri-predict bench --save"),
+        (["--baseline", "none.json"], "create one with hri-predict bench --save"),
         (["--plot", "a.jpg"], "ends in .png or .svg"),
         (["--quick", "memory"], "--quick: has no effect before memory"),
     ],

@@ -81,7 +81,7 @@ def test_what_was_saved_is_read_back(tmp_path):
 def test_another_file_is_refused_in_one_line(tmp_path, text):
     path = tmp_path / "other.json"
     path.write_text(text)
-    with pytest.raises(ConfigError, match="make one with hri-predict bench --save") as told:
+    with pytest.raises(ConfigError, match="create one with hri-predict bench --save") as told:
         saved.read(path)
     assert "\n" not in str(told.value)
 
@@ -108,5 +108,5 @@ def test_another_machine_is_told():
     lines = list(saved.other_machine(MACHINE, now))
     assert lines == [
         "the earlier run had another processor: x, now y",
-        "the machine itself: a fixed work takes 1.50 times as long as in that run",
+        "the machine itself: a fixed workload takes 1.50 times as long as in that run",
     ]

@@ -36,7 +36,7 @@ def test_it_sends_and_reports():
 
 
 @pytest.mark.parametrize(
-    ("run", "words"), [(fails, "ValueError: no such wire"), (dies, "ended without a report")]
+    ("run", "words"), [(fails, "ValueError: no such wire"), (dies, "exited without a report")]
 )
 def test_an_end_is_said_in_one_line(run, words):
     with child(run) as process, pytest.raises(LinkError, match=words) as told:
@@ -47,7 +47,7 @@ def test_an_end_is_said_in_one_line(run, words):
 def test_nothing_comes_without_the_process_that_is_awaited():
     code = "import sys; sys.exit('no configuration')"
     awaited = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True)
-    with child(waits) as process, pytest.raises(LinkError, match="ended: no configuration"):
+    with child(waits) as process, pytest.raises(LinkError, match="exited: no configuration"):
         process.receive(awaited=awaited)
     with child(waits) as process, pytest.raises(LinkError, match=r"sent nothing in 0\.1 s"):
         process.receive(0.1)

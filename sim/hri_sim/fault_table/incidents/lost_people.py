@@ -24,12 +24,12 @@ _PALLET = {"polygon": [[1.4, -0.6], [2.2, -0.6], [2.2, 0.8], [1.4, 0.8]], "z_max
 
 
 def _stands(place: list[float], number: int, enter_s: float, seconds: float) -> dict[str, Any]:
-    """Appears at a place, stands there, and is gone."""
+    """Return a person who appears at a place, stands there, and disappears."""
     return person(place, wait(seconds), leave(), id=number, enter_s=enter_s)
 
 
 def _lost(name: str, *people: Person, ends_s: float = 28.0, **story: Any) -> Incident:
-    """The first person is lost after five seconds, until the story ends; he is still there."""
+    """Return a story in which the first person, though still there, is lost from 5 s to the end."""
     usual: dict[str, Any] = {
         "faults": (f"vanish@5+{ends_s - 5:g}:person=1",),
         "not_clear": (5.0, ends_s),
@@ -39,7 +39,7 @@ def _lost(name: str, *people: Person, ends_s: float = 28.0, **story: Any) -> Inc
 
 
 def _id_moves(name: str, at_s: float, *faults: str) -> Incident:
-    """He hides at ``at_s``; from then on a colleague, who soon walks out, has his id."""
+    """Return a story: a person hides at ``at_s``; a colleague who soon walks out gets the id."""
     return Incident(
         name=f"lost: {name}",
         people=(reaches_out(12.0), walks_out(at_s + 2.0, [2.9, 1.7])),
@@ -61,11 +61,11 @@ _BELOW_SHOULDERS = ",".join(
 )
 
 _FAR = _stands([4.0, -2.5], 2, enter_s=0.0, seconds=60.0)
-"""A person who is seen all the while, so that scenes continue."""
+"""A person who stays in view, so that scenes continue."""
 
 
 def _untracked(name: str, faults: tuple[str, ...], says: Reason, **settings: Any) -> Incident:
-    """A person the node cannot track vanishes after five seconds, and later reaches out."""
+    """Return a story in which an untracked person vanishes after 5 s and later reaches out."""
     return Incident(
         name=f"lost: {name}",
         people=(_FAR, reaches_out(12.0)),
@@ -85,14 +85,14 @@ _STARTS_TO_RUN = person(
     walk([1.0, 0.1], speed_m_s=4.4),
     reach([0.6, 0.1, 0.64], hold_s=8.0, duration_s=0.7),
 )
-"""Lost after 0.4 s, at 1.3 m/s; within a second he has 4.4 m/s."""
+"""A person who is lost 0.4 s into a run, at 1.3 m/s, and reaches 4.4 m/s within a second."""
 
 _GATE = {"polygon": [[-3.7, 2.2], [-3.1, 2.2], [-3.1, 4.2], [-3.7, 4.2]]}
 
 _STAYS_AND_GOES = person([-2.0, 2.5], wait(6.0), walk([-3.95, 3.3]), leave())
 
 _WALKS_BY = person([3.0, -1.8], wait(5.0), walk([2.6, 2.6]), walk([4.5, -2.0]), wait(60.0), id=2)
-"""Crosses the line of sight before the vehicle."""
+"""A person who crosses the line of sight before the vehicle."""
 
 _FREE_SPACE = {
     "source": {
@@ -205,7 +205,7 @@ _HIDES_S = 5.0
 
 
 def _incident(name: str, place: list[float], *faults: str) -> Incident:
-    """The worker is hidden from ``_HIDES_S`` on; the colleague stands at ``place``."""
+    """Return a story with a worker hidden from ``_HIDES_S`` on and a colleague at ``place``."""
     return Incident(
         name=f"identity: {name}",
         people=(reaches_out(12.0), walks_out(_HIDES_S + 3.0, place)),
@@ -219,7 +219,7 @@ def _incident(name: str, place: list[float], *faults: str) -> Incident:
 
 
 def _others(*parts: str) -> str:
-    """The joints of all other parts of the body, as a list in a fault."""
+    """Return the joints of all other body parts, as a list for a fault."""
     return ",".join(name for name in JOINTS if name[2:] not in parts)
 
 
@@ -276,7 +276,7 @@ _LEGS = ",".join(name for name in JOINTS if name[2:] in ("knee", "ankle", "foot"
 
 
 def _and_back(start: list[float], to: list[float], speed_m_s: float = 1.2) -> dict[str, Any]:
-    """Walks somewhere, and at once back to the robot, to reach into its path."""
+    """Return a person who walks away, returns to the robot, and reaches into its path."""
     return person(
         start,
         walk(to, speed_m_s=speed_m_s),
@@ -288,7 +288,7 @@ def _and_back(start: list[float], to: list[float], speed_m_s: float = 1.2) -> di
 def _returns(
     name: str, person: dict[str, Any], gone_s: float, *faults: str, **exit_: Any
 ) -> Incident:
-    """Vanishes at the exit at ``gone_s``, and comes back to the robot unseen."""
+    """Return a story of a person who vanishes at the exit at ``gone_s`` and returns unseen."""
     return Incident(
         name=f"exit: {name}",
         people=(person,),

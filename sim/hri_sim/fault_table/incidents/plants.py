@@ -1,4 +1,4 @@
-"""Restart types and configuration sets under faults of the PLC that presses and chooses."""
+"""Restart types and configuration sets, under faults of the PLC that sends presses and choices."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,11 +10,11 @@ from hri_sim.fault_table.incident import Incident, Span
 from hri_sim.fault_table.people import FAR, leave, person, wait, walk
 
 Says = Callable[[float, int], list[FromController]]
-"""Messages that a PLC sends in a cycle: by seconds since the start, and the latch id shown now."""
+"""Messages that a PLC sends in a cycle, given the seconds since the start and the latch id."""
 
 
 def _plc(*says: Says) -> Callable[[Any], None]:
-    """Let one PLC for each link speak, as a link to plants would hand its messages on."""
+    """Add one PLC to each link, which delivers its messages as a plant link would."""
 
     def prepare(assembly: Any) -> None:
         for link, each in zip(assembly.links, says, strict=False):
@@ -54,7 +54,7 @@ _DOWN_S, _UP_S = 18.0, 18.5
 
 
 def _edges(down_s: float, up_s: float, ack_id: int = 7) -> Says:
-    """A press of what is shown, and its release; each is repeated for 0.1 s."""
+    """Return a PLC that presses for the shown id and releases, each repeated for 0.1 s."""
     pressed = [0]
 
     def says(now_s: float, latch_id: int) -> list[FromController]:
@@ -67,7 +67,7 @@ def _edges(down_s: float, up_s: float, ack_id: int = 7) -> Says:
 
 
 def _held(now_s: float, latch_id: int) -> list[FromController]:
-    """A press that is repeated for good, with the number that is shown."""
+    """Return a PLC that repeats a press for the shown id for good."""
     return [Acknowledge(latch_id, 7)] if now_s >= _STOPPED[0] else []
 
 
@@ -114,7 +114,7 @@ _BREAKS_S, _MENDS_S = 4.0, 8.0
 
 
 def _chosen(during: Callable[[float], int | None]) -> Says:
-    """Set 2, ten times a second; from the fault's begin to its end what ``during`` says."""
+    """Return a PLC that chooses set 2 at 10 Hz, and ``during(now_s)`` during the fault."""
     due_s = [0.0]
 
     def says(now_s: float, latch_id: int) -> list[FromController]:

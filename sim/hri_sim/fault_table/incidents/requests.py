@@ -1,4 +1,4 @@
-"""Latches, and what acknowledges and requests for muting must not do."""
+"""Latches, and acknowledges and muting requests that must have no effect."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -20,7 +20,7 @@ from hri_sim.fault_table.people import (
 # -- motion that must wait for an acknowledgement: after the start, blindness, and lost people -----
 
 _UNSEEN = stands([0.6, 0.3])
-"""Stands beside the robot from the start; the source does not see this person."""
+"""A person next to the robot from the start, not seen by the source."""
 
 
 def _latched(*causes: str) -> Mapping[str, Any]:
@@ -95,7 +95,7 @@ ACKNOWLEDGES = (
     _by_itself("by program every 4 s", _LOST, period_s=4.0),
     _by_itself("by program every 10 s", _LOST, period_s=10.0),
     _by_itself("of nothing, as protocol version 2 did", _LOST, period_s=0.5, names="nothing"),
-    _by_itself("two old ones in turn", _LOST, period_s=0.5, ids=2, names="first"),
+    _by_itself("two old latch ids in turn", _LOST, period_s=0.5, ids=2, names="first"),
     # While the person is lost, that is the reason. The latch shows as one once it is over.
     _by_itself("a taped button, latched", _LOST, latch=("stop", "lost"), period_s=1.0),
     Incident(
@@ -119,7 +119,7 @@ _MUTABLE = {"robots": [{**DEMO_ROBOT, "modes": {"muting": {"max_s": 2}}}]}
 
 
 def _repeated(name: str, period_s: float, released_s: float) -> Incident:
-    """A request that is released for a moment every ``period_s``, from 2 s on."""
+    """Return a request that is briefly released every ``period_s``, from 2 s on."""
     asked = tuple(
         {"request": "muted", "start_s": 2.0 + k * period_s, "duration_s": period_s - released_s}
         for k in range(round(11.0 / period_s))

@@ -1,4 +1,4 @@
-"""Robots that send false reports, or do not follow their advice; two nodes on one wire."""
+"""Robots that send false reports or do not follow their advice; two nodes on one wire."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,15 +9,15 @@ from hri_sim.fault_table.people import DEMO_ROBOT, FAR, comes, person, stands, w
 
 _COMES = comes(hold_s=4.0)
 _STAYS = person([3.2, 0.2], walk([1.8, 0.2]), wait(4.0))
-"""Stays where the robot is slowed, and need not stop."""
+"""A person who stays at a distance at which the robot slows down but need not stop."""
 
 
 _BY_FILE = {"robots": [{**DEMO_ROBOT, "motion": {"kind": "trajectory", "file": "pick_and_place"}}]}
-"""The demo's robot, taken to follow its file although it does as advised."""
+"""The demo's robot, configured to follow its file although it obeys advice."""
 
 
 def _robot(name: str, says: Reason, lie: Mapping[str, Any] | None = None, **story: Any) -> Incident:
-    """A story of one lie; if it does not say otherwise, of a person who comes."""
+    """Return a story with one lie and, by default, a person who approaches."""
     usual: dict[str, Any] = {"people": (_COMES,), "duration_s": 9.0, "lies": (lie,) if lie else ()}
     return Incident(name=f"robot: {name}", says=(says,), **usual | story)
 
@@ -45,33 +45,33 @@ ROBOT_LIES = (
         **_FAR | {"not_moving": (3.2, 5.5)},
     ),
     _robot(
-        "both controllers repeat a state of its motion",
+        "both controllers repeat one state of its motion",
         _FROZEN,
         {"kind": "freeze", "start_s": 2.5},
         **_FAR | {"not_moving": (2.8, 8.0)},
     ),
     _robot(
-        "both controllers hold its place, with true velocities",
+        "both controllers repeat its position, with true velocities",
         _FROZEN,
         {"kind": "hold", "start_s": 2.5},
         **_FAR | {"not_moving": (2.8, 3.2)},  # then it stands, as it says, until it is released
     ),
     _robot(
-        "both controllers say from one state to the next that it stands",
+        "both controllers suddenly report that it stands",
         _FROZEN,
         {"kind": "stand", "start_s": 3.5},
         modes=ALL_MODES,
         not_moving=(3.7, 9.0),
     ),
     _robot(
-        "one controller says that it has not moved since its start",
+        "one controller reports no motion since the start",
         _CONTRADICT,
         {"kind": "stand"},
         liars=("monitor",),
         not_moving=(2.0, 4.5),
     ),
     _robot(
-        "two controllers put it 0.5 m apart",
+        "two controllers report places 0.5 m apart",
         _CONTRADICT,
         {"kind": "jump", "jump_rad": 0.7},
         liars=("drive",),
@@ -93,7 +93,7 @@ ROBOT_LIES = (
         faults=("blind@3.8+1.5",),
     ),
     Incident(
-        name="robot: is truthful",
+        name="robot: truthful",
         people=(_COMES,),
         duration_s=9.0,
         moving=(3.0, 5.0),
@@ -112,10 +112,10 @@ ROBOT_LIES = (
 # -- two nodes with the same ids on one wire -------------------------------------------------------
 
 _FAR_OFF = stands([5.0, 3.0], 20.0)
-"""Stands far enough away for the robot to move."""
+"""A person who stands far enough away for the robot to move."""
 
 _WALKS_IN = person([5.0, 3.0], wait(3.0), walk([1.3, 0.2]), wait(9.0))
-"""Walks up to the robot while another node on the bus sees an empty room."""
+"""A person who walks up to the robot while another node on the bus sees an empty room."""
 
 SECOND_SENDER = (
     Incident(

@@ -1,4 +1,4 @@
-"""Robots that travel far, and are said to be elsewhere, while a person stands in their way."""
+"""Robots that travel far and are reported at a wrong place, while a person stands in their way."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -38,7 +38,7 @@ _VEHICLE = {
 
 
 def _walks_up(start: list[float], to: list[float], wait_s: float) -> Mapping[str, Any]:
-    """Walks into the robot's path in full view, and stays there."""
+    """A person who walks into the robot's path in full view, and stays there."""
     return person(start, wait(wait_s), walk(to, speed_m_s=1.4), wait(60.0))
 
 
@@ -49,7 +49,7 @@ def _elsewhere(
     person: Mapping[str, Any],
     **story: Any,
 ) -> Incident:
-    """A story of the demo's cell with another robot, which goes along a path of this folder."""
+    """Return a story of the demo's cell with another robot, which follows a path of this folder."""
     usual: dict[str, Any] = {"name": "arm", "motion": {"kind": "state", "stale_s": 0.1}}
     if "base" not in robot:
         usual["room_from_robot"] = {"xyz": [0, 0, 0]}
@@ -64,7 +64,7 @@ def _elsewhere(
 
 
 def _drives(name: str, **story: Any) -> Incident:
-    """A vehicle drives a long way, and a person walks up beside it."""
+    """Return a story in which a vehicle drives a long way, and a person walks up to its path."""
     walker = _walks_up([6.5, -2.5], [2.6, -0.2], 6.0)
     return _elsewhere(name, _LONG_WAY, _VEHICLE, walker, modes=ALL_MODES, **story)
 
@@ -81,7 +81,7 @@ def _reaches_into_its_way(wait_s: float, speed_m_s: float) -> Mapping[str, Any]:
 
 
 def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
-    """Both controllers say that the arm stands where it is, and a person reaches into its path."""
+    """Return a story: both controllers report a still arm, and a person reaches into its path."""
     return _elsewhere(
         f"an arm that swings to another station is frozen at {since_s} s",
         "swings_across.yaml",
@@ -95,7 +95,7 @@ def _frozen_on_its_way(since_s: float, wait_s: float, speed_m_s: float) -> Incid
 
 
 def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> Incident:
-    """The same before it has left its first station: ``still_s`` notices that it never does."""
+    """Return the same story with an arm still at its first station; ``still_s`` detects the lie."""
     return _elsewhere(
         f"an arm that stands at a station is frozen at {since_s} s",
         "swings_across.yaml",
@@ -110,9 +110,9 @@ def _frozen_while_it_stands(since_s: float, wait_s: float, speed_m_s: float) -> 
 
 
 def _waits(name: str, script: Sequence[Mapping[str, Any]], **story: Any) -> Incident:
-    """An arm that reports the truth, and waits for 4 s at a station."""
+    """Return a story of an arm that reports the truth and waits at a station for 4 s."""
     return _elsewhere(
-        f"it is not, an arm waits at a station, {name}",
+        f"not frozen: an arm waits at a station, {name}",
         "swings_and_waits.yaml",
         _DOUBTED,
         person([2.5, -4.5], *script),
@@ -134,7 +134,7 @@ ROBOTS_ELSEWHERE = (
         says=(Reason.ROBOT_STATE_FROZEN,),
     ),
     _drives(
-        "one of two controllers says that the vehicle stands",
+        "one of two controllers reports that the vehicle stands",
         duration_s=16.0,
         lies=({"kind": "stand", "start_s": 3.0},),
         liars=("monitor",),
@@ -142,7 +142,7 @@ ROBOTS_ELSEWHERE = (
         says=(Reason.ROBOT_STATES_CONTRADICT,),
     ),
     _drives(
-        "it is not, a vehicle drives up",
+        "not frozen: a vehicle drives up",
         duration_s=9.0,
         moving=(1.0, 6.0),
         never_says=(Reason.ROBOT_STATE_FROZEN, Reason.ROBOT_STATES_CONTRADICT),

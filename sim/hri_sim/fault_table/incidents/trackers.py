@@ -1,4 +1,4 @@
-"""Trackers that are late, lie, have wrong axes, or hardly measure the speed of people."""
+"""Trackers that are late, lie, have wrong axes, or measure people's speed too coarsely."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from hri_sim.fault_table.people import person, reach, wait, walk
 
 _STANDS_NEAR = person([2.2, 0.2], wait(600.0))
 _LASTS_S = 75.0
-"""Long enough for a rule that accepts 1 ms/s as drift to believe these scenes again."""
+"""Long enough that a rule which accepts 1 ms/s as drift would accept these scenes again."""
 
 
 def _late(name: str, fault: str, since_s: float) -> Incident:
@@ -48,11 +48,11 @@ LATE_SCENES = (
 _WALKS_UP = person([4.6, 0.3], wait(1.0), walk([1.0, 0.1]), wait(9.0))
 _STANDS = person([4.6, 0.3], wait(30.0))
 _LOST_S = 2.3
-"""In the middle of a step."""
+"""A time in the middle of a step."""
 
 
 def _lie(name: str, fault: str, known_s: float) -> Incident:
-    """A story in which the lie must be known ``known_s`` after it began."""
+    """Return a story in which the lie must be detected within ``known_s`` of its start."""
     return Incident(
         name=f"tracker lies: {name}",
         people=(_WALKS_UP,),
@@ -87,7 +87,7 @@ TRACKER_LIES = (
 # -- sources with wrong axes: impossible bodies are never a reason for *clear* ---------------------
 
 _WALKS_BY = person([4.4, -1.6], walk([4.4, 1.6]), wait(2.0), walk([4.4, -1.6]), wait(9.0))
-"""Walks past the cell, far enough for the robot to work: only the axes can be wrong here."""
+"""A person who passes far enough away for the robot to work, so that only wrong axes stop it."""
 _BENDS = person(
     [4.0, 0.5],
     wait(1.0),
@@ -114,7 +114,7 @@ def _wrong(name: str, fault: str, not_clear: tuple[float, float]) -> Incident:
 
 WRONG_AXES = (
     _wrong(
-        "the room's taken for a camera's",
+        "room axes taken for camera axes",
         f"rotate:quaternion_xyzw=[0.5,-0.5,0.5,-0.5],{_ABOUT}",
         (0.5, 8.0),
     ),
@@ -138,13 +138,13 @@ WRONG_AXES = (
 
 
 def _comes(speed_m_s: float, seconds: float = 6.0) -> dict[str, Any]:
-    """Comes straight towards the robot at a speed, and stays a metre before it."""
+    """Return a person who walks straight to the robot at a speed and stops one metre from it."""
     return person([9.0, 0.1], walk([1.2, 0.1], speed_m_s=speed_m_s), wait(seconds))
 
 
 _HIPS_AND_HANDS = "hide@0+20:joints=[waist, torso, l_hip, r_hip, l_wrist, l_hand, r_wrist, r_hand]"
 _SLOW_CAMERA = {"source": {"rate_hz": 8.0}, "people": {"max_gap_s": 0.1, "exits": []}}
-"""Captures too far apart for the node to resample between them; by then the exit is too close."""
+"""Captures too far apart for resampling. Without exits: the person is too near one by then."""
 
 FAST_PEOPLE = (
     Incident(

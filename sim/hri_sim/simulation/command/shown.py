@@ -1,4 +1,4 @@
-"""Results of ``simulate`` on the screen, in its three forms."""
+"""Output of ``simulate``, for its three kinds of simulation."""
 
 import sys
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from hri_sim.simulation.request import (
 
 
 def occluded(request: OcclusionRequest, *, as_json: bool) -> int:
-    """Play the episodes and print a table; 1 if a moving robot touched a person."""
+    """Play the episodes and print a table; return 1 if a moving robot touched a person."""
     from hri_sim.simulation.occluded import simulate as play
 
     with counting("episodes") as progress:
@@ -67,7 +67,7 @@ def _table(request: OcclusionRequest, found: Sequence[dict[str, Any]]) -> Table:
 
 
 def distances(request: DistanceRequest, *, as_json: bool) -> int:
-    """Measure how near people may work while the robot runs, in all cases; print a table."""
+    """Measure all cases of the working distance; print a table."""
     from hri_sim.simulation.distance import run as measured
 
     with counting("people") as progress:

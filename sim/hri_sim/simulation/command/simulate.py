@@ -43,7 +43,7 @@ def simulate(
     config: Annotated[
         Path | None,
         typer.Argument(
-            help="Configuration with a source of kind: approach; with --distance, any cell.",
+            help="Configuration whose source has kind: approach; with --distance, any cell.",
             show_default="simulate.yaml; with --distance, working_distance.yaml",
         ),
     ] = None,
@@ -59,8 +59,8 @@ def simulate(
     mode: Annotated[
         list[str] | None,
         typer.Option(
-            help="Risk mode; default: the configuration's. 'foreknown' is mode predictive with the "
-            "true future, which no forecast can beat. Repeatable."
+            help="Risk mode; default: the configuration's. 'foreknown' is mode predictive with "
+            "the true future, an upper bound for any forecast. Repeatable."
         ),
     ] = None,
     coverage: Annotated[
@@ -78,7 +78,7 @@ def simulate(
         ),
     ] = None,
     people: Annotated[
-        int | None, typer.Option(min=1, max=4, help="People at once.", show_default="1")
+        int | None, typer.Option(min=1, max=4, help="Number of people at once.", show_default="1")
     ] = None,
     data: Annotated[
         list[Path] | None,
@@ -95,8 +95,8 @@ def simulate(
     tracker: Annotated[
         list[str] | None,
         typer.Option(
-            help="See people as this tracker delivers them: a joint map's name (coco17) or file, "
-            f"or {', '.join(own_sights())}; repeatable with --distance.",
+            help="Tracker whose joints are delivered: a joint map's name (coco17) or file, or "
+            f"{', '.join(own_sights())}; repeatable with --distance.",
         ),
     ] = None,
     noise: Annotated[
@@ -104,7 +104,7 @@ def simulate(
         typer.Option(
             min=0,
             max=0.2,
-            help="Noise on each coordinate that is seen: standard deviation, m. With --distance, "
+            help="Noise on each observed coordinate: standard deviation, m. With --distance, "
             "repeatable.",
         ),
     ] = None,
@@ -118,14 +118,14 @@ def simulate(
     ] = None,
     cluster: ClusterOption = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for tables, plots and what --resume needs.")
+        Path | None, typer.Option(help="Folder for tables, plots and the data for --resume.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run in --out.")] = False,
     occlude: Annotated[
         bool,
         typer.Option(
             "--occlude",
-            help="People lost by cameras behind boxes and each other, with new ids when they are "
+            help="Simulate people who get lost behind boxes and other people, with new ids when "
             "found again; through the whole node.",
         ),
     ] = False,
@@ -143,7 +143,7 @@ def simulate(
         typer.Option(
             min=0,
             max=4,
-            help="With --occlude: cameras; 0: nothing is hidden.",
+            help="With --occlude: number of cameras; 0: nothing is hidden.",
             show_default="1",
         ),
     ] = None,
@@ -155,8 +155,8 @@ def simulate(
         typer.Option(
             min=0,
             max=1_000_000_000,
-            help="With --occlude: number of the first episode, to play a long run in parts or one "
-            "episode again.",
+            help="With --occlude: number of the first episode, to split a long run or to repeat "
+            "one episode.",
             show_default="0",
         ),
     ] = None,
@@ -164,8 +164,8 @@ def simulate(
         bool,
         typer.Option(
             "--distance",
-            help="How near people may work while the robot runs, by what they do and what the "
-            "tracker sees of them.",
+            help="Measure the minimum distance at which people may work while the robot runs, "
+            "by activity and tracker.",
         ),
     ] = False,
     error: Annotated[
@@ -173,16 +173,16 @@ def simulate(
         typer.Option(
             min=0,
             max=3,
-            help="With --distance: error of each person's place that the tracker states, as a "
-            "camera does, m.",
+            help="With --distance: position error of each person, as stated by the tracker, m.",
             show_default="0",
         ),
     ] = None,
     activity: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"With --distance: what the person does ({', '.join(ACTIVITIES)}), each recording "
-            f"of a set of the data pack ({', '.join(SETS)}), or one of your own. Repeatable.",
+            help=f"With --distance: activity of the person ({', '.join(ACTIVITIES)}), each "
+            f"recording of a set of the data pack ({', '.join(SETS)}), or one of your own. "
+            "Repeatable.",
             show_default="window tools talking",
         ),
     ] = None,
@@ -197,18 +197,18 @@ def simulate(
         typer.Option(
             min=4,
             max=600,
-            help="With --distance: time for which each person is watched; the first 2.5 s do not "
-            "count.",
+            help="With --distance: time to measure each person, s; the first 2.5 s do not count.",
             show_default="8",
         ),
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Simulate people who approach a robot that follows the advice, and count what happens.
+    """Simulate people who approach a robot that follows the advice, and count contacts and stops.
 
     Example: hri-predict simulate --mode predictive --mode iso --episodes 200 --out runs/closed_loop
 
-    With --distance, measure instead how near a person may work while the robot runs.
+    With --distance, measure instead the minimum distance at which a person may work while the robot
+    runs.
 
     Example: hri-predict simulate --distance --activity window --tracker full --tracker coco17
 
@@ -298,7 +298,7 @@ def simulate(
     if out is not None:
         need_plots()
     if resume and out is None:
-        raise ConfigError("--resume: needs the folder of the run; give --out as well")
+        raise ConfigError("--resume: needs the folder of the run; add --out")
     request = SimulationRequest(
         config=configuration.find(config),
         predictors=_predictors(predictor or []),
@@ -339,7 +339,7 @@ def _each_once(flag: str, names: list[str] | None) -> tuple[str, ...]:
 
 
 def _predictors(texts: list[str]) -> tuple[str, ...]:
-    """``NAME`` or ``NAME=WEIGHTS`` by its whole path, so that every process finds the file."""
+    """Return ``NAME`` or ``NAME=WEIGHTS``, with the absolute path for other processes."""
     asked = asked_predictors(texts)
     return tuple(a.name if a.weights is None else f"{a.name}={a.weights.absolute()}" for a in asked)
 
@@ -359,7 +359,7 @@ def _shipped_weights(predictor: str | None) -> str | None:
 
 
 def _motions(data: list[Path], split: str | None) -> tuple[str, ...]:
-    """Names of all motions, each once."""
+    """Return the names of all motions, each once."""
     if split is not None:
         one_of("--split", split, USES)
     recorded = [entry for entry in data if str(entry) != _PROCEDURAL]

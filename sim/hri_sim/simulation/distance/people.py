@@ -1,4 +1,4 @@
-"""The people of a measured distance: what they do, and what their tracker sees of them."""
+"""People for the working distance: their activities, and the joints that their tracker sees."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,7 +16,7 @@ from hri_predict.run.working_distance.measure import WARM_S
 from hri_sim.simulation.motion import PROCEDURAL, load_motion
 
 SHORTEST_S = WARM_S + 0.5
-"""Length of a recording, at least."""
+"""Minimum length of a recording, seconds."""
 _RATE_HZ = 30.0
 
 
@@ -25,11 +25,10 @@ class Activity:
     """An activity of a person.
 
     Attributes:
-        name: for ``--activity`` and tables.
-        text: in words.
+        name: for ``--activity`` and tables. text: description.
         motion: a recording below the data pack's root, or a script; see ``load_motion``.
-        absent: parts of the body that are never there.
-        of_set: the set that was asked for; "": it was asked for by itself.
+        absent: body parts that are never present. of_set: the requested set; "": requested
+            individually.
     """
 
     name: str
@@ -57,12 +56,12 @@ ACTIVITIES = {
         ),
         Activity(
             name="beside",
-            text="picks and places beside a robot",
+            text="picks and places next to a robot",
             motion="motion/beside_robot/PickPlaceCloseHuman_3",
         ),
         Activity(name="passing", text="walks past", motion=f"{PROCEDURAL}:passing"),
         Activity(name="talking", text="stands and talks", motion=f"{PROCEDURAL}:talking"),
-        Activity(name="reaching", text="reaches in now and then", motion=f"{PROCEDURAL}:reaching"),
+        Activity(name="reaching", text="reaches in occasionally", motion=f"{PROCEDURAL}:reaching"),
     )
 }
 
@@ -82,9 +81,8 @@ class Sight:
 
     Attributes:
         name: for ``--tracker`` and tables.
-        tracker: joint map, whose joints it delivers; ``None``: all joints.
-        lacks: canonical joints that it never delivers.
-        hidden: canonical joints that it knows and does not see here.
+        tracker: joint map with the delivered joints; ``None``: all joints. lacks: canonical joints
+            that are never delivered. hidden: canonical joints that it knows but does not see here.
     """
 
     name: str
@@ -117,20 +115,20 @@ SIGHTS = {
         Sight(name="marker_clusters9", tracker="marker_clusters9"),
     )
 }
-"""Whole body and the trackers that are measured; *hidden* joints are known to the tracker."""
+"""The whole body, and the measured trackers; *hidden* joints are known to the tracker."""
 assert all(joint in JOINTS for each in SIGHTS.values() for joint in (*each.lacks, *each.hidden))
 
 
 def own_sights() -> list[str]:
-    """Names of sights that are not the name of a joint map."""
+    """Return the names of sights that are not joint maps."""
     return [name for name, sight in SIGHTS.items() if sight.tracker is None]
 
 
 def sights(names: Sequence[str]) -> list[Sight]:
-    """The sights of ``--tracker``: a name of ``SIGHTS``, or any joint map's name or file.
+    """Return the sights for ``--tracker``: a name in ``SIGHTS``, or any joint map's name or file.
 
     Raises:
-        ConfigError: there is none of that name.
+        ConfigError: unknown name.
     """
     found = []
     for name in names:
@@ -151,12 +149,12 @@ def sights(names: Sequence[str]) -> list[Sight]:
 
 
 def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity], list[str]]:
-    """The activities, with their recordings' paths; and a line about those that are left out.
+    """Return the activities with the paths of their recordings, and a line about omitted ones.
 
     Args:
-        names: of ``ACTIVITIES``; of ``SETS``, for each recording of the set that is long enough; or
-            recordings of the user's.
-        data: the data pack; ``None``: there is none, and recorded activities are left out.
+        names: names in ``ACTIVITIES``; names in ``SETS``, for each recording of the set that is
+            long enough; or recordings of the user. data: the data pack; ``None``: without it,
+            recorded activities are left out.
 
     Raises:
         ConfigError: an activity is unknown, or none is left; a recording is too short.
@@ -211,7 +209,7 @@ def _in_pack(data: Path, name: str) -> Path:
 
 
 def _of_pack(name: str, path: Path) -> tuple[list[Activity], int]:
-    """An activity, or each recording of a set by name; and how many of them cannot be used."""
+    """Return an activity, or each recording of a set; and the number of unusable recordings."""
     if name in ACTIVITIES:
         return [replace(ACTIVITIES[name], motion=str(path))], 0
     absent = ACTIVITIES["seated"].absent if name == "arms" else ()
@@ -232,10 +230,10 @@ def _of_pack(name: str, path: Path) -> tuple[list[Activity], int]:
 
 
 def pack(data: Path | None) -> Path | None:
-    """The data pack's folder: as given, or next to the project if it is there.
+    """Return the data pack's folder: as given, or next to the project if it exists there.
 
     Raises:
-        ConfigError: the folder that the user names is not the data pack.
+        ConfigError: the given folder is not the data pack.
     """
     folder = data or Path("../shared/data")
     if is_pack(folder):

@@ -1,4 +1,4 @@
-"""Plots of a measured distance: permitted speed over distance."""
+"""Plots of the working distance: permitted speed over distance."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +26,7 @@ def write_plots(found: Found, terms: tuple[Case, Waterfall], out: Path) -> list[
 
 
 def falling(case: Case, found: Waterfall) -> Figure:
-    """The working distance, and what each term costs of it."""
+    """Plot the working distance, and the contribution of each term."""
     assert found.total_m is not None
     terms = [term for term in TERMS if found.costs_m[term.key]]
     names = ["working distance", *(term.text for term in terms), REST]
@@ -50,12 +50,12 @@ def falling(case: Case, found: Waterfall) -> Figure:
     panel.grid(axis="x", alpha=0.3)
     panel.set_axisbelow(True)
     seen = f"{case.activity.text}, {case.sight.name}, {case.modes[0]}"
-    figure.suptitle(f"What the working distance is made of: {seen}", fontsize=10)
+    figure.suptitle(f"Contributions to the working distance: {seen}", fontsize=10)
     return figure
 
 
 def speeds(found: Found) -> Figure:
-    """One panel for each person, one line for each mode and sight: the speed held 90 % of time."""
+    """Plot one panel per person, one line per mode and sight: the speed held 90 % of the time."""
     least_m = min(case.noise_m for case, _ in found)
     shown = [(case, result) for case, result in found if case.noise_m == least_m]
     people = list(dict.fromkeys(case.activity.text for case, _ in shown))
@@ -79,5 +79,5 @@ def speeds(found: Found) -> Figure:
         panel.grid(alpha=0.3)
         panel.legend(fontsize=7, ncols=2)
     panels[-1].set_xlabel("distance of the person's mean place from the robot's base, m")
-    figure.suptitle("Speed that is permitted for 90 % of the time", fontsize=11)
+    figure.suptitle("Speed permitted for 90 % of the time", fontsize=11)
     return figure

@@ -1,4 +1,4 @@
-"""Runs all cases of a measured distance, and makes a table, notes, JSON and plots of them."""
+"""Runs all cases of the working distance, and creates a table, notes, JSON and plots."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -34,14 +34,14 @@ NOISES_M = (0.0, 0.02)
 MODES = ("predictive", "iso", FOREKNOWN)
 SECONDS = 8.0
 Found = tuple[Case, dict[str, Any]]
-"""A case and, by mode, what ``measure`` found."""
+"""A case and the results of ``measure`` by mode."""
 
 
 def run(request: DistanceRequest, progress: Callable[[int, int], None]) -> SimulationReport:
     """Measure all cases.
 
     Raises:
-        HriPredictError: it cannot start; one line with the remedy.
+        HriPredictError: the measurement cannot start; one line with the remedy.
     """
     people, notes = activities(request.activities or ACTIVITIES, pack(request.data))
     plan = DistancePlan(
@@ -75,10 +75,10 @@ def _call(function: Callable[[DistancePlan, Case], Any], plan: DistancePlan, cas
 def _cases(
     request: DistanceRequest, people: Sequence[Activity], seen: Sequence[Sight]
 ) -> list[Case]:
-    """All cases: each person once with the same joints, and once with the true future.
+    """Return all cases: each person once with the same joints, and once with the true future.
 
     Raises:
-        ConfigError: no tracker sees anything of the people.
+        ConfigError: no tracker delivers a joint of these people.
     """
     modes, cases = request.modes or MODES, []
     noises_m = request.noises_m or NOISES_M
@@ -97,7 +97,7 @@ def _cases(
             cases.append(case)
             own = tuple(mode for mode in modes if mode != FOREKNOWN)
     if not cases:
-        raise ConfigError("--tracker: sees no joint of these people; name another")
+        raise ConfigError("--tracker: delivers no joint of these people; name another")
     return [case for case in cases if case.modes]
 
 
@@ -115,7 +115,7 @@ def _report(
         f"Distance, m, from the base of robot {robot.name} to the person's mean place at which it "
         f"may run at {FAST * robot.max_speed_m_s:.2g} m/s or more for {HELD:.0%} of the time, from "
         f"{WARM_S:g} to {plan.seconds:g} s; each person is only moved and turned over the floor.",
-        "A tracker of which a recording has no more joints than of one above it is left out.",
+        "A tracker is left out if a recording has no more of its joints than of a tracker above.",
         *notes,
     ]
     if plan.error_m:
@@ -163,7 +163,7 @@ def _table(found: Sequence[Found], modes: Sequence[str], own: str) -> Table:
 
 
 def _sets_table(found: Sequence[Found]) -> list[Table]:
-    """The first two modes over each set that was asked for; nothing without sets or two modes."""
+    """Compare the first two modes over each requested set; empty without sets or two modes."""
     by_set: dict[str, list[tuple[float, float, str]]] = {}
     modes = list(found[0][1])[:2]
     for case, result in found:
@@ -198,11 +198,11 @@ def _plain(case: Case, result: dict[str, Any], own: str) -> dict[str, Any]:
 
 
 def _terms_table(case: Case, found: Waterfall) -> list[Table]:
-    """The cost of each term; nothing where the distance is too large to be measured."""
+    """Return the contribution of each term; empty if the distance is too large to measure."""
     if found.total_m is None:
         return []
     title = (
-        f"What the distance is made of: {case.activity.text}, {case.sight.name}, {case.modes[0]}"
+        f"Contributions to the distance: {case.activity.text}, {case.sight.name}, {case.modes[0]}"
     )
     rows = [(term.text, f"{100 * found.costs_m[term.key]:.0f}") for term in TERMS]
     rows += [(REST, f"{100 * found.rest_m:.0f}"), ("sum", f"{100 * found.total_m:.0f}")]

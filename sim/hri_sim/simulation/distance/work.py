@@ -1,4 +1,4 @@
-"""Cases of a measured distance: one person, one sight, one predictor, all modes."""
+"""Cases of the working distance: one person, one sight, one predictor, all modes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -35,13 +35,13 @@ from hri_sim.simulation.motion import load_motion
 from hri_sim.simulation.work import with_predictor
 
 RATE_HZ = 30.0
-"""Captures per second, where the cell's source does not say."""
+"""Captures per second, if the cell's source has no rate."""
 LEAST_NOISE_M = 0.004
-"""Minimum noise of people: without any, a body that sways as one is taken for an invention."""
+"""Minimum noise of people; without it, a rigidly swaying body is judged to be invented."""
 SPACING_M = 0.25
-"""Between the distances of a curve that is drawn."""
+"""Step between the distances of a plotted curve."""
 DRAWN = np.arange(-4, 4)
-"""Points of a curve about a working distance, in such steps."""
+"""Points of a curve around a working distance, in these steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,9 +51,8 @@ class DistancePlan:
     Attributes:
         config: path of the configuration.
         robot: name of the robot; ``None``: the first that moves.
-        seconds: how long each person is watched.
-        error_m: error of each person's place that the tracker states.
-        drawn_noise_m: noise of the cases of which curves are drawn; ``None``: none are.
+        seconds: time to measure each person. error_m: position error of each person, as stated by
+            the tracker. drawn_noise_m: noise of the cases whose curves are plotted; ``None``: none.
     """
 
     config: str
@@ -68,9 +67,9 @@ class Case:
     """One person as one tracker sees them, under one predictor, in some modes.
 
     Attributes:
-        activity, sight: what the person does, and what is seen of it.
+        activity, sight: the person's activity, and the joints that are seen.
         noise_m: white noise on each coordinate, standard deviation.
-        predictor: its name; ``None``: the cell's own.
+        predictor: name; ``None``: the cell's own.
         modes: see ``cell.variants``.
     """
 
@@ -82,7 +81,7 @@ class Case:
 
 
 def joints_seen(case: Case) -> tuple[bool, ...]:
-    """(2 J) which canonical joints the tracker can deliver of this person, and which it sees."""
+    """Return (2 J): the canonical joints that the tracker can deliver, and those that it sees."""
     motion = load_motion(case.activity.motion, RATE_HZ)
     able = map_of([motion], case.sight.tracker, None, case.sight.lacks).mapped
     hidden = np.isin(JOINTS, list(case.sight.hidden))
@@ -90,7 +89,7 @@ def joints_seen(case: Case) -> tuple[bool, ...]:
 
 
 def cell_of(plan: DistancePlan, predictor: str | None) -> Config:
-    """The cell with one of the predictors, and nothing in it that is not about distance."""
+    """Return the cell with one of the predictors, without parts that do not affect distance."""
     config = configuration.load(Path(plan.config))
     if predictor is not None and predictor != config.predictor.name:
         config = with_predictor(config, predictor)
@@ -98,7 +97,7 @@ def cell_of(plan: DistancePlan, predictor: str | None) -> Config:
 
 
 def measure(plan: DistancePlan, case: Case) -> dict[str, Any]:
-    """The working distance in each mode, and the speeds that were found on the way; plain data."""
+    """Return the working distance in each mode and the measured speeds, as plain data."""
     person = PlacedPerson(plan, case)
     result: dict[str, Any] = {}
     for mode in case.modes:
@@ -119,12 +118,12 @@ def measure(plan: DistancePlan, case: Case) -> dict[str, Any]:
 
 
 def measure_terms(plan: DistancePlan, case: Case) -> Waterfall:
-    """The cost of each term in the case's first mode."""
+    """Return the contribution of each term in the case's first mode."""
     return PlacedPerson(plan, case).waterfall(case.modes[0])
 
 
 class PlacedPerson:
-    """One case, ready to be measured in any mode."""
+    """A case, ready to be measured in any mode."""
 
     def __init__(self, plan: DistancePlan, case: Case) -> None:
         self._plan, self._case = plan, case
@@ -136,7 +135,7 @@ class PlacedPerson:
         self._seen: dict[bool, Seen] = {}
 
     def measure(self, mode: str) -> Measure:
-        """The measure in one mode."""
+        """Return the measure in one mode."""
         true = mode == FOREKNOWN
         (variant,) = variants(self.config, [mode], ())
         situation = self.situation(with_risk(self.config, variant), whole=true)
@@ -148,11 +147,11 @@ class PlacedPerson:
         return Measure(situation, seen, zones=zones, robots=robots, middle=self.middle)
 
     def waterfall(self, mode: str, step: float = 0.01) -> Waterfall:
-        """The cost of each term in one mode."""
+        """Return the contribution of each term in one mode."""
         (variant,) = variants(self.config, [mode], ())
 
         def watched(whole: bool, fresh: bool) -> tuple[Situation, Seen]:
-            """The cell and the person, in full or fresh if asked for."""
+            """Return the cell and the person, whole or fresh if requested."""
             config = with_risk(self.config, variant)
             settings = self._settings
             if whole:
@@ -169,12 +168,12 @@ class PlacedPerson:
         return waterfall(watched, self.middle, step=step)
 
     def situation(self, config: Config, *, whole: bool) -> Situation:
-        """The cell with this person's source; ``whole``: all joints, and no noise."""
+        """Return the cell with this person's source; ``whole``: all joints, without noise."""
         source = ApproachSource(exact(self._settings) if whole else self._settings)
         return Situation.of(config, source, self._predictor, self._robot)
 
     def seen(self, *, whole: bool) -> Seen:
-        """The person, tick by tick."""
+        """Return the person, tick by tick."""
         if whole not in self._seen:
             settings = exact(self._settings) if whole else self._settings
             source = ApproachSource(settings)
@@ -183,7 +182,7 @@ class PlacedPerson:
 
     @property
     def middle(self) -> Floats:
-        """(2,) the person's mean place over the whole motion, seen or not."""
+        """Return (2,), the person's mean position over the whole motion, seen or not."""
         motion = load_motion(self._case.activity.motion, self._settings.rate_hz)
         place: Floats = np.nanmean(np.nanmean(motion.positions[..., :2], axis=1), axis=0)
         return place
@@ -200,7 +199,7 @@ def _predictor(plan: DistancePlan, predictor: str | None) -> Predictor:
 
 
 def _with_person(config: Config, case: Case, error_m: float) -> Config:
-    """The cell whose source shows this person, at the origin of the room."""
+    """Return the cell whose source shows this person at the origin of the room."""
     kept = SourceSettings.model_fields.keys() - {"kind", "room_from_source", "faults"}
     source = config.source.model_dump(include=set(kept)) | {
         "kind": "approach",

@@ -1,6 +1,5 @@
-"""The outcome of an episode: the numbers of one approach, which the tables sum by recording.
-
-Only the time with a person in the room counts; the time before is the robot's start.
+"""The outcome of an episode: the numbers of one approach, which the tables sum by recording. Only
+the time with a person in the room counts; before that, the robot starts up.
 """
 
 from collections.abc import Sequence
@@ -22,9 +21,9 @@ from hri_sim.simulation.harm import Touches
 from hri_sim.simulation.scenario import Scenario
 
 HORIZON_S = 1.0
-"""Time ahead for judging a stop and predicting a touch (CHICO's second)."""
+"""Horizon for judging a stop and predicting a touch (one second, as in CHICO)."""
 NEAR_M = 0.25
-"""A stop was right if a person would have come this near to a robot that continued."""
+"""A stop was justified if a person would have come this near to a robot that continued."""
 JUDGED_EVERY = 5  # ticks between two judged predictions of a touch
 _ADVISED = ("stop", "unknown", "fault")  # causes of a stop that are advice, not the wire
 
@@ -35,17 +34,16 @@ class Outcome(Tally, Touches):
 
     Attributes:
         index, motion: the scenario's number, and the first person's motion.
-        seconds: time with a person there.
-        stops: protective stops, that is, stops on advice.
-        wire_stops: stops because the wire lost too much.
+        seconds: time with a person in the room.
+        stops: protective stops, caused by advice. wire_stops: stops caused by losses on the wire.
         judged_stops, judged_s: stops followed by a whole recorded horizon, and the time in which a
             stop could be judged.
-        false_stops: judged stops without need: all people would have stayed beyond ``NEAR_M`` of
-            a robot that continued.
+        false_stops: unnecessary judged stops: all people would have stayed farther than ``NEAR_M``
+            from a robot that continued.
         touches: 1 if the unprotected robot would have been touched.
         missed: 1 if, in addition, the advice was *clear* or *warn* until the touch.
         lead_s: if not missed, the time from the first stricter advice to the touch.
-        cycles, cycles_empty: work done, and the work of an empty cell in the same time.
+        cycles, cycles_empty: work done, and work of an empty cell in the same time.
     """
 
     index: int
@@ -65,7 +63,7 @@ class Outcome(Tally, Touches):
 
 @dataclass
 class Truth:
-    """One approach without protection, the same for every variant.
+    """One approach without protection, identical for every variant.
 
     Attributes:
         bodies, counts: (K, B) capsules of all people at each tick, and which of them count.
@@ -118,7 +116,7 @@ class Truth:
 
 
 def outcome(*, cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Truth) -> Outcome:
-    """Return the outcome of an episode; ``alone`` is the same approach without protection."""
+    """Return the outcome of an episode; ``alone``: the same approach without protection."""
     times = np.array(log.times_s)
     start = first_tick(log)
     found = Outcome(
@@ -147,7 +145,7 @@ def outcome(*, cell: Cell, scenario: Scenario, log: Log, alone: Log, truth: Trut
 
 
 def first_tick(log: Log) -> int:
-    """Return the first tick at which a person is there."""
+    """Return the first tick with a person in the room."""
     return next(k for k, people in enumerate(log.people) if people)
 
 
@@ -189,7 +187,7 @@ def _count_stops(
 
 @dataclass(kw_only=True)
 class Prediction:
-    """Number of instants by predicted and true touch within the next second (as in CHICO)."""
+    """Numbers of instants by predicted and true touch within the next second (as in CHICO)."""
 
     index: int
     motion: str
@@ -202,9 +200,10 @@ class Prediction:
 def prediction(
     *, cell: Cell, scenario: Scenario, alone: Log, truth: Truth, bodies: MotionTicks
 ) -> Prediction:
-    """Compare predicted touches of bodies (not zones) and planned robot with the true ones.
+    """Compare predicted touches between bodies (not zones) and the planned robot with the true
+    ones.
 
-    The robot continues along its path at full speed, in the prediction and in truth.
+    Both assume that the robot continues along its path at full speed.
     """
     found = Prediction(index=scenario.index, motion=scenario.motions[0])
     rate_hz = cell.predictor.rate_hz

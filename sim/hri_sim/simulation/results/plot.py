@@ -1,4 +1,4 @@
-"""Plots of a simulation as PNG files: every measure as bars, and productivity against risk."""
+"""Plots of a simulation as PNG files: every measure as bars, and productivity over risk."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ def write_plots(results: Sequence[Judged], out: Path) -> list[Path]:
 
 
 def bars(results: Sequence[Judged]) -> Figure:
-    """One panel for each measure, one bar for each predictor and mode, with 95 % intervals."""
+    """Plot one panel per measure, one bar per predictor and mode, with 95 % intervals."""
     names = [_name(r, results) for r in results]
     figure = Figure(figsize=(13, 1.8 + 3 * (0.8 + 0.3 * len(results))), layout="constrained")
     panels = figure.subplots(3, 3, sharey=True)
@@ -42,7 +42,7 @@ def bars(results: Sequence[Judged]) -> Figure:
 
 
 def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> float:
-    """Draw one bar; return how far it reaches with its interval."""
+    """Draw one bar; return its extent including the interval."""
     estimate = result.estimates[metric.key]
     if estimate.value is None or estimate.low is None or estimate.high is None:
         panel.text(0, k, " –", va="center")
@@ -55,7 +55,7 @@ def _bar(panel: Any, k: int, result: Judged, metric: Metric) -> float:
 
 
 def risk(results: Sequence[Judged]) -> Figure:
-    """Productivity against how near a moving robot came: up and to the right is better."""
+    """Plot productivity over the nearest distance of a moving robot: up and right is better."""
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     panel = figure.subplots()
     for k, result in enumerate(results):
@@ -94,6 +94,6 @@ def _said(result: Judged, results: Sequence[Judged]) -> str:
 
 
 def _name(result: Judged, results: Sequence[Judged]) -> str:
-    """Return the variant's name, with the predictor's if there are several."""
+    """Return the variant's name, preceded by the predictor's if there are several."""
     several = len({r.predictor for r in results}) > 1
     return f"{result.predictor}, {result.variant}" if several else result.variant

@@ -22,7 +22,7 @@ from hri_sim.simulation.results.statistics import Estimate
 from hri_sim.simulation.whole_node import TOLERANCE_M, TOLERANCE_S
 
 NAMED = 3
-"""The notes name up to this many recordings, otherwise their number."""
+"""Maximum number of recordings named in the notes; beyond it, only their number is given."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +34,8 @@ class Result:
         alone: the same approaches without protection.
         predictions: predictor -> its predictions of a touch.
         checks: number of episodes repeated through the whole node.
-        disagreements: one line for each of them with another result.
-        asked: everything that decides the results, by name.
+        disagreements: one line for each of them whose result differs.
+        asked: everything that determines the results, by name.
         left_out: one line for each recording that could not be played.
         bases: basis of each predictor's zones.
     """
@@ -51,7 +51,7 @@ class Result:
 
 
 def report(result: Result, out: Path | None) -> SimulationReport:
-    """Tables and notes; with a folder, files and plots in it as well.
+    """Return tables and notes; with a folder, also write files and plots.
 
     Raises:
         ConfigError: the folder cannot be written.
@@ -87,7 +87,7 @@ def report(result: Result, out: Path | None) -> SimulationReport:
 
 
 def asked_for(asked: Mapping[str, Any]) -> str:
-    """Return one sentence on what decides the results; many recordings are only counted."""
+    """Return one sentence on the settings of the results; many recordings are only counted."""
     names, folders = asked["recordings"], asked["folders"]
     recordings = f"recordings {', '.join(names)}"
     if len(names) > NAMED:
@@ -112,7 +112,7 @@ def _data(result: Result, said: Sequence[str]) -> dict[str, Any]:
 
 
 def plain(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
-    """Return values and intervals as plain data, not scaled."""
+    """Return values and intervals as plain, unscaled data."""
     return {key: asdict(estimate) for key, estimate in estimates.items()}
 
 

@@ -12,13 +12,12 @@ from hri_sim.simulation.results.outcome import HORIZON_S, NEAR_M
 from hri_sim.simulation.results.statistics import Estimate, ratio
 
 Row = Mapping[str, Any]
-"""An ``Outcome`` or a ``Prediction`` as plain data."""
+"""Return an ``Outcome`` or a ``Prediction`` as plain data."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Metric:
-    """A column: its key, title with unit, digits, and factor from the ratio to the shown value.
-
+    """A column: key, title with unit, digits, and factor from the ratio to the shown value.
     ``better``: "less", "more", or "" if the value does not rate a mode.
     """
 
@@ -76,7 +75,7 @@ class Judged:
         outcomes: the outcomes of all approaches.
         estimates: metric's key -> ratio with interval.
         totals: sums and extremes for the record.
-        by_recording: recording -> sums of its approaches.
+        by_recording: recording -> sums over its approaches.
     """
 
     predictor: str
@@ -134,7 +133,7 @@ def judged(predictor: str, variant: str, rows: Sequence[Row]) -> Judged:
 
 
 def _highest(speeds: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """The highest speed by body part."""
+    """Return the maximum speed by body part."""
     found: dict[str, float] = {}
     for each in speeds:
         for name, speed in each.items():
@@ -237,7 +236,7 @@ def tables(
 
 
 def touched(result: Judged) -> str:
-    """Return what the moving robot touched, and how fast, part by part; "" if no person."""
+    """Return the body parts that the moving robot touched, with speeds; "" without touches."""
     totals = result.totals
     parts = [
         f"{part} {speed:.2f} m/s (relative {totals['touch_relative_m_s'][part]:.2f}; bears "
@@ -255,7 +254,7 @@ def touched(result: Judged) -> str:
 
 
 def recordings_table(results: Sequence[Judged]) -> Table:
-    """Return each recording's productivity, the longest first: they decide the rates."""
+    """Return each recording's productivity, longest recording first, because it weighs most."""
     first = results[0].by_recording
     longest_first = sorted(first, key=lambda name: -first[name]["seconds"])
     variants = [f"{r.predictor} {r.variant}" for r in results]
@@ -300,7 +299,7 @@ def notes(results: Sequence[Judged]) -> list[str]:
         "greatest shortfall.",
         "Nearest while moving: the smallest distance between a body and the moving robot, mean "
         "over the approaches.",
-        "A false stop: if the robot had gone on at full speed along its plan, no person would "
+        "A false stop: if the robot had continued at full speed along its plan, no person would "
         f"have come within {NEAR_M:g} m in {HORIZON_S:g} s. The last {HORIZON_S:g} s of each "
         "approach do not count in the columns of stops, because the recording ends too soon to "
         "judge them.",
@@ -316,13 +315,13 @@ def notes(results: Sequence[Judged]) -> list[str]:
     if any(r.variant == "hybrid" for r in results):
         said.append(
             "Mode hybrid permits contact. Recorded people do not react to a touch: they walk on "
-            "through the robot, so that touches go deeper and reach other parts than in truth."
+            "through the robot, so touches go deeper and reach other parts than in reality."
         )
     if any(r.variant == FOREKNOWN for r in results):
         said.append(
-            "foreknown: the predictive mode with the true future instead of a forecast, and zones "
-            "as narrow as the bodies. No real node can do this: it is the best that any forecast "
-            "can reach."
+            "foreknown: the predictive mode with the true future instead of a forecast, and "
+            "zones as narrow as the bodies. No real node can do this; it is an upper bound for "
+            "any forecast."
         )
     if recordings < 2:
         said.append("With one recording there is no interval: all resamples are the same.")
