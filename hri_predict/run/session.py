@@ -319,9 +319,7 @@ class _Session:
         return result
 
     def counters(self) -> dict[str, int]:
-        """Return the counters besides the node's: forecasts, and items lost before being written to
-        disk.
-        """
+        """Return the counters besides the node's: forecasts, and items not written to disk."""
         counted = dict(self.prediction.counters) if self.prediction is not None else {}
         counted |= {"alerts_dropped": self.alerts.dropped, "alert_failures": self.alerts.failures}
         counted |= self.serving.lost
