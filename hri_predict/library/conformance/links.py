@@ -116,9 +116,7 @@ def never_blocks_in_post(part: LinkPart) -> str:
 
 
 def sends_the_newest(part: LinkPart) -> str:
-    """Of the messages waiting for the wire, the newest is sent once: for each robot its own
-    Advice.
-    """
+    """The newest message waiting for the wire is sent once: for each robot its own Advice."""
     link, wire = part.make()
     wire.lost = True
     for cycle in range(10):
