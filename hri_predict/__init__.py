@@ -1,12 +1,11 @@
-"""hri-predict: where will the people near this robot be, and what should it do about it.
+"""hri-predict: forecasts the motion of people near a robot, and advises the robot.
 
-The way of a frame: source -> people -> predictor -> risk -> publisher -> links. Each stage is a
-room (a folder) of this package and knows only the next one's contract.
+The path of a frame: source -> people -> predictor -> risk -> publisher -> links. Each stage is a
+subpackage that depends only on the contract of the next stage.
 
-As a library, this module offers the few names in ``__all__``; ``docs/library.md`` shows them at
-work. Each is loaded when it is first used, so ``import hri_predict`` costs next to nothing, and
-torch is imported only when a trained predictor is requested. Everything else is imported from
-its own room.
+As a library, this module offers the few names in ``__all__``; ``docs/library.md`` has examples.
+Each is loaded when it is first used, so ``import hri_predict`` is fast, and torch is imported only
+when a trained predictor is requested. Everything else is imported from its own subpackage.
 
 Units and frames everywhere: metres, seconds, radians, right-handed, z up; integer nanoseconds of
 one clock for time.
@@ -18,7 +17,7 @@ from typing import TYPE_CHECKING
 from hri_predict.base import former_paths
 
 __version__ = "0.2.0"
-"""The one place for the version: the build reads it here."""
+"""Version; the build reads it here."""
 
 former_paths.install()
 

@@ -1,8 +1,8 @@
-"""Publishes a test person on a ROS 2 topic: to try the node's ``kind: ros2``, or to start from.
+"""Publishes a test person on a ROS 2 topic, to test the node's ``kind: ros2`` or as a template.
 
-Needs ROS 2 (Jazzy or later) alone; ``--message ros4hri`` also hri_msgs and tf2_msgs,
-``--message zed`` also zed_msgs. Stamp each capture with the time at which the camera looked, and
-publish every capture, also when no one is there.
+Needs only ROS 2 (Jazzy or later); ``--message ros4hri`` also hri_msgs and tf2_msgs, ``--message
+zed`` also zed_msgs. Stamp each capture with the camera's exposure time, and publish every capture,
+even if no person is present.
 """
 
 import argparse
@@ -45,8 +45,8 @@ _START_NS = time.monotonic_ns()
 
 
 def moving(seconds: float, person: int) -> list[tuple[float, float, float]]:
-    """Joints of a test person who sways and moves the arms, never the same way twice, as seen by a
-    sensor with 2 mm of noise. Person 0 stands at (2, 0), the next ones 1.5 m farther left each.
+    """Return the joints of a swaying test person with moving arms, with 2 mm of sensor noise, so
+    that captures never repeat. Person 0 stands at (2, 0), each further person 1.5 m farther left.
     """
     sway = 0.012 * (math.sin(1.5 * seconds) + math.sin(0.97 * seconds + 1))
     swing = 0.08 * math.sin(2.3 * seconds) + 0.06 * math.sin(3.1 * seconds + 2)
@@ -59,7 +59,7 @@ def moving(seconds: float, person: int) -> list[tuple[float, float, float]]:
 
 
 def pose_array(people: list[list[tuple[float, float, float]]]) -> PoseArray:
-    """The joints of one person after the other."""
+    """Return the joints of all people, one person after the other."""
     message = PoseArray()
     for person in people:
         for x, y, z in person:
@@ -82,7 +82,7 @@ def marker_array(people: list[list[tuple[float, float, float]]]) -> MarkerArray:
 
 
 def stamped(owners: list[Any], frame: str, stamp_ns: int) -> None:
-    """Give each owner of a header its frame, if it has none, and its stamp."""
+    """Set the stamp of each header, and its frame if it has none."""
     for owner in owners:
         owner.header.frame_id = owner.header.frame_id or frame
         owner.header.stamp.sec, owner.header.stamp.nanosec = divmod(stamp_ns, 10**9)
@@ -100,7 +100,7 @@ class OneTopic:
         self._publisher = node.create_publisher(kind, wanted.topic, qos)
 
     def send(self, people: list[list[tuple[float, float, float]]], stamp_ns: int) -> None:
-        """Publish one capture; markers have headers of their own."""
+        """Publish one capture; markers have their own headers."""
         message = pose_array(people) if self._poses else marker_array(people)
         stamped([message] if self._poses else message.markers, self._frame, stamp_ns)
         self._publisher.publish(message)

@@ -1,8 +1,8 @@
-"""Applies the node's speed fraction to a robot, and stops it whenever the node is not heard.
+"""Applies the node's speed fraction to a robot, and stops it whenever the node is silent.
 
-Needs ROS 2 (Jazzy or later) alone. Put the robot's own call into ``apply``. An advice counts only
-if it is new, whole and fresh. It holds for SILENCE_S, and until it is OLDEST_S old. A process that
-hangs or dies cannot stop a robot: the robot must stop by itself when these calls end.
+Needs only ROS 2 (Jazzy or later). Put the robot's own call into ``apply``. An advice is used only
+if it is new, complete and fresh. It is valid for SILENCE_S, and until it is OLDEST_S old. A process
+that hangs or is killed cannot stop a robot: the robot must stop by itself when these calls cease.
 """
 
 import json
@@ -20,7 +20,7 @@ OLDEST_S = 0.5  # of `hri-predict check`: reject advice older than
 
 
 class SpeedFollower(Node):
-    """Hears the advice to one robot."""
+    """Receives the advice for one robot."""
 
     def __init__(self, topic: str = "/hri/robot_0/advice") -> None:
         super().__init__("speed_follower")
@@ -29,7 +29,7 @@ class SpeedFollower(Node):
         self.create_timer(0.01, self.apply)
 
     def hear(self, message: String) -> None:
-        """Take an advice; anything else counts as not received."""
+        """Process an advice; anything else is treated as not received."""
         try:
             advice = json.loads(message.data)
             counter, fraction = int(advice["counter"]), float(advice["speed_fraction"])

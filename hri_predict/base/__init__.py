@@ -1,1 +1,1 @@
-"""Values, files and the machine: what every room needs, and nothing of the domain."""
+"""Values, files and the machine: code shared by all packages, independent of the domain."""

@@ -1,4 +1,4 @@
-"""Names of the array types that every room uses, and quick statistics of small arrays."""
+"""Names of the array types used by all packages, and fast statistics of small arrays."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,14 @@ Stamps = NDArray[np.int64]
 
 
 def plain_flags(flags: Bools) -> Bools:
-    """The same flags as compiled loops take them: in one piece and writable."""
+    """Flags in the layout that compiled loops need: contiguous and writable."""
     return flags if flags.flags.carray else flags.copy()
 
 
 def mean_of(values: Floats, axis: int = 0) -> Floats:
-    """Mean over one axis, bit for bit ``numpy.mean``'s; on small arrays in a third of the time."""
+    """Mean over one axis, identical to ``numpy.mean`` bit for bit; three times as fast on small
+    arrays.
+    """
     mean: Floats = np.add.reduce(values, axis) / values.shape[axis]
     return mean
 
@@ -32,10 +34,10 @@ def known_median(rows: Floats) -> Floats:
     """Median of each row's numbers; on small arrays ten times as fast as ``numpy.nanmedian``.
 
     Args:
-        rows: (N, M); NaN: not known.
+        rows: (N, M); NaN means unknown.
 
     Returns:
-        (N,); NaN where a row holds no number.
+        (N,); NaN for a row without numbers.
     """
     if not rows.size:
         return np.full(len(rows), np.nan)

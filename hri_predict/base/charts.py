@@ -30,13 +30,13 @@ class _Shape:
 
 
 class Drawing:
-    """Shapes, in the order in which they are drawn. ``stroke_width`` becomes ``stroke-width``."""
+    """Shapes, in drawing order. ``stroke_width`` becomes ``stroke-width``."""
 
     def __init__(self) -> None:
         self._shapes: list[_Shape] = []
 
     def add(self, kind: str, look: Look, *, title: str = "", words: str = "") -> None:
-        """Draw a shape of SVG; ``title`` is shown under the mouse."""
+        """Draw an SVG shape; ``title`` is its tooltip."""
         named = {key.replace("_", "-"): _n(value) for key, value in look.items()}
         self._shapes.append(_Shape(kind, named, title, words))
 
@@ -50,22 +50,22 @@ class Drawing:
         title: str = "",
         **look: str | float,
     ) -> None:
-        """Draw a rectangle from its upper left corner."""
+        """Draw a rectangle, given its upper left corner."""
         self.add("rect", {"x": x, "y": y, "width": width, "height": height, **look}, title=title)
 
     def line(self, x1: float, y1: float, x2: float, y2: float, **look: str | float) -> None:
-        """Draw a thin line, unless ``look`` has another."""
+        """Draw a line, thin unless ``look`` sets another width."""
         self.add("line", {"x1": x1, "y1": y1, "x2": x2, "y2": y2, **_STROKE, **look})
 
     def text(
         self, x: float, y: float, words: str, anchor: str = "middle", **look: str | float
     ) -> None:
-        """Write words at a place."""
+        """Write text at a position."""
         shown: Look = {"x": x, "y": y, "text_anchor": anchor, "font_size": 9, "fill": INK}
         self.add("text", {**shown, **look}, words=words)
 
     def svg(self, *, left: float, top: float, width: float, height: float, label: str) -> Markup:
-        """The drawing: what of it is seen, and what it shows for those who cannot see it."""
+        """Return the drawing with its visible area and a text alternative."""
         frame = {
             "viewBox": " ".join(map(_n, (left, top, width, height))),
             "width": _n(width),
@@ -75,11 +75,11 @@ class Drawing:
 
 
 class Plot(Drawing):
-    """A plot; both axes begin at 0 and reach beyond the largest values.
+    """A plot; both axes start at 0 and extend beyond the largest values.
 
     Args:
-        x_label, y_label: of the axes.
-        xs, ys: values that have to fit.
+        x_label, y_label: labels of the axes.
+        xs, ys: values that must fit.
         width, height: in pixels.
     """
 
@@ -100,11 +100,11 @@ class Plot(Drawing):
         self._axes(x_label, y_label)
 
     def x(self, value: float) -> float:
-        """Place of a value across."""
+        """Return the horizontal position of a value."""
         return _LEFT + (self._width - _LEFT - _RIGHT) * value / self._x_max
 
     def y(self, value: float) -> float:
-        """Place of a value from the top."""
+        """Return the vertical position of a value, from the top."""
         bottom = self._height - _BOTTOM
         return bottom - (bottom - _TOP) * value / self._y_max
 
@@ -137,26 +137,28 @@ class Plot(Drawing):
         self.add("circle", {**at, "fill": colour, "fill_opacity": 0.75})
 
     def bar(self, x: float, width: float, y: float, colour: str, *, title: str = "") -> None:
-        """Draw a column that begins at ``x``; nothing for 0."""
+        """Draw a column that starts at ``x``; nothing for 0."""
         if y > 0:
             left, top = self.x(x), self.y(y)
             wide = max(0.5, self.x(x + width) - left - 0.4)
             self.rect(left, top, wide, self.y(0) - top, title=title, fill=colour)
 
     def drawn(self) -> Markup:
-        """The whole plot."""
+        """Return the whole plot."""
         return self.svg(left=0, top=0, width=self._width, height=self._height, label=self._label)
 
 
 def _round_numbers(most: float) -> list[float]:
-    """Marks of an axis, four to eight of them."""
+    """Return four to eight marks for an axis."""
     step = 10.0 ** math.floor(math.log10(most))
     step = next(s for s in (step, step / 2, step / 5, step / 10) if most / s >= 4)
     return [round(k * step, 9) for k in range(int(most / step) + 1)]
 
 
 def level_bars(rows: Sequence[tuple[str, Mapping[str, float]]], width: float = 640.0) -> Markup:
-    """A bar for each row, divided by the seconds at each level; as long as its seconds."""
+    """Draw a bar for each row, divided by the seconds at each level; its length is proportional to
+    the total.
+    """
     drawing = Drawing()
     most = max((sum(seconds.values()) for _, seconds in rows), default=0.0) or 1.0
     for k, (name, seconds) in enumerate(rows):

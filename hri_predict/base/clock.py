@@ -1,4 +1,4 @@
-"""Clocks: every component takes one, so that tests and replays control the time.
+"""Clocks: every component receives one, so that tests and replays control the time.
 
 All times are integer nanoseconds of one monotonic clock.
 """
@@ -19,9 +19,9 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's monotonic clock, in real time or faster or slower by a factor.
+    """The machine's monotonic clock, in real time or scaled by a factor.
 
-    With ``factor`` 2 the node's seconds pass twice as fast as real ones: everything on this clock
+    With ``factor`` 2 the node's seconds pass twice as fast as real ones; everything on this clock
     (the source, the loop, a mock controller) stays consistent.
     """
 
@@ -31,7 +31,7 @@ class MonotonicClock:
         self.factor = factor
 
     def now_ns(self) -> int:
-        """Nanoseconds; processes on one machine with the same factor agree on it."""
+        """Return nanoseconds, identical in all processes on one machine with the same factor."""
         now = time.monotonic_ns()
         return now if self.factor == 1.0 else int(now * self.factor)
 
@@ -45,7 +45,7 @@ class MonotonicClock:
 
 
 class VirtualClock:
-    """A clock that only the program advances."""
+    """A clock advanced only by the program."""
 
     def __init__(self, start_ns: int = 0) -> None:
         self._now_ns = start_ns
@@ -55,7 +55,7 @@ class VirtualClock:
         return self._now_ns
 
     def advance_to(self, now_ns: int) -> None:
-        """Move forward to ``now_ns``; a time in the past leaves it where it is."""
+        """Move forward to ``now_ns``; a time in the past has no effect."""
         self._now_ns = max(self._now_ns, now_ns)
 
     def wait_until(self, deadline_ns: int, wake: threading.Event | None = None) -> None:

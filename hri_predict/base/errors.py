@@ -1,8 +1,8 @@
 """Errors that a user can cause and correct.
 
 Each message is one line that names the file, key or field and the remedy (``ConfigMistakes`` has
-a line for each mistake). The command line prints only these lines and exits with status 2; a user
-never sees a traceback of these errors.
+one line for each mistake). The command line prints only these lines and exits with status 2,
+without a traceback.
 """
 
 import difflib
@@ -31,7 +31,7 @@ class RecordingError(HriPredictError):
 
 
 class UnusableRecordingError(RecordingError):
-    """A recording is whole, but too short, slow or empty, or of unknown joints; others may do."""
+    """A recording is intact but unsuitable: too short, slow or empty, or with unknown joints."""
 
 
 class RobotError(HriPredictError):
@@ -47,11 +47,11 @@ class LinkError(HriPredictError):
 
 
 class MachineError(HriPredictError):
-    """The machine did something that no running node can continue after."""
+    """The machine did something after which a running node cannot continue."""
 
 
 class DiscoveryError(HriPredictError):
-    """A service cannot be searched for, or does not answer."""
+    """Services cannot be searched, or a service does not answer."""
 
 
 class PredictorError(HriPredictError):
@@ -59,11 +59,11 @@ class PredictorError(HriPredictError):
 
 
 class OsErrorAs:
-    """Turns an ``OSError`` of a ``with`` block into an error of ours.
+    """Converts an ``OSError`` in a ``with`` block into one of these errors.
 
     Args:
-        kind: of the error.
-        what: what failed; the system's reason follows it.
+        kind: class of the error.
+        what: the failed action; the system's reason follows.
         remedy: follows the reason.
     """
 
@@ -88,7 +88,7 @@ _OTHERS = {
     **dict.fromkeys(("rpy", "euler", "rotation", "orientation", "quaternion"), "quaternion_xyzw"),
     **dict.fromkeys(("position", "translation", "origin"), "xyz"),
 }
-"""Other programs' words for ours."""
+"""Other programs' terms, and the project's own."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
@@ -100,12 +100,11 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 
 def expected_shape(kind: str, keys: Sequence[str]) -> str | None:
-    """Return the shape expected of a value that is neither a settings block nor a list; else
-    ``None``.
+    """Return the expected form if a value should be a settings block or a list; otherwise ``None``.
 
     Args:
         kind: type of pydantic's error.
-        keys: of the block, the most important first.
+        keys: keys of the block, most important first.
     """
     if kind == "list_type":
         return "expected a list: an entry after each '- ', or [entry, entry]; [] for none"

@@ -1,6 +1,6 @@
-"""Plots by matplotlib (or one line that says how to get it): panels, legends, scenes, files.
+"""Plots with matplotlib: panels, legends, scenes, files.
 
-Charts within a page of HTML need no matplotlib: see ``charts``.
+Without it, one line gives the remedy. Charts in HTML pages do not need matplotlib: see ``charts``.
 """
 
 import io
@@ -21,7 +21,7 @@ except ImportError as error:  # an extra of its own
     ) from error
 
 README_INCHES = 9.0
-"""Width of a figure that is read at 900 pixels or so: text of 8 points and more is legible."""
+"""Width of a figure for display at about 900 pixels: text of 8 points and more is legible."""
 README_DPI = 200
 _COLOURS = 128  # of a PNG file: a third of its size, and no reader sees the difference
 _FRAME = "#BBBBBB"
@@ -30,13 +30,13 @@ _FRAME = "#BBBBBB"
 def write_figure(
     figure: Figure, path: Path, *, dpi: int = README_DPI, option: str = "--out"
 ) -> Path:
-    """Write a .png or .svg whole or not at all; makes the folder.
+    """Write a .png or .svg completely or not at all; creates the folder.
 
     Args:
-        option: that named the file or its folder, for the error.
+        option: option that named the file or its folder, for the error.
 
     Raises:
-        ConfigError: it cannot be written; a file that was there is as it was.
+        ConfigError: it cannot be written; an existing file is unchanged.
     """
     drawn, kind = io.BytesIO(), path.suffix.lower().removeprefix(".")
     figure.savefig(drawn, dpi=dpi, format=kind, metadata={"Date": None} if kind == "svg" else None)
@@ -52,7 +52,9 @@ def write_figure(
 
 
 def panels(count: int, columns: int, size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure with this number of panels of equal size (inches), and room for a legend below."""
+    """Return a figure with this number of equal panels (size in inches), and space for a legend
+    below.
+    """
     columns = min(columns, count)
     rows = -(-count // columns)
     inches = size[0] * columns + 0.6, size[1] * rows + 0.8
@@ -64,7 +66,7 @@ def panels(count: int, columns: int, size: tuple[float, float]) -> tuple[Figure,
 
 
 def legend_below(figure: Figure, *, most_columns: int = 4) -> None:
-    """Name the lines of all panels once, in as many columns as the figure is wide."""
+    """Draw one legend for all panels, with as many columns as fit."""
     named: dict[str, Any] = {}
     for axes in figure.axes:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -78,7 +80,7 @@ def legend_below(figure: Figure, *, most_columns: int = 4) -> None:
 def scene_grid(
     *, size: tuple[float, float], heights: Sequence[float], columns: int, pad: tuple[float, float]
 ) -> tuple[Figure, Any]:
-    """A figure of scenes side by side, close together, and its (rows, columns) of axes."""
+    """Return a figure of closely spaced scenes, and its (rows, columns) of axes."""
     figure = Figure(figsize=size, layout="constrained")
     engine: Any = figure.get_layout_engine()
     engine.set(w_pad=pad[0], h_pad=pad[1], wspace=0.0, hspace=0.0)
@@ -86,7 +88,7 @@ def scene_grid(
 
 
 def frame(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
-    """Set a scene's limits in metres; it is true to scale and has no numbers."""
+    """Set a scene's limits in metres, to scale and without tick labels."""
     axes.set_aspect("equal")
     axes.set_xlim(*x)
     axes.set_ylim(*y)
@@ -97,7 +99,7 @@ def frame(axes: Axes, x: tuple[float, float], y: tuple[float, float]) -> None:
 
 
 def scale_bar(axes: Axes, at: tuple[float, float], length_m: float, fontsize: float) -> None:
-    """A bar of this length, and the length above it."""
+    """Draw a scale bar with its length above."""
     left, low = at
     right = left + length_m
     axes.plot([left, right], [low, low], color="black", linewidth=2.2, solid_capstyle="butt")
@@ -109,7 +111,7 @@ def scale_bar(axes: Axes, at: tuple[float, float], length_m: float, fontsize: fl
 
 
 def corner_text(axes: Axes, text: str, *, line: int = 0, right: bool = False, **style: Any) -> None:
-    """Write at the upper left corner of a scene, or the right one; lines below each other."""
+    """Write lines of text at the upper left or right corner of a scene."""
     x, align = (0.97, "right") if right else (0.03, "left")
     place: dict[str, Any] = {"va": "top", "ha": align, "transform": axes.transAxes}
     axes.text(x, 0.97 - 0.09 * line, text, **place, **style)

@@ -1,11 +1,11 @@
-"""Files: input is not trusted, output is written completely or not at all.
+"""Files: input is not trusted, and output is written completely or not at all.
 
-A named pipe is refused before it is opened, because opening one may block forever. Pipes from a
+A named pipe is refused before it is opened, because opening it may block forever. Pipes from a
 shell (``/dev/stdin``, ``<(...)``) have no name and already have a writer, so they are accepted.
 
 YAML errors are not hidden. PyYAML's safe loader silently keeps the last of two equal keys, expands
-aliases to any size, and lets exceptions of Python's conversions through; ours does not. YAML 1.1
-reads 010 as 8, 1:00 as 60 and 1_0 as 10; ours refuses numbers that are written so.
+aliases to any size, and passes on exceptions of Python's conversions; this loader does not. YAML
+1.1 reads 010 as 8, 1:00 as 60 and 1_0 as 10; this loader refuses such numbers.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 def data_path(*parts: str) -> Path:
-    """Path of a file shipped under ``configs/``: the package's copy, else the checkout's."""
+    """Path of a file shipped under ``configs/``: the package's copy, otherwise the checkout's."""
     here = _PACKAGE
     packaged = here.joinpath("configs", *parts)
     # os.path: returns False for a name that is too long, where Path.exists would raise
@@ -42,16 +42,16 @@ def data_path(*parts: str) -> Path:
 
 
 def shipped_path(what: str, folder: str, name: str, base_dir: Path | None) -> Path:
-    """The file of a shipped name, or of a path ending in .yaml, which need not be there.
+    """Return the path of a shipped file, or a path ending in .yaml, which need not exist.
 
     Args:
-        what: of the file, for the message.
+        what: kind of the file, for the message.
         folder: under ``configs/``.
         name: shipped name, or a path.
-        base_dir: start of relative paths; ``None``: the current folder.
+        base_dir: base of relative paths; ``None``: the current folder.
 
     Raises:
-        ConfigError: nothing of this name is shipped.
+        ConfigError: no file of this name is shipped.
     """
     if Path(name).suffix in YAML_ENDINGS:
         return (base_dir or Path()) / name
@@ -71,7 +71,8 @@ def package_path(*parts: str) -> Path:
 
 
 def atomic_write(path: Path, data: bytes) -> None:
-    """Replace ``path`` by ``data``: a reader finds the old or the new file, never a part.
+    """Replace the content of ``path`` with ``data``: a reader sees the old or the new file, never a
+    part.
 
     Creates a missing folder.
 
@@ -88,8 +89,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
     Raises:
         OSError: it cannot be written, or ``path`` is a device or pipe, which must not be replaced,
-            or what would be written first (``.partial``) is a link, device or pipe;
-            an existing file stays as it was.
+            or the temporary file (``.partial``) is a link, device or pipe; an existing file is
+            unchanged.
     """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "not a file", str(path))
@@ -110,7 +111,7 @@ def refuse_named_pipe(path: Path) -> None:
     """Check ``path`` before it is opened; a missing file passes.
 
     Raises:
-        OSError: it is a named pipe; ``strerror`` says so.
+        OSError: it is a named pipe; ``strerror`` has the reason.
         ValueError: it contains a NUL.
     """
     try:
@@ -122,11 +123,10 @@ def refuse_named_pipe(path: Path) -> None:
 
 
 def demand_kind(path: Path, *, folder: bool = False) -> None:
-    """Check that ``path`` can be a regular file, or a ``folder``; what is missing can become one.
+    """Check that ``path`` is a regular file, or a ``folder``, or could become one.
 
     Raises:
-        OSError: it is something else, or lies in something that is not a folder; ``strerror`` says
-            so.
+        OSError: it is something else, or its parent is not a folder; ``strerror`` has the reason.
     """
     for at in (path, *path.parents):
         try:
@@ -208,16 +208,17 @@ def load_yaml(text: str) -> Any:
     Raises:
         yaml.YAMLError: not YAML; a key twice in one mapping; an alias inside itself; too many
             values after expanding aliases; or a scalar that is too long, contains a control
-            character, does not match its form or tag, or is a number that YAML 1.1 reads otherwise
-            than people write it (010, 1:00, 1_0).
+            character, does not match its form or tag, or is a number that YAML 1.1 reads
+            differently from common usage (010, 1:00, 1_0).
         RecursionError: nested too deeply.
     """
     return deepcopy(_parsed(text))
 
 
 def line_of(text: str, keys: Sequence[str | int]) -> int:
-    """The line, from 1, of the value that ``keys`` lead to in a YAML text; of the last that is
-    there, if the way ends before."""
+    """Return the line, from 1, of the value at ``keys`` in a YAML text; if a key is missing, the
+    line of the last value found.
+    """
     node = _composed(text)
     line = 1 if node is None else node.start_mark.line + 1
     for key in keys:
@@ -242,7 +243,9 @@ def _composed(text: str) -> yaml.Node | None:
 
 @lru_cache(maxsize=32)
 def _parsed(text: str) -> Any:
-    """A cell names the same robot file at many places, and parsing takes 10 to 20 ms."""
+    """Cached, because a cell names the same robot file several times and parsing takes 10 to 20
+    ms.
+    """
     return yaml.load(text, Loader=_Loader)  # derived from the safe loader
 
 
@@ -262,8 +265,9 @@ class _Loader(yaml.SafeLoader):
 
 
 def _check(node: yaml.Node, sizes: dict[int, int]) -> int:
-    """Number of values in ``node`` with aliases expanded; ``sizes``: those of checked nodes (0: in
-    progress)."""
+    """Return the number of values in ``node`` with aliases expanded; ``sizes`` has those of checked
+    nodes (0: in progress).
+    """
     if isinstance(node, yaml.ScalarNode):
         _check_scalar(node)
         return 1
@@ -294,20 +298,20 @@ def _check_scalar(node: yaml.ScalarNode) -> None:
 
 
 def _number_problem(node: yaml.ScalarNode) -> str | None:
-    """Why a number is not read as people write it; ``None`` for all others, and for quoted text."""
+    """Return why YAML misreads a number; ``None`` for other numbers and quoted text."""
     number = node.tag in _NUMBERS
     if (number or node.style is None) and _ZERO_FIRST.fullmatch(node.value):
         return (
-            "begins with a zero, with which YAML counts in eights: write it without the zero, with "
-            "0x if it is hexadecimal, or in quotes if it is text"
+            "starts with a zero, so YAML reads it as octal: write it without the zero, with 0x if "
+            "it is hexadecimal, or in quotes if it is text"
         )
     if number and ":" in node.value:
         return (
-            "has a colon, with which YAML counts in sixties: write a plain number, or quote it if "
-            "it is text"
+            "has a colon, so YAML reads it in base 60: write a plain number, or quote it if it is "
+            "text"
         )
     if number and re.search("[0-9A-Fa-f]_", node.value):
-        return "has an underscore, which YAML leaves out; leave it out, or quote it if it is text"
+        return "has an underscore, which YAML ignores; remove it, or quote it if it is text"
     return None
 
 

@@ -1,4 +1,6 @@
-"""Import paths of release 0.1 that packages of others may still use; gone after release 0.2."""
+"""Import paths of release 0.1 that third-party packages may still use; removed after release
+0.2.
+"""
 
 import sys
 import warnings
@@ -22,11 +24,11 @@ FORMER = {
     "hri_predict.source": "hri_predict.contracts.source",
     "hri_predict.predictors.base": "hri_predict.contracts.predictor",
 }
-"""Former path -> the module's path today."""
+"""Former path -> current path of the module."""
 
 
 class _Finder(MetaPathFinder, Loader):
-    """Finds a module under its former path; the import system asks it last."""
+    """Finds a module under its former path; the import system tries it last."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
@@ -36,7 +38,7 @@ class _Finder(MetaPathFinder, Loader):
     def exec_module(self, module: ModuleType) -> None:
         former = module.__name__
         warnings.warn(
-            f"{former} is now {FORMER[former]}; the former path ends after release 0.2",
+            f"{former} is now {FORMER[former]}; the former path is removed after release 0.2",
             DeprecationWarning,
             stacklevel=2,
         )
@@ -44,6 +46,6 @@ class _Finder(MetaPathFinder, Loader):
 
 
 def install() -> None:
-    """Let former paths be imported, with a ``DeprecationWarning``. A second call does nothing."""
+    """Make former paths importable, with a ``DeprecationWarning``. A second call has no effect."""
     if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
         sys.meta_path.append(_Finder())

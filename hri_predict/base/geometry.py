@@ -1,12 +1,12 @@
 """Distance between capsules, vectorised and exact in degenerate cases.
 
-The distance between two capsules is that of their axes (segments) less both radii. Segments:
-V. Lumelsky, "On fast computation of distance between line segments", Information Processing
-Letters 21 (1985) 55-61, in the clamped form of C. Ericson, "Real-Time Collision Detection" (2005),
-section 5.1.9. Two changes make it exact where that form is not: the denominator and numerator of
-the first parameter come from cross products (``|d1 x d2|^2`` instead of ``a e - b^2``), so a small
-angle between the axes costs no digits; and the distance is the length of the difference vector, not
-an expansion of its square, so it stays exact near zero.
+The distance between two capsules is the distance between their axes (segments) minus both radii.
+Segments: V. Lumelsky, "On fast computation of distance between line segments", Information
+Processing Letters 21 (1985) 55-61, in the clamped form of C. Ericson, "Real-Time Collision
+Detection" (2005), section 5.1.9. Two changes make it exact where that form is not: the denominator
+and numerator of the first parameter come from cross products (``|d1 x d2|^2`` instead of ``a e -
+b^2``), so a small angle between the axes costs no digits; and the distance is the length of the
+difference vector, not an expansion of its square, so it stays exact near zero.
 """
 
 import itertools
@@ -22,7 +22,7 @@ _POINT_M2 = 1e-24
 """A segment shorter than 1e-12 m is treated as the point at its first end."""
 
 Xyz = tuple[Floats, Floats, Floats]
-"""Vectors by coordinate."""
+"""Vectors, split by coordinate."""
 
 
 _NEXT, _AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])
@@ -42,7 +42,7 @@ class Capsules:
     radius: Floats
 
     def __getitem__(self, index: Any) -> "Capsules":
-        """Some of them, by an index into the batch."""
+        """Return a subset, by an index into the batch."""
         return Capsules(self.a[index], self.b[index], self.radius[index])
 
 
@@ -67,7 +67,9 @@ def segment_distance(a1: Floats, b1: Floats, a2: Floats, b2: Floats) -> Floats:
 
 
 def axis_distance(start_1: Xyz, d1: Xyz, start_2: Xyz, d2: Xyz) -> Floats:
-    """The same for segments given by their starts and what leads to their ends, by coordinate."""
+    """Like ``segment_distance``, for segments given by start and direction vector, split by
+    coordinate.
+    """
     r = _minus(start_1, start_2)
     # Inverse squared lengths, 0 for points: a point's parameter then stays 0 all the way through.
     inverse_1, inverse_2 = _inverse(_dot(d1, d1)), _inverse(_dot(d2, d2))
@@ -94,10 +96,10 @@ def axis_distance(start_1: Xyz, d1: Xyz, start_2: Xyz, d2: Xyz) -> Floats:
 
 
 def nearest_points(first: Capsules, second: Capsules) -> tuple[Floats, Floats]:
-    """The points (3,) of two single capsules' surfaces that are nearest to each other.
+    """Return the nearest points (3,) on the surfaces of two single capsules.
 
-    They are as far apart as the capsules; where these overlap, by as much as they do. Where the
-    axes touch, both are the common point.
+    Their distance is that of the capsules; for overlapping capsules, the depth of the overlap. If
+    the axes touch, both are the common point.
     """
     a1, a2 = first.a, second.a
     d1, d2, r = first.b - a1, second.b - a2, a1 - a2
@@ -121,7 +123,7 @@ def _share(value: float) -> float:
 def horizontal_distance(capsules: Capsules, point: Floats) -> Floats:
     """Distance (...,) of each capsule's surface from the vertical line through ``point`` (3,).
 
-    Negative where the line passes through; minus infinity for a capsule that is not finite.
+    Negative if the line passes through it; minus infinity for a capsule that is not finite.
     """
     flat = np.array([1.0, 1.0, 0.0])
     at = point * flat
@@ -157,7 +159,7 @@ def _cross(u: Xyz, v: Xyz) -> Xyz:
 
 
 def _unit(parameter: Floats) -> Floats:
-    """Clamped to 0..1; on small arrays faster than ``numpy.clip``."""
+    """Clamp to 0..1; on small arrays faster than ``numpy.clip``."""
     return np.minimum(np.maximum(parameter, 0.0), 1.0)
 
 
@@ -189,7 +191,7 @@ def norm(vectors: Floats) -> Floats:
 def in_polygon(points: Floats, corners: Floats) -> Bools:
     """Whether each of (..., 2) points lies inside the polygon with (N, 2) corners: even-odd rule.
 
-    The edges that a ray crosses are counted. A point on an edge may count as inside or outside.
+    It counts the edges crossed by a ray. A point on an edge may be inside or outside.
     """
     x, y = points[..., 0, None], points[..., 1, None]
     (x0, y0), (x1, y1) = corners.T, np.roll(corners, -1, axis=0).T
@@ -201,7 +203,9 @@ def in_polygon(points: Floats, corners: Floats) -> Bools:
 
 
 def crosses_itself(polygon: Sequence[Sequence[float]]) -> bool:
-    """Whether two edges cross at a point inside both: what is inside would not be what is meant."""
+    """Whether two edges cross at a point inside both, so that the polygon's interior is
+    ambiguous.
+    """
 
     def side(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
         return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -214,7 +218,7 @@ def crosses_itself(polygon: Sequence[Sequence[float]]) -> bool:
 
 
 def is_in_polygon(x: float, y: float, corners: Sequence[Sequence[float]]) -> bool:
-    """``in_polygon`` of one point, in plain numbers: much faster for a few corners."""
+    """``in_polygon`` for one point, with plain numbers: much faster for a few corners."""
     inside = False
     for (x0, y0), (x1, y1) in zip(corners, (*corners[1:], corners[0]), strict=True):
         if (y0 > y) != (y1 > y) and x < x0 + (y - y0) * (x1 - x0) / (y1 - y0):

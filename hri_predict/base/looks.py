@@ -1,24 +1,25 @@
-"""Appearance of levels: the one table that pages, terminal, 3D view, plots and recordings read."""
+"""Appearance of levels: the only table, used by pages, terminal, 3D view, plots and recordings."""
 
 from dataclasses import dataclass
 
 Rgb = tuple[int, int, int]
 
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C564B", "#000000")
-"""Colours of lines in plots, which the colour-blind can tell apart: M. Okabe and K. Ito, "Color
-universal design" (2008)."""
+"""Colours of lines in plots, distinguishable for colour-blind readers: M. Okabe and K. Ito, "Color
+universal design" (2008).
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Appearance of a level. Its word, and its sign in its shape, say it without a colour.
+    """Appearance of a level. Its word, and its sign within the shape, identify it without colour.
 
     Attributes:
         colour: in reports, plots, the 3D view and recordings.
         field: background on the operator's pages, dark enough for the white symbol.
-        ink: colour of words on that background.
+        ink: colour of text on that background.
         shape: symbol on the operator's pages: "circle", or corners in a 100 x 100 field.
-        sign: character within the symbol.
+        sign: character inside the symbol.
         word: name on the operator's pages.
         terminal: style in a terminal, as rich has it.
     """
@@ -52,6 +53,6 @@ LOOKS = {
     "FAULT": Look("#5a1e87", "#7a2fb0", _WHITE, _SQUARE, "×", "FAULT", "white on red"),
     "GONE": Look("#808080", "#777", _WHITE, _SQUARE, "–", "NO CONTACT", "magenta"),
 }
-"""By name of the level. GONE is not a level of advice: no messages arrive, so none is known."""
+"""By name of the level. GONE is not a level of advice: without messages, the level is unknown."""
 
 LEVEL_COLOURS = {name: look.colour for name, look in LOOKS.items() if name != "GONE"}

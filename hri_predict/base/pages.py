@@ -1,7 +1,8 @@
-"""Pages of HTML from templates. Every value is escaped, wherever it came from.
+"""HTML pages from templates.
 
-A template has the name and folder of the module that fills it. ``base/page.html`` is the frame of a
-report: one file that loads nothing and runs no script. ``base/parts.html`` has tables and lists.
+Every value is escaped, whatever its origin. A template has the name and folder of the module that
+renders it. ``base/page.html`` is the frame of a report: one file without scripts or external
+resources. ``base/parts.html`` has tables and lists.
 """
 
 from functools import cache
@@ -12,9 +13,9 @@ from markupsafe import Markup
 
 
 def printable(value: Any) -> Any:
-    """A value for a page: ``None`` is empty, characters that cannot be printed are shown as such.
+    """Return a value for a page: ``None`` is empty, and unprintable characters are escaped.
 
-    They could turn the words around them, or hide.
+    They could reverse the text around them, or be invisible.
     """
     if value is None:
         return ""
@@ -36,15 +37,15 @@ def _templates() -> Environment:
 
 
 def render(template: str, **values: Any) -> Markup:
-    """A template filled in.
+    """Return a rendered template.
 
     Args:
         template: its path in ``hri_predict``.
-        values: what its names stand for; functions among them format values.
+        values: values of its names, including functions that format values.
     """
     return Markup(_templates().get_template(template).render(values))
 
 
 def macros(template: str) -> Any:
-    """The macros of a template, as functions that return markup."""
+    """Return the macros of a template as functions that return markup."""
     return _templates().get_template(template).module

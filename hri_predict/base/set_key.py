@@ -1,4 +1,4 @@
-"""``--set KEY=VALUE`` of the command line: one value of a configuration replaced."""
+"""``--set KEY=VALUE`` on the command line: replaces one value of a configuration."""
 
 import itertools
 from typing import Any
@@ -11,10 +11,10 @@ from hri_predict.base.quantities.whole import whole
 
 
 def set_key(data: dict[str, Any], change: str) -> None:
-    """Set one ``key.key=value`` of the command line, its value written as in YAML.
+    """Set one ``key.key=value`` from the command line, with the value written as in YAML.
 
     Raises:
-        ConfigError: it is not written so; one line with the remedy.
+        ConfigError: it has another form; one line with the remedy.
     """
     keys, equals, text = change.partition("=")
     path = keys.strip().split(".")
@@ -35,6 +35,6 @@ def set_key(data: dict[str, Any], change: str) -> None:
 
 
 def _entry(entries: list[Any], index: str) -> Any:
-    """The entry of a list at ``index``, or ``None``."""
+    """Return the entry of a list at ``index``, or ``None``."""
     number = whole(index)
     return entries[number] if number is not None and number < len(entries) else None

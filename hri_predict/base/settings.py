@@ -1,6 +1,6 @@
 """Validated settings: the base of all configuration models, and validation of YAML data.
 
-Each source, predictor, robot and link has a model in its own package, derived from ``Settings``.
+Each source, predictor, robot and link has its own model, derived from ``Settings``.
 """
 
 import math
@@ -36,7 +36,7 @@ from hri_predict.base.quantities.units import meant, phrase, unit_at
 class Settings(BaseModel):
     """Base of every settings model: unknown keys are refused, values are immutable and finite.
 
-    A truth value is not a number: YAML reads ``yes`` as true, and pydantic would take that for 1.
+    A boolean is not a number: YAML reads ``yes`` as true, and pydantic would accept it as 1.
 
     Attributes:
         safety: by key, the side on which a value is less safe than the default (``safe_side``).
@@ -61,7 +61,7 @@ class Settings(BaseModel):
 
 
 class Abbreviated(Settings):
-    """A block that may be written as one text, which is then the value of its first key."""
+    """A block that may be written as a single text, the value of its first key."""
 
     @model_validator(mode="before")
     @classmethod
@@ -99,25 +99,27 @@ S = TypeVar("S", bound=Settings)
 
 MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 10_000.0  # of a source of scenes
 MAX_COORDINATE_M = 1000.0
-"""Maximum coordinate of a source. With such a limit products of coordinates stay accurate."""
+"""Maximum coordinate from a source; it keeps products of coordinates accurate."""
 MAX_ROOM_M = 100.0
-"""Maximum coordinate in a configuration: one farther away was written in another unit."""
+"""Maximum coordinate in a configuration; a larger value was written in another unit."""
 MIN_SPEED_M_S = 0.01
-"""Nothing slower is configured: ISO 10218-1 has 0.25 m/s as reduced speed, and what moves by less
-than 1 mm/s counts as standing (``robots.stopping``)."""
+"""Minimum configurable speed: ISO 10218-1 has 0.25 m/s as reduced speed, and motion below 1 mm/s is
+treated as standing (``robots.stopping``).
+"""
 MIN_HUMAN_M_S = 1.2
-"""No person is assumed to be slower: people at work walk at 1.2 to 1.4 m/s in comfort (R. Bohannon,
-Age and Ageing 26 (1997) 15). ISO 13855 has 1.6 m/s for all people."""
+"""Minimum assumed speed of a person: the comfortable walking speed of adults is 1.2 to 1.4 m/s (R.
+Bohannon, Age and Ageing 26 (1997) 15). ISO 13855 uses 1.6 m/s for all people.
+"""
 MAX_PAYLOAD_KG = 5000.0
-"""The strongest arms of catalogues carry 2.3 t (FANUC M-2000iA/2300)."""
+"""Maximum payload: the strongest commercial arms carry 2.3 t (FANUC M-2000iA/2300)."""
 MAX_ANGLE_RAD = 2 * math.pi
 """Maximum of a fixed angle; larger values are reported as probable degrees."""
 Radians = Annotated[float, Field(ge=-MAX_ANGLE_RAD, le=MAX_ANGLE_RAD)]
-"""An angle of something that does not turn."""
+"""Angle of a part that does not rotate."""
 Metres = Annotated[float, Field(ge=-MAX_ROOM_M, le=MAX_ROOM_M)]
 """A coordinate of a configuration."""
 MIN_SIDE_M = 0.01
-"""Minimum size of a region: no tracker can say whether a person is in a smaller one."""
+"""Minimum size of a region: trackers cannot decide whether a person is in a smaller one."""
 Vector3 = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 Point = Annotated[list[Metres], Field(min_length=2, max_length=2)]
@@ -127,10 +129,11 @@ MAX_NAME, MAX_NAME_BYTES = 64, 128  # file names have 255 bytes in all
 
 
 def name_problem(name: str) -> str | None:
-    """Why nothing may be called ``name``, with the remedy; ``None``: it may.
+    """Return why ``name`` is not allowed, with the remedy; ``None`` if it is allowed.
 
-    Names stand in file names, topics, keys, labels and pages, and people read them aloud. So they
-    have letters and digits of any language, and between them what none of these gives a meaning.
+    Names occur in file names, topics, keys, labels and pages, and are read aloud. So they consist
+    of letters and digits of any language, and of separators without a special meaning in any of
+    these.
     """
     if len(name) > MAX_NAME or len(name.encode("utf-8", "replace")) > MAX_NAME_BYTES:
         return f"a name has at most {MAX_NAME} characters and {MAX_NAME_BYTES} bytes; shorten it"
@@ -139,7 +142,7 @@ def name_problem(name: str) -> str | None:
     if not plain or not ends or ends[0] in " -." or ends[-1] in " .":
         return (
             "a name has letters, digits, spaces and _ - . ( ), and begins with a letter or digit; "
-            "call it otherwise"
+            "choose another name"
         )
     return None
 
@@ -151,11 +154,11 @@ def _named(value: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), AfterValidator(_named)]
-"""The user's name for a robot, a tool, a zone, a link; see ``name_problem``."""
+"""User-defined name of a robot, tool, zone or link; see ``name_problem``."""
 
 
 class Pose(Settings):
-    """A rigid pose (REP-103): ``xyz`` metres, ``quaternion_xyzw`` a unit quaternion."""
+    """A rigid pose (REP-103): ``xyz`` in metres, ``quaternion_xyzw`` a unit quaternion."""
 
     xyz: Vector3 = Field([0.0, 0.0, 0.0], description="position of its origin, m")
     quaternion_xyzw: Quaternion = Field(
@@ -189,8 +192,8 @@ class Region(Settings):
     polygon: Annotated[list[Point], Field(min_length=3)] = Field(
         description="corners on the floor in order, [x, y] each, m"
     )
-    z_min: Metres = Field(0.0, description="its lower end, m")
-    z_max: Metres = Field(3.0, description="its upper end, m")
+    z_min: Metres = Field(0.0, description="height of the lower end, m")
+    z_max: Metres = Field(3.0, description="height of the upper end, m")
 
     safety: ClassVar[Safety] = harmless("z_min", "z_max")
 
@@ -233,7 +236,7 @@ class Mistake:
     """A wrong key or value.
 
     Attributes:
-        keys: the way to it in the data, such as ``("robots", 0, "name")``.
+        keys: its path in the data, such as ``("robots", 0, "name")``.
         text: what is wrong, and the remedy.
     """
 
@@ -247,7 +250,7 @@ class Mistake:
 
 
 def mistakes(error: ValidationError, model: type[BaseModel], data: Any) -> list[Mistake]:
-    """Everything that validating ``data`` against ``model`` found, in the order of the keys."""
+    """Return all mistakes in ``data`` according to ``model``, in the order of the keys."""
     found: dict[tuple[str | int, ...], Mistake] = {}
     tried: set[tuple[str | int, ...]] = set()  # where other members of a union failed, too
     for each in error.errors():
@@ -266,7 +269,9 @@ def _has_more(keys: tuple[str | int, ...], found: Iterable[tuple[str | int, ...]
 def _keys_of(
     loc: tuple[int | str, ...], data: Any, missing: bool
 ) -> tuple[tuple[str | int, ...], bool]:
-    """The keys of an error's place, and whether it ends with the name of a union's member."""
+    """Return the keys of an error's location, and whether it ends with the name of a union's
+    member.
+    """
     keys: list[str | int] = []
     at = data
     for part in loc:
@@ -281,7 +286,7 @@ def _keys_of(
 
 
 def _text(found: ErrorDetails, model: type[BaseModel]) -> str:
-    """Return the problem at one place, the expected value, and the remedy."""
+    """Return the problem at one location, the expected value, and the remedy."""
     loc = found["loc"]
     if found["type"] == "extra_forbidden":
         known = sorted({key for m in _models_at(model, loc[:-1]) for key in m.model_fields})
@@ -333,7 +338,7 @@ def _about(model: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[str, str
 
 
 def _echo(value: Any) -> str:
-    """A wrong value as short text, limited in depth and width."""
+    """Return a wrong value as short text, limited in depth and width."""
     try:
         got = reprlib.repr(value)
     except ValueError:  # an integer of thousands of digits has no decimal text
@@ -342,7 +347,7 @@ def _echo(value: Any) -> str:
 
 
 def _models_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[type[BaseModel]]:
-    """The models that ``loc`` leads to from ``model``: several where it ends in a union."""
+    """Return the models at ``loc`` within ``model``: several if it ends in a union."""
     found = [model]
     for part in loc:
         if isinstance(part, int):
@@ -356,13 +361,13 @@ def _models_at(model: type[BaseModel], loc: tuple[int | str, ...]) -> list[type[
 
 
 def _is_tagged(model: type[BaseModel], tag: str) -> bool:
-    """Whether a member of a union is the one for ``tag``."""
+    """Whether a union's member matches ``tag``."""
     fields = model.model_fields.values()
     return any(get_args(field.annotation) == (tag,) for field in fields)
 
 
 def models_in(annotation: Any) -> list[type[BaseModel]]:
-    """The models that a field's type names, wherever in it."""
+    """Return all models that occur in a field's type."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
     return [m for part in get_args(annotation) for m in models_in(part)]

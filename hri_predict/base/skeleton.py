@@ -1,16 +1,16 @@
-"""The canonical skeleton: joints, their tree, body segments with radii, and longest reaches.
+"""The canonical skeleton: joints, their tree, body segments with radii, and maximum reaches.
 
-Joints have the names of REP-155 (ROS4HRI) links, plus the points that a robot may touch first:
-``l_hand``/``r_hand`` are the fingertips, ``l_foot``/``r_foot`` the toes, ``head_top`` is the
-crown. ``head`` is its centre at the level of the ears, ``neck`` the middle of the shoulders,
+Joints have the names of REP-155 (ROS4HRI) links, plus the points that a robot is likely to touch
+first: ``l_hand``/``r_hand`` are the fingertips, ``l_foot``/``r_foot`` the toes, ``head_top`` is the
+crown. ``head`` is the centre of the head at ear level, ``neck`` the middle of the shoulders,
 ``waist`` the middle of the hips, ``torso`` the lumbar/thoracic junction.
 
 Body sizes are those of ANSUR II: Gordon et al., "2012 Anthropometric Survey of U.S. Army
 Personnel: Methods and Summary Statistics", NATICK/TR-15/007, 2014; its public data has 4082 men
 and 1986 women. Means, standard deviations (SD) and maxima below are over those 6068 people, in
 millimetres, with the public data's variable names. A radius covers mean + 3 SD, rounded up to 5 mm,
-for bare skin. Anything beyond (a held tool, a backpack, a person heavier than any soldier) belongs
-in the configured uncertainty of the person.
+for bare skin. Anything beyond (a held tool, a backpack, a person heavier than any soldier) must be
+covered by the configured uncertainty of the person.
 """
 
 import math
@@ -56,8 +56,8 @@ class Skeleton:
     Attributes:
         parents: parent of each joint; -1 for the root.
         parts: joints of each body part; every joint and every segment belongs to one part.
-        reach: (J, J) metres, the longest possible distance between two joints of any person: the
-            sum of the longest bones between them. Infinite if bone lengths are unknown.
+        reach: (J, J) metres, the maximum distance between two joints of any person: the sum of the
+            longest bones between them. Infinite if bone lengths are unknown.
     """
 
     name: str
@@ -111,10 +111,10 @@ def make_skeleton(
     parts: dict[str, tuple[int, ...]] | None = None,
     bone_lengths: Sequence[float] | None = None,
 ) -> Skeleton:
-    """Build a skeleton from its tree; enough for a predictor with its own joints.
+    """Build a skeleton from its tree, sufficient for a predictor with its own joints.
 
     Args:
-        bone_lengths: longest possible distance of each joint to its parent, metres (the root's is
+        bone_lengths: maximum distance of each joint from its parent, metres (the root's is
             ignored); ``None`` if unknown, and ``reach`` is then infinite.
     """
     lengths = [math.inf] * len(joints) if bone_lengths is None else bone_lengths
@@ -130,7 +130,7 @@ def make_skeleton(
 
 
 def in_words(part: str) -> str:
-    """``right hand`` for ``r_hand``: a part of a body or of a robot, for people to read."""
+    """Return a readable name of a body or robot part: ``right hand`` for ``r_hand``."""
     side = {"l_": "left ", "r_": "right "}.get(part[:2], "")
     return (side + part[2:] if side else part).replace("_", " ")
 
@@ -160,7 +160,7 @@ def path_lengths(parents: Sequence[int], bone_lengths: Sequence[float]) -> Float
 
 
 def generations(parents: Sequence[int]) -> list[list[int]]:
-    """Joints by their depth in the tree: the roots, their children, and so on."""
+    """Return the joints grouped by depth in the tree: roots, their children, and so on."""
     found = [[j for j, parent in enumerate(parents) if parent < 0]]
     while children := [j for j, parent in enumerate(parents) if parent in found[-1]]:
         found.append(children)
@@ -168,12 +168,14 @@ def generations(parents: Sequence[int]) -> list[list[int]]:
 
 
 def neighbours(parents: Sequence[int]) -> NDArray[np.intp]:
-    """(J, J) all joints sorted by the number of bones to each joint, itself first."""
+    """(J, J) for each joint, all joints sorted by the number of bones between them, itself
+    first.
+    """
     return np.argsort(path_lengths(parents, [1.0] * len(parents)), axis=1, kind="stable")
 
 
 def _round_up(millimetres: float) -> float:
-    """Metres, rounded up to 5 mm."""
+    """Return metres, rounded up to 5 mm."""
     return math.ceil(millimetres / 5.0) * 5.0 / 1000.0
 
 

@@ -1,1 +1,1 @@
-"""Contracts of the parts that a package can bring, and the registry that finds them by name."""
+"""Contracts of the parts that a package can provide, and the registry that finds them by name."""

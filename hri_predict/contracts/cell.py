@@ -1,7 +1,7 @@
-"""Contracts of simulated cells and of injected faults, which ``hri_sim`` brings.
+"""Contracts of simulated cells and injected faults, both provided by ``hri_sim``.
 
-A *cell* is what stands at the other ends of simulated links; *faults* are injected into a source or
-a link. The node knows only these contracts.
+A *cell* is the equipment at the other ends of simulated links; *faults* are injected into a source
+or a link. The node depends only on these contracts.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from hri_predict.contracts.source import Source
 from hri_predict.robots.model import RobotModel, RobotSettings
 
 Bodies = Mapping[int, tuple[Floats, Bools]]
-"""Person's id -> (J, 3) canonical joints in the room, and (J,) which of them are known."""
+"""Person's id -> (J, 3) canonical joints in the room, and (J,) whether each is known."""
 Joints = Mapping[str, tuple[Floats, Floats]]
 """Robot's name -> (N,) joint positions and velocities, rad and rad/s."""
 
@@ -33,18 +33,18 @@ class ControllerReport:
         name, role, robot: the link's name, the controller's role, the robot's name.
         ended: outcome: ``ok``, or ``killed`` (then nothing below was reported).
         messages, bytes: good messages received; all bytes received.
-        crc_errors, counter_errors, malformed, incomplete: as the receiver counts them.
+        crc_errors, counter_errors, malformed, incomplete: counters of the receiver.
         schema_mismatches: Schema messages of another version or hash.
-        schema_trouble: the last such Schema that it heard, and the one that it was built for.
-        timeouts: times that the node fell silent.
-        stale: times that the newest advice was, or became, too old.
-        max_age_s: greatest age of an advice at its receipt, as carried.
-        max_gap_s: longest time between two good Advice messages.
+        schema_trouble: the last such Schema received, and the expected one.
+        timeouts: number of times the node fell silent.
+        stale: number of times the newest advice was, or became, too old.
+        max_age_s: maximum age of an advice at receipt, as stated in the message.
+        max_gap_s: maximum time between two good Advice messages.
         round_trip_p50_s, round_trip_max_s: from sending a RobotState to an advice that echoes it.
-        round_trips: each of the newest of them, (the counter that was echoed, seconds), where the
-            controller was asked to keep them.
-        slowdowns: times that it went from full speed to a lower limit.
-        stops: times that it had to stop while it was allowed to move.
+        round_trips: the newest of them as (echoed counter, seconds), if the controller was
+            configured to keep them.
+        slowdowns: number of changes from full speed to a lower limit.
+        stops: number of required stops while motion was permitted.
         states_sent, acknowledges_sent, write_errors: messages sent, and failed writes.
         stop_causes: cause -> number of stops.
         events: [seconds, cause, limit] of each change between running, slow and stopped (at most
@@ -80,7 +80,7 @@ class ControllerReport:
 
 
 class TruePeople(Protocol):
-    """True positions of all people, from a copy of the source that has no faults."""
+    """True positions of all people, from a copy of the source without faults."""
 
     def open(self, start_ns: int) -> None:
         """Start, at the same time as the node's own copy."""
@@ -90,11 +90,11 @@ class TruePeople(Protocol):
 
 
 class Referee(Protocol):
-    """Compares true people with true robots; the node never sees any of it.
+    """Compares true people with true robots; the node has no access to these data.
 
     Attributes:
         contacts, contacts_standing: touches of a moving robot, and of a standing robot.
-        min_separation_m: smallest distance; ``None`` while no person was seen.
+        min_separation_m: minimum distance; ``None`` before any person was observed.
     """
 
     @property
@@ -107,43 +107,45 @@ class Referee(Protocol):
     def min_separation_m(self) -> float | None: ...  # noqa: D102
 
     def observe(self, now_ns: int, people: Bodies, robots: Joints, /) -> None:
-        """Judge the time since the last observation."""
+        """Check the interval since the last observation."""
 
 
 class Cell(Protocol):
     """Controllers, robots and wires at the other ends of all simulated links.
 
-    Real time: ``start`` ... ``stop``. Virtual clock: ``transports``, then ``step`` whenever
-    ``next_ns`` says, then ``stop``.
+    Real time: ``start`` ... ``stop``. Virtual clock: ``transports``, then ``step`` at each
+    ``next_ns``, then ``stop``.
     """
 
     def start(self) -> Mapping[str, str]:
         """Start in real time; returns link name -> the device for the node to open.
 
         Raises:
-            LinkError: a controller did not start; says why.
+            LinkError: a controller did not start; the message has the reason.
         """
 
     def transports(self) -> Mapping[str, Transport[Any]]:
-        """Build all for the virtual clock; return link name -> the node's end of its wire."""
+        """Build everything for the virtual clock; return link name -> the node's end of its
+        wire.
+        """
 
     def next_ns(self) -> int | None:
-        """When the next step is due; ``None``: never."""
+        """Return the time of the next step; ``None``: never."""
 
     def step(self, now_ns: int) -> None:
-        """Do what is due."""
+        """Perform all steps that are due."""
 
     def robot_truth(self, now_ns: int) -> Joints:
         """Return the true position of every simulated robot."""
 
     def referee(self, robots: Sequence[RobotModel], /) -> Referee:
-        """A referee for these robots; it must be fed with ``robot_truth``."""
+        """Return a referee for these robots; pass it the values of ``robot_truth``."""
 
     def true_people(self, source: Source, /) -> TruePeople:
         """Return the true positions of all people in ``source``, which only this may poll."""
 
     def stop(self) -> Sequence[ControllerReport]:
-        """End all controllers; returns their reports, link by link. Safe to call twice."""
+        """Stop all controllers; return their reports, link by link. Safe to call twice."""
 
 
 class CellClass(Protocol):
@@ -170,8 +172,8 @@ class CellClass(Protocol):
         Args:
             links: the links that have a ``simulate:`` block.
             robots: all configured robots.
-            base_dir: the configuration's folder, where relative paths start.
-            clock: the node's.
+            base_dir: the configuration's folder, base of relative paths.
+            clock: the node's clock.
             factor: node seconds per wall second.
 
         Raises:

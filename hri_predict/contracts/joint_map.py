@@ -16,9 +16,10 @@ A map is a YAML file (maps in ``configs/skeletons/`` are known by name)::
       torso: {at: chest, left: [rib_r, rib_l], up: [belly, chest], offset_m: [-0.1, 0, 0.05]}
 
 Only anatomical midpoints (``waist`` of the hips, ``neck`` of the shoulders, ``head`` of the ears)
-may be averaged of several joints. A joint of several sources is observed if all of them are. No
-source joint is two canonical ones. A canonical joint missing from the map is never measured. The
-node infers it, with its uncertainty, where the map's joints allow (``people/body/inferred.py``).
+may be averaged of several joints. A joint of several sources is observed if all of them are. A
+source joint maps to at most one canonical joint. A canonical joint missing from the map is never
+measured. The node infers it, with its uncertainty, where the map's joints allow
+(``people/body/inferred.py``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,14 +49,14 @@ class JointMap:
     """Mapping of a source's joints to the canonical ones.
 
     Attributes:
-        name: of the map.
+        name: name of the map.
         source_joints: the source's joints in its order.
         scale_to_m: metres per unit of the source.
         rotation: (3, 3) from the source's axes to forward, left, up.
         weights: (J, J_source) weight of each source joint in each canonical one; a row of zeros if
             the source has no such joint.
         rigid: canonical joints that move with a rigid body of the source's; none has weights.
-        mapped: (J,) which canonical joints this source can ever deliver.
+        mapped: (J,) whether this source can deliver each canonical joint.
     """
 
     name: str
@@ -77,12 +78,14 @@ class JointMap:
 
     @property
     def used(self) -> Bools:
-        """(J_source,) the source joints of which any canonical one is made."""
+        """(J_source,) whether each source joint is used by any canonical joint."""
         used: Bools = np.asarray(self._needed.any(axis=1))
         return used
 
     def to_metres_z_up(self, points: Floats) -> Floats:
-        """Raw (..., 3) in the source's units and axes to metres, x forward, y left, z up."""
+        """Convert raw (..., 3) from the source's units and axes to metres, x forward, y left, z
+        up.
+        """
         result: Floats = np.asarray(points, np.float64) @ (self.rotation.T * self.scale_to_m)
         return result
 
@@ -91,8 +94,7 @@ class JointMap:
 
         Args:
             positions: (..., J_source, 3) metres, right-handed where the map has rigid joints.
-            observed: (..., J_source); a joint with a non-finite coordinate always counts as
-                unobserved.
+            observed: (..., J_source); a joint with a non-finite coordinate is always unobserved.
 
         Returns:
             (..., J, 3) and (..., J) of the canonical skeleton. Positions are finite: zero where
@@ -156,7 +158,7 @@ def axes_rotation(axes: Sequence[str], left_handed: bool = False) -> Floats:
 
 
 class SourceFrame(Settings):
-    """Facts that every map file states about its source."""
+    """Facts about the source that every map file must state."""
 
     name: str
     reference: str = Field(description="origin of the facts about this source")
@@ -182,7 +184,7 @@ class SourceFrame(Settings):
         weights: Floats,
         rigid: Mapping[str, RigidJoint] | None = None,
     ) -> JointMap:
-        """The map of these joints with the file's name, units and axes."""
+        """Return the map of these joints with the file's name, units and axes."""
         return JointMap(
             name=self.name,
             source_joints=tuple(source_joints),
@@ -248,7 +250,7 @@ class JointMapSettings(SourceFrame):
         return self
 
     def to_joint_map(self) -> JointMap:
-        """The map that this describes."""
+        """Return the described map."""
         weights = np.zeros((len(CANONICAL.joints), len(self.joints)))
         for joint, sources in self.map.items():
             for source, weight in sources.items():
@@ -277,7 +279,7 @@ def _check_weights(joint: str, sources: dict[str, float]) -> None:
 def _check_rigid(joint: str, rigid: RigidJoint, settings: JointMapSettings) -> None:
     _check_canonical(joint, "rigid")
     if joint in settings.map:
-        raise ValueError(f"rigid.{joint}: stands in map as well; give it once")
+        raise ValueError(f"rigid.{joint}: also occurs in map; give it once")
     for source in sorted(rigid.sources - set(settings.joints)):
         raise ValueError(
             f"rigid.{joint}: the source has no joint '{source}'{nearest(source, settings.joints)}"
@@ -285,14 +287,14 @@ def _check_rigid(joint: str, rigid: RigidJoint, settings: JointMapSettings) -> N
 
 
 def _check_used_once(joints: dict[str, dict[str, float]]) -> None:
-    """Refuse two canonical joints at one point: a hand of length 0 would count as measured."""
+    """Refuse two canonical joints at one point: a hand of length 0 would be treated as measured."""
     used: dict[str, str] = {}
     for joint, sources in joints.items():
         for source in sources if len(sources) == 1 else ():
             if source in used:
                 raise ValueError(
                     f"map.{joint}: '{source}' is {used[source]} already; one source joint is one "
-                    f"canonical joint; leave out what the tracker lacks (the node infers it)"
+                    f"canonical joint; omit joints that the tracker lacks (the node infers them)"
                 )
             used[source] = joint
 

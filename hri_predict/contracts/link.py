@@ -1,8 +1,8 @@
-"""The contract of a link to a robot controller, and what every kind of link shares.
+"""The contract of a link to a robot controller, and code shared by all kinds of links.
 
-A kind of link is a class: ``LinkClass`` says what the node asks of the class, ``Link`` what it asks
-of an object. ``Simulatable``, ``ChecksTogether`` and ``ObservesFleet`` are abilities that a class
-may have or lack. ``hri-predict conformance link:NAME`` checks the contract on any kind.
+A kind of link is a class: ``LinkClass`` is the interface required of the class, ``Link`` that of an
+object. ``Simulatable``, ``ChecksTogether`` and ``ObservesFleet`` are optional abilities of a class.
+``hri-predict conformance link:NAME`` checks the contract on any kind.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,13 +24,13 @@ from hri_predict.protocol.reception import ReceiveCounters
 from hri_predict.protocol.wire import StateShape
 
 MIN_SILENCE_S = 0.01
-"""No controller stops after less silence: it hears from the node at most every 10 ms."""
+"""Minimum silence timeout: a controller receives messages at most every 10 ms."""
 MIN_DELAY_S = 0.0001
-"""No wire is faster: an 8-byte frame takes 0.11 ms at 1 Mbit/s, and drivers take longer."""
+"""Minimum delay of a link: an 8-byte frame takes 0.11 ms at 1 Mbit/s, and drivers take longer."""
 MIN_REACTION_S = 0.001
-"""No controller begins to brake sooner: the fastest have cycles of 1 ms."""
+"""Minimum reaction time of a controller: the fastest have cycles of 1 ms."""
 MIN_STATUS_HZ = 10.0
-"""Maximum interval between Status messages, even where the node's cycle is longer."""
+"""Maximum interval between Status messages, even with a longer cycle."""
 
 
 class LinkSettings(Settings):
@@ -49,14 +49,14 @@ class LinkSettings(Settings):
         0.06,
         ge=MIN_SILENCE_S,
         le=2,
-        description="silence after which the controller stops by itself",
+        description="silence after which the controller stops the robot",
     )
     repeat_hz: float | None = Field(
         None,
         ge=0,
         le=MAX_REPEAT_HZ,
         description="rate at which Status and Advice are repeated until the next cycle; 0: never;"
-        " default: the rate at which two lost in a row are not yet silence (67 at 60 ms)",
+        " default: tolerates two consecutive losses (67 at 60 ms)",
     )
     reaction_s: float = Field(
         0.02,
@@ -77,36 +77,36 @@ class LinkSettings(Settings):
 
     safety: ClassVar[Safety] = harmless("reserved_load", "zones", "repeat_hz") | {
         "delay_s": LessSafe(
-            below="the robot is expected to hear each advice {more:.2g} s sooner; if it does not, a"
-            " person comes 1.6 m/s times that nearer"
+            below="each advice is assumed to arrive {more:.2g} s sooner; if not, a person comes "
+            "closer by 1.6 m/s times that"
         ),
         "silence_timeout_s": LessSafe(
-            below="the controller is expected to stop {more:.2g} s sooner after the node fell "
-            "silent; if it does not, a person comes 1.6 m/s times that nearer"
+            below="the controller is assumed to stop {more:.2g} s sooner after the node falls "
+            "silent; if it does not, a person comes closer by 1.6 m/s times that"
         ),
         "reaction_s": LessSafe(
-            below="the controller is expected to brake {more:.2g} s sooner; if it does not, a "
-            "person comes 1.6 m/s times that nearer"
+            below="the controller is assumed to brake {more:.2g} s sooner; if it does not, a "
+            "person comes closer by 1.6 m/s times that"
         ),
     }
 
     advises: ClassVar[bool] = True
-    """Whether robots hear their advice on it; ``False`` of links that only read."""
+    """Whether robots receive advice on it."""
 
     def resolved(self, base_dir: Path) -> Self:
-        """The same with its files found from ``base_dir``, where the configuration lies."""
+        """Return the settings with paths resolved against the configuration's folder."""
         return self
 
     @property
     def repeat_s(self) -> float:
-        """Interval after which Status and Advice are sent again; infinite: only once a cycle."""
+        """Interval of repeated Status and Advice; infinite: only once a cycle."""
         if self.repeat_hz is not None:
             return 1.0 / self.repeat_hz if self.repeat_hz else inf
         return default_interval_s(self.silence_timeout_s)
 
     @property
     def blocking_s(self) -> float:
-        """Maximum time for which less urgent messages may keep an Advice off the wire."""
+        """Maximum time for which less urgent messages may delay an Advice."""
         return 0.0
 
     @property
@@ -142,7 +142,7 @@ class LinkCounters:
 
 
 U = TypeVar("U")
-"""A unit of the wire: what goes onto it, and comes off it, at once."""
+"""A unit of the wire: the data written or read in one operation."""
 
 
 class Transport(Protocol[U]):
@@ -164,11 +164,11 @@ class Transport(Protocol[U]):
 
         Raises:
             LinkError: the device is lost; as a ``hri_drivers.wires.transport.TransportBusy``, the
-                wire takes nothing now, try again later.
+                wire does not accept data now; try again later.
         """
 
     def read(self, timeout_s: float) -> list[U]:
-        """Return what has come, waiting at most ``timeout_s``; empty if nothing came.
+        """Return received data, waiting at most ``timeout_s``; empty if nothing arrived.
 
         Raises:
             LinkError: the device is lost.
@@ -192,12 +192,12 @@ class Receiver(Protocol[R]):
         """Counts of received units, and of refused ones by cause."""
 
     def feed(self, unit: R, /) -> list[Message]:
-        """Messages that this unit completes, oldest first."""
+        """Return the messages completed by this unit, oldest first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A message that came from a controller, with its time of receipt (node's clock)."""
+    """A message from a controller, with its time of receipt (node's clock)."""
 
     message: Message
     received_ns: int
@@ -213,11 +213,11 @@ class Link(Protocol):
         name: as configured.
         counters: see ``LinkCounters``.
         connected: whether the device is open now.
-        on_sent: called with (name, bytes, time) after each unit written, where set.
-        last_error: one line about the newest trouble, ``None`` if there was none.
-        foreign_ns: when a second sender was last proved: two whole frames, within half a second,
-            with ids which only this node sends, and that this node did not send
-            (``counters.foreign``); ``None`` if there was none. An echo is not one.
+        on_sent: if set, called with (name, bytes, time) after each unit written.
+        last_error: one line about the newest error, ``None`` if there was none.
+        foreign_ns: time at which a second sender was last detected, by two complete frames within
+            half a second with this node's ids that it did not send (``counters.foreign``); ``None``
+            if there was none. An echo does not count.
     """
 
     name: str
@@ -228,19 +228,19 @@ class Link(Protocol):
     on_sent: Callable[[str, bytes, int], None] | None
 
     def start(self) -> None:
-        """Open the device and begin; a device that is absent at start is a ``LinkError``."""
+        """Open the device and start; a device absent at start raises ``LinkError``."""
 
     def post(self, message: Message) -> None:
         """Put a message into its newest-wins slot."""
 
     def take(self) -> list[Received]:
-        """Return what was received since the last call, oldest first."""
+        """Return the messages received since the last call, oldest first."""
 
     def service(self, now_ns: int) -> None:
-        """Write what is posted and read what has come, now and in this thread."""
+        """Write posted messages and read received ones, immediately in this thread."""
 
     def stop(self) -> None:
-        """Write what is posted, then close. Safe to call twice."""
+        """Write posted messages, then close. Safe to call twice."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -248,8 +248,8 @@ class LinkLoad:
     """Load of a link: worst-case seconds of wire per second.
 
     Attributes:
-        name: the link's.
-        load: fraction of the wire taken by Status, Advice, Schema and what the controller sends.
+        name: name of the link.
+        load: fraction of the wire taken by Status, Advice, Schema and the controller's messages.
         spare: fraction left for Zone and Pose after ``reserved_load``.
         details: message name -> fraction.
         rate_hz, bitrate: rates for which it was computed.
@@ -272,8 +272,8 @@ class LinkClass(Protocol[S, U]):
     """Interface that the node requires of a kind of link: a class whose objects are ``Link``.
 
     ``SerialLink`` is a ``LinkClass[SerialLinkSettings, bytes]``. Code that obtains the class from
-    the registry knows neither: settings that its ``settings_model`` made, and units that its
-    transport gave, are for the same class alone.
+    the registry knows neither type: settings from its ``settings_model`` and units from its
+    transport must be used only with the same class.
     """
 
     @property
@@ -291,22 +291,22 @@ class LinkClass(Protocol[S, U]):
         robots: Sequence[int] = (0,),
         shapes: Sequence[StateShape] = (),
     ) -> Link:
-        """Make a link; nothing is opened yet.
+        """Create a link without opening anything.
 
         Args:
             settings: validated by ``settings_model``, and ``resolved``.
             clock: the node's.
             transport: the wire, if not the configured device (a pipe, a fault injector).
             rate_hz: the node's cycle, from which the room for Zone and Pose follows.
-            robots: indices of the robots that are advised on this link.
-            shapes: shape of each of them; if left out, six joints on a base that stands.
+            robots: indices of the robots advised on this link.
+            shapes: shape of each of them; by default six joints on a fixed base.
 
         Raises:
             LinkError: the settings name no device, and no transport is given.
         """
 
     def make_transport(self, settings: S, /) -> Transport[U]:
-        """The configured device, not yet open.
+        """Return the configured device, not yet open.
 
         Raises:
             LinkError: the settings name no device.
@@ -323,7 +323,7 @@ class LinkClass(Protocol[S, U]):
         shapes: Sequence[StateShape] = (),
         /,
     ) -> LinkLoad:
-        """Return the maximum load of the wire; the node refuses what does not fit.
+        """Return the maximum load of the wire; the node refuses a link that exceeds it.
 
         Raises:
             LinkError: this kind of wire cannot carry the RobotState of one of these robots.
@@ -331,16 +331,16 @@ class LinkClass(Protocol[S, U]):
 
 
 AnyLinkClass = LinkClass[LinkSettings, object]
-"""A kind of link by its name alone, as the registry gives it."""
+"""Any kind of link, as returned by the registry."""
 
 
 @runtime_checkable
 class Simulatable(Protocol):
-    """A kind of link at whose other end a mock controller can be (``simulate:``).
+    """A kind of link that supports a mock controller at its other end (``simulate:``).
 
     Attributes:
-        port_field: the field of its settings that names the device; the simulated cell opens a
-            pseudo-terminal, or a bus of its own, and puts its name there.
+        port_field: the settings field that names the device; the simulated cell opens a
+            pseudo-terminal or its own bus, and sets the field to its name.
     """
 
     port_field: str
@@ -348,31 +348,31 @@ class Simulatable(Protocol):
 
 @runtime_checkable
 class ChecksTogether(Protocol):
-    """A kind of link of which several can disturb each other."""
+    """A kind of link in which several links can disturb each other."""
 
     def check_together(self, links: Sequence[Any], /) -> None:
-        """Refuse settings, all of this kind, whose links would disturb each other.
+        """Refuse settings, all of this kind, if their links would disturb each other.
 
         Raises:
-            ConfigError: names both, and what to change.
+            ConfigError: names both links and the remedy.
         """
 
 
 @runtime_checkable
 class ObservesFleet(Protocol):
-    """A kind of link on which one program can hear the links of all cells."""
+    """A kind of link on which one program can receive from the links of all cells."""
 
     def observer(self, settings: Any, site: str | None, /) -> Transport[Keyed]:
         """Return an observer of Status, Advice and Schema of all cells of one or all sites."""
 
 
 def check_load(load: LinkLoad, slower: Callable[[float], str] | None = None) -> None:
-    """Refuse a link that cannot carry what must always fit.
+    """Refuse a link that cannot carry the required messages.
 
-    ``slower`` names the remedy for the rate of Status and Advice that would fit.
+    ``slower`` returns the remedy for a fitting rate of Status and Advice.
 
     Raises:
-        LinkError: one line with the load and what would fit.
+        LinkError: one line with the load and the remedies.
     """
     if load.spare >= 0:
         return

@@ -1,4 +1,4 @@
-"""More abilities that a kind of link may have or lack; ``link`` has the others."""
+"""Further optional abilities of a kind of link; ``link`` has the others."""
 
 from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
@@ -8,7 +8,7 @@ from hri_predict.robots.settings import RobotSettings
 
 @runtime_checkable
 class OfRobots(Protocol):
-    """A kind of link whose settings take defaults from the robots that it advises."""
+    """A kind of link with defaults that depend on its advised robots."""
 
     def of_robots(self, settings: Any, robots: Sequence[RobotSettings], /) -> Any:
         """Return the settings, completed.
@@ -20,9 +20,9 @@ class OfRobots(Protocol):
 
 @runtime_checkable
 class Unprotected(Protocol):
-    """A kind of link that speaks a third-party protocol, which lacks this node's CRC and counters.
+    """A kind of link that uses a third-party protocol without this node's CRC and counters.
 
-    What it writes is not our messages, so no receiver of ours decodes it.
+    Its data are not this project's messages, so this project's receivers cannot decode them.
 
     Attributes:
         unprotected: one line for the user.

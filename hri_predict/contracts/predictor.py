@@ -1,8 +1,8 @@
 """The contract of a predictor: a batch of histories in, one forecast out.
 
-A kind of predictor is a class: ``PredictorClass`` says what the node asks of the class,
-``Predictor`` what it asks of an object. ``hri-predict conformance predictor:NAME`` checks the
-contract on any kind.
+A kind of predictor is a class: ``PredictorClass`` is the interface required of the class,
+``Predictor`` that of an object. ``hri-predict conformance predictor:NAME`` checks the contract on
+any kind.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ MAX_STEPS = 100_000
 
 
 MIN_HORIZON_S = 0.01
-"""One step at 100 Hz."""
+"""Minimum horizon: one step at 100 Hz."""
 
 
 class PredictorSettings(Settings):
@@ -35,23 +35,25 @@ class PredictorSettings(Settings):
     )
     process: Literal["auto"] | bool = Field(
         "auto",
-        description="predict in a process of its own: auto does where forecasts take long and there"
-        " is more than one core",
+        description="predict in a separate process; auto: if forecasts take long and there is "
+        "more than one core",
     )
 
     @property
     def takes_long(self) -> bool:
-        """Whether forecasts take so long that a process of its own pays; by default not."""
+        """Whether forecasts are slow enough to justify a separate process; by default not."""
         return False
 
     def resolved(self, base_dir: Path) -> Self:
-        """The same with relative paths taken from ``base_dir``, the configuration's folder."""
+        """Return the settings with paths resolved relative to ``base_dir``, the configuration's
+        folder.
+        """
         return self
 
     def files(self) -> tuple[Path, ...]:
-        """Files that its forecasts depend on: a calibration is refused when one has changed.
+        """Files on which its forecasts depend: a calibration is refused if one of them has changed.
 
-        By default the file that a setting ``weights`` names, if there is such a setting.
+        By default the file named by the setting ``weights``, if it exists.
         """
         weights = getattr(self, "weights", None)
         return (Path(weights),) if isinstance(weights, str | Path) else ()
@@ -78,8 +80,8 @@ class Predictor(Protocol):
 
     Attributes:
         skeleton: the joints it works on.
-        history_steps: T, how many steps of history it reads.
-        horizon_steps: H, how many steps it predicts.
+        history_steps: T, number of steps of history.
+        horizon_steps: H, number of predicted steps.
         rate_hz: steps per second of both.
     """
 
@@ -91,9 +93,9 @@ class Predictor(Protocol):
     def predict(self, history: Floats, observed: Bools) -> Forecast:
         """Predict from ``history`` (P, T, J, 3), NaN-free, and ``observed`` (P, T, J).
 
-        The last step of the history is each person's newest capture. Where ``observed`` is false
-        the history's value means nothing. Joints that were never observed are put where a
-        neighbour is: finite, and left to the risk stage to bound.
+        The last step of the history is each person's newest capture. Where ``observed`` is false,
+        the history's value is meaningless. Joints never observed are placed at a neighbour: they
+        are finite, and the risk stage bounds them.
         """
 
 
@@ -112,11 +114,11 @@ class PredictorClass(Protocol[S]):
         """The model that validates ``predictor:`` of this kind."""
 
     def __call__(self, settings: S, skeleton: Skeleton = CANONICAL, /) -> Predictor:
-        """Make a predictor, ready to predict within the node's cycle.
+        """Create a predictor that is ready to predict within the node's cycle.
 
         Args:
             settings: validated by ``settings_model``, and ``resolved``.
-            skeleton: the joints to work on; the node gives none, so that the default holds.
+            skeleton: the joints to work on; the node uses the default.
 
         Raises:
             HriPredictError: a setting cannot be used; one line with the remedy.
@@ -124,14 +126,14 @@ class PredictorClass(Protocol[S]):
 
 
 AnyPredictorClass = PredictorClass[PredictorSettings]
-"""A kind of predictor by its name alone, as the registry gives it."""
+"""Any kind of predictor, as returned by the registry."""
 
 
 def refuse_unsound(predictor: Predictor) -> None:
-    """Check the attributes of a predictor before anything is sized by them.
+    """Check a predictor's attributes before arrays are sized by them.
 
     Raises:
-        PredictorError: one is missing, of the wrong type or absurd.
+        PredictorError: an attribute is missing, of the wrong type or out of range.
     """
     skeleton = getattr(predictor, "skeleton", None)
     if not isinstance(skeleton, Skeleton):
@@ -148,7 +150,7 @@ def refuse_unsound(predictor: Predictor) -> None:
 
 
 def checked(forecast: Forecast, people: int, predictor: Predictor) -> Forecast:
-    """Return ``forecast`` if it keeps the contract.
+    """Return ``forecast`` if it meets the contract.
 
     Raises:
         PredictorError: wrong shape, or not finite.

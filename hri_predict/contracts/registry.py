@@ -1,9 +1,9 @@
 """Parts by name: sources, predictors, links, simulated cells, faults and commands.
 
-A package adds, say, a predictor by an entry point in the group ``hri_predict.predictors``; nothing
-is imported until its name is asked for, so a missing library never breaks what does not need it.
-What a name must stand for is said by the contracts: ``source``, ``predictor`` and ``link``
-for the parts that any package may bring, ``cell`` for what ``hri_sim`` brings.
+A package adds, for example, a predictor through an entry point in the group
+``hri_predict.predictors``. A part is imported only when requested by name, so a missing library
+affects only parts that need it. The contracts define the parts: ``source``, ``predictor`` and
+``link`` for those that any package may provide, ``cell`` for those of ``hri_sim``.
 """
 
 import contextlib
@@ -20,7 +20,7 @@ from hri_predict.contracts.predictor import AnyPredictorClass, PredictorSettings
 from hri_predict.contracts.source import AnySourceClass, SourceSettings
 
 PartKind = Literal["sources", "predictors", "links"]
-"""Parts that third parties may bring, and that ``hri-predict conformance`` checks."""
+"""Parts that third parties may provide, checked by ``hri-predict conformance``."""
 TrainingKind = Literal["data_sets", "optimisers", "schedules", "benchmarks"]
 """Parts of a training and its evaluation, besides those of ``lab``; see ``part``."""
 Kind = PartKind | TrainingKind | Literal["commands", "predictor_settings", "cells", "faults"]
@@ -39,9 +39,10 @@ def _registered(kind: Kind, path: tuple[str, ...]) -> dict[str, metadata.EntryPo
 
 @lru_cache(maxsize=1)
 def _scanned(_path: tuple[str, ...]) -> Any:
-    """Return the registrations of all packages on the path: a scan reads all of their files.
+    """Return the registrations of all packages on the path, which requires reading all of their
+    metadata.
 
-    Python 3.11 has another class for them than 3.12; both have ``select``.
+    Their class differs between Python 3.11 and 3.12; both have ``select``.
     """
     return metadata.entry_points()
 
@@ -52,7 +53,7 @@ def names(kind: Kind) -> list[str]:
 
 
 def is_ours(kind: Kind, name: str) -> bool:
-    """Whether this package brings what is registered as ``name``, not a third party."""
+    """Whether ``name`` is provided by this package, not by a third party."""
     point = _entry_points(kind).get(name)
     dist = None if point is None else point.dist
     return dist is not None and dist.name == "hri-predict"
@@ -75,11 +76,12 @@ def load(kind: Literal["faults"], name: Literal["link"]) -> cell.LinkFaults: ...
 @overload
 def load(kind: Literal["faults"], name: Literal["parse"]) -> cell.FaultParser: ...
 def load(kind: Kind, name: str) -> Any:
-    """Import and return what is registered as ``name``.
+    """Import and return the part registered as ``name``.
 
     Raises:
-        ConfigError: nothing has this name (lists those there are), it cannot be imported (names
-            the extra or package that is missing), or it is not a class with a ``settings_model``.
+        ConfigError: the name is unknown (the message lists the known names), the part cannot be
+            imported (the message names the missing extra or package), or it is not a class with a
+            ``settings_model``.
     """
     points = _entry_points(kind)
     if name not in points:
@@ -112,10 +114,10 @@ def load(kind: Kind, name: str) -> Any:
 
 
 def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
-    """The part of this name, ours or that of an installed package.
+    """Return the part of this name, from this or another installed package.
 
     Raises:
-        ConfigError: nothing has this name, or it cannot be imported.
+        ConfigError: the name is unknown, or the part cannot be imported.
     """
     if name in ours:
         return ours[name]
@@ -129,14 +131,14 @@ def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
 
 
 def predictor_settings(name: str) -> type[PredictorSettings]:
-    """The settings model of a predictor, without importing the predictor where that can be.
+    """Return the settings model of a predictor, if possible without importing the predictor.
 
     The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
     libraries that only they need, such as torch. If the group has no such name, the predictor
     itself is imported.
 
     Raises:
-        ConfigError: see ``load``; or what is registered is not a ``PredictorSettings``.
+        ConfigError: see ``load``; or the registered object is not a ``PredictorSettings``.
     """
     point = _entry_points("predictor_settings").get(name)
     if point is None or name not in _entry_points("predictors"):
@@ -158,10 +160,10 @@ def predictor_settings(name: str) -> type[PredictorSettings]:
 
 @contextlib.contextmanager
 def building(what: str) -> Iterator[None]:
-    """Wrap the construction of a source, predictor or link, which may come from a third party.
+    """Wrap the construction of a source, predictor or link, possibly from a third party.
 
     Raises:
-        HriPredictError: its own error, or one that names the failure.
+        HriPredictError: the part's own error, or an error that names the failure.
     """
     try:
         yield
@@ -174,12 +176,12 @@ def building(what: str) -> Iterator[None]:
 
 
 def _said(error: BaseException) -> str:
-    """The kind of an error and the first line of its text."""
+    """Return the type of an error and the first line of its text."""
     return f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 
 def _remedy(point: metadata.EntryPoint) -> str:
-    """Return the extras to install, which the entry point names after its object: ``[fleet]``."""
+    """Return the extras to install, named in the entry point after its object: ``[fleet]``."""
     if not point.extras or point.dist is None:
         return "install it with pip"
     return f"pip install '{point.dist.name}[{','.join(point.extras)}]'"

@@ -10,7 +10,7 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.base.settings import Settings
 
 LEAST_SINE = 0.1
-"""Directions within 6 degrees of each other span no frame."""
+"""Directions within 6 degrees of each other do not define a frame."""
 _LEAST_M = 0.01
 
 Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
@@ -18,7 +18,7 @@ Offset = Annotated[float, Field(ge=-1.0, le=1.0)]
 
 
 class RigidJoint(Settings):
-    """A place on a rigid body of source joints."""
+    """A point on a rigid body of source joints."""
 
     at: str = Field(description="source joint from which the offset is measured")
     left: Pair = Field(description="two source joints; the second is to the left of the first")
@@ -29,7 +29,7 @@ class RigidJoint(Settings):
 
     @property
     def sources(self) -> frozenset[str]:
-        """The source joints that it needs."""
+        """The required source joints."""
         return frozenset({self.at, *self.left, *self.up})
 
     @model_validator(mode="after")
@@ -39,7 +39,7 @@ class RigidJoint(Settings):
         return self
 
     def renamed(self, names: Mapping[str, str]) -> "RigidJoint":
-        """The same joint, for a source that calls its joints otherwise: old to new names."""
+        """Return the same joint for a source with other joint names; maps old to new names."""
         left, up = ([names[name] for name in pair] for pair in (self.left, self.up))
         return RigidJoint(at=names[self.at], left=left, up=up, offset_m=self.offset_m)
 
@@ -47,12 +47,12 @@ class RigidJoint(Settings):
         """Return the joint's positions.
 
         Args:
-            positions: (..., J_source, 3) metres, right-handed, in any frame; those of its sources
-                count.
-            names: of the source joints, all of its sources among them.
+            positions: (..., J_source, 3) metres, right-handed, in any frame; only those of its
+                sources are used.
+            names: names of the source joints, including all of its sources.
 
         Returns:
-            (..., 3), and (...) whether the sources span a frame.
+            (..., 3), and (...) whether the sources define a frame.
         """
 
         def point(name: str) -> Floats:

@@ -1,4 +1,4 @@
-"""A source's view at one capture: all people in the room, or none."""
+"""A source's data of one capture: all people in the room, or none."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from hri_predict.base.arrays import Bools, Floats
 from hri_predict.protocol.reasons import Reason
 
 MAX_ERROR_M = 20.0
-"""A source that does not know a person's place to this much does not see the person."""
+"""Maximum position error; with a larger error a person is not observed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -16,14 +16,14 @@ class Person:
     """One skeleton of one person at one time, in the joint order of its source.
 
     Attributes:
-        id: the source's number for this body, 0..65535; a key, never a position in a list.
+        id: the source's number for this body, 0..65535; a key, not a list index.
         positions: (J_source, 3) metres in the room's frame; NaN where not observed.
-        observed: (J_source,) which joints were observed.
-        seen_as: the sensors of a merged source that see this person, and the id that each gives;
-            empty for every other source.
-        error_m: radius, metres, of a ball that holds the common error of the joints' places in 99
-            of 100 captures: all joints may be off by the same vector, and that vector may be
-            another one in the next capture. 0 to ``MAX_ERROR_M``; anything else is refused.
+        observed: (J_source,) whether each joint was observed.
+        seen_as: the sensors of a merged source that observe this person, with the id from each;
+            empty for other sources.
+        error_m: radius, metres, of a ball that contains the common error of all joint positions in
+            99 of 100 captures: all joints may be displaced by the same vector, which may differ in
+            the next capture. 0 to ``MAX_ERROR_M``; other values are refused.
     """
 
     id: int
@@ -35,11 +35,11 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why a source itself does not vouch for a scene.
+    """Reason why a source itself does not trust a scene.
 
     Attributes:
-        reason: its reason on the wire.
-        text: what is wrong, with names, for a person.
+        reason: the reason code in messages.
+        text: a readable description, with names.
     """
 
     reason: Reason
@@ -48,17 +48,18 @@ class Doubt:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """A source's view at one capture.
+    """A source's data of one capture.
 
     Attributes:
         stamp_ns: the source's time stamp of the capture, nanoseconds of the *source's* clock.
-            ``people`` aligns it with the node's clock; from there on it is a ``capture_ns``.
+            ``people`` converts it to the node's clock, as ``capture_ns``.
         sequence: the source's own counter, advancing by one per capture; gaps are losses.
-        sees_room: whether the source saw the room. ``True`` with no people says "the room is
-            empty"; ``False`` says "not known".
-        people: every person seen.
-        doubts: why the source itself does not vouch for it; with any, it proves nothing.
-        joined: pairs of ids (gone, kept): the source showed one person as two, and found out.
+        sees_room: whether the source observed the room. ``True`` without people means that the room
+            is empty; ``False`` means unknown.
+        people: all observed people.
+        doubts: reasons why the source itself does not trust the scene, which then proves nothing.
+        joined: pairs of ids (gone, kept): the source had reported one person as two, and corrected
+            it.
     """
 
     stamp_ns: int

@@ -20,7 +20,7 @@ from hri_predict.contracts.joint_map import JointMap
 from hri_predict.contracts.scene import Scene
 
 ARRIVAL_JITTER_S = 0.01
-"""Time by which a capture may come later than its period and the minimum latency."""
+"""Permitted lateness of a capture beyond its period and the minimum latency."""
 
 
 class SourceSettings(Settings):
@@ -44,28 +44,29 @@ class SourceSettings(Settings):
     )
     even_captures: bool = Field(
         True,
-        description="captures come at an even rate: stamps that scatter about it count as late, by "
-        "up to 40 ms; false where captures arrive unevenly and their stamps are right",
+        description="captures come at an even rate: stamps that deviate from it are treated as "
+        "late, by up to 40 ms; false if captures are uneven and their stamps correct",
     )
     stale_s: float | None = Field(
         None,
         ge=0.01,
         le=2,
-        description="age at which input is stale; default: min_latency_s + 2 periods + 10 ms, so"
-        " that one lost capture does not count, at most 3 periods + 20 ms",
+        description="age at which input is stale; default: min_latency_s + 2 periods + 10 ms, "
+        "which tolerates one lost capture; at most 3 periods + 20 ms",
     )
     field_of_view: Region | None = Field(
-        None, description="space that the sensor sees (room frame); the rest counts as occupied"
+        None,
+        description="space that the sensor observes (room frame); the rest is treated as occupied",
     )
     keeps_ids: bool = Field(
         False,
-        description="an id that comes back is the same person (suits, markers, re-identification); "
-        "false where ids may be given to another person",
+        description="a returning id is the same person (suits, markers, re-identification); false "
+        "if ids may be reused for another person",
     )
     sees_free_space: bool = Field(
         False,
-        description="where no body is reported in its field of view, the sensor has seen that no "
-        "person is there (depth camera, lidar)",
+        description="the sensor observes free space: without a reported body in its field of "
+        "view, no person is there (depth camera, lidar)",
     )
     shadows: list[Region] = Field(
         [], description="space hidden within its field of view: behind machines, pallets"
@@ -80,24 +81,24 @@ class SourceSettings(Settings):
 
     safety: ClassVar[Safety] = harmless("min_latency_s") | {
         "clock_wander_s": LessSafe(
-            above="a person may be up to {value:g} s older than believed: 1.6 m/s times {more:.2g} "
-            "s farther on than with the default"
+            above="input may be up to {value:g} s older than assumed: a person may be 1.6 m/s "
+            "times {more:.2g} s farther along than with the default"
         ),
-        "even_captures": LessSafe(other="stamps are believed, up to 40 ms more than by default"),
+        "even_captures": LessSafe(other="stamps are trusted by up to 40 ms more than by default"),
         "stale_s": LessSafe(
             above="input {value:.2g} s old is used, not {default:.2g} s; a person walks "
             "1.6 m/s times {more:.2g} s meanwhile"
         ),
-        "keeps_ids": LessSafe(other="an id that comes back ends the lost person who had it"),
+        "keeps_ids": LessSafe(other="a returning id removes the lost person with that id"),
         "sees_free_space": LessSafe(
-            other="a lost person is forgotten where the source reports no body in its view"
+            other="a lost person is removed where the source reports no body in its view"
         ),
     }
 
     @model_validator(mode="after")
     def _sees_a_field(self) -> Self:
         if self.sees_free_space and self.field_of_view is None:
-            raise ValueError("sees_free_space needs field_of_view: say where it sees")
+            raise ValueError("sees_free_space needs field_of_view: define the observed space")
         if (self.shadows or self.viewpoints) and not self.sees_free_space:
             raise ValueError("shadows and viewpoints have no effect without sees_free_space: true")
         return self
@@ -107,28 +108,30 @@ class SourceSettings(Settings):
         return self.stale_s or self.default_stale_s(rate_hz)
 
     def default_stale_s(self, rate_hz: float) -> float:
-        """``stale_after_s`` unless it is set.
+        """Default of ``stale_after_s``.
 
-        After a lost capture the previous one stays in use for two periods plus its latency.
+        After a lost capture the previous one remains in use for two periods plus its latency.
         """
         return min(self.min_latency_s + 2.0 / rate_hz + ARRIVAL_JITTER_S, 3.0 / rate_hz + 0.02)
 
     @property
     def stamps_are_ours(self) -> bool:
-        """Whether scenes are stamped by the node's own clock, so that none has to be aligned."""
+        """Whether scenes are stamped by the node's own clock, so that alignment is not needed."""
         return False
 
     @property
     def judges_bodies(self) -> bool:
-        """Whether the source itself judges if bodies move as people do, on one floor.
+        """Whether the source itself checks that bodies move like people, on one floor.
 
-        Its scenes then carry the doubts.
+        Its scenes then contain the doubts.
         """
         return False
 
     @property
     def known_places(self) -> list[list[float]]:
-        """Places [x, y, z] in the room that the source is at, or sees for certain, metres."""
+        """Positions [x, y, z] in the room, metres: the source's own, or points it certainly
+        observes.
+        """
         return [self.room_from_source.xyz, *self.viewpoints]
 
     @property
@@ -138,14 +141,14 @@ class SourceSettings(Settings):
 
 
 NOT_KNOWN_NS = 2**62
-"""``next_ns`` of a live source that has nothing now: ``arrived`` says when it has."""
+"""``next_ns`` of a live source without a scene: wait for ``arrived`` instead."""
 
 
 @dataclass(slots=True, kw_only=True)
 class SourceCounters:
-    """Counts of what a live source heard since start; nothing is lost silently.
+    """Counters of a live source since start; nothing is lost silently.
 
-    A packet is what the sender's numbers count: a datagram, a line, a serial frame.
+    A packet is the unit numbered by the sender: a datagram, a line, a serial frame.
     """
 
     packets: int = 0
@@ -169,7 +172,7 @@ class SourceCounters:
     last_error: str | None = None  # one line about the newest trouble
 
     def note(self, trouble: Exception | str) -> None:
-        """Keep one line about a trouble."""
+        """Store one line about an error."""
         lines = str(trouble).splitlines()
         self.last_error = lines[0] if lines else type(trouble).__name__
 
@@ -178,12 +181,13 @@ class Live(Protocol):
     """Additional members of a source that listens to a sender.
 
     Attributes:
-        arrived: set when a scene has come; code that waits for scenes clears it before polling.
-            A source that merges several gives all of them one, before they are opened.
+        arrived: set when a scene has arrived; code that waits for scenes clears it before polling.
+            A source that merges several gives them a shared event before they are opened.
         counters: see ``SourceCounters``.
-        connected: whether it can hear now (a datagram socket always can).
+        connected: whether it can receive now (a datagram socket always can).
         stamps_utc: whether senders stamp in UTC, so that their clocks can be compared with ours.
-        label: its name in the log and in errors. A source that merges several sets their sensors'.
+        label: its name in the log and in errors. A source that merges several sets the labels of
+            its sensors.
     """
 
     arrived: threading.Event
@@ -195,10 +199,10 @@ class Live(Protocol):
 
 @runtime_checkable
 class HasLive(Protocol):
-    """A source that hears a sender, or may do so.
+    """A source that may receive from a sender.
 
     Attributes:
-        live: often the source itself; ``None`` where it has no sender after all.
+        live: often the source itself; ``None`` without a sender.
     """
 
     @property
@@ -207,7 +211,8 @@ class HasLive(Protocol):
 
 @runtime_checkable
 class StatesFrame(Protocol):
-    """A source whose scenes state their own units and axes; those of the joint map do nothing.
+    """A source with scenes that state their own units and axes; those of the joint map have no
+    effect.
 
     Attributes:
         stated: (3, 3) from the newest scene's units and axes to metres, forward, left and up;
@@ -219,16 +224,16 @@ class StatesFrame(Protocol):
 
 
 def live_part(source: object) -> Live | None:
-    """``source.live`` where the source hears a sender; ``None`` for all others."""
+    """Return ``source.live`` if the source receives from a sender; otherwise ``None``."""
     return source.live if isinstance(source, HasLive) else None
 
 
 def wait_for(
     source: "Source", due_ns: int, clock: Clock, wake: threading.Event | None = None
 ) -> None:
-    """Return at ``due_ns``, or sooner: when a live source has heard something, or at ``wake``.
+    """Return at ``due_ns``, or sooner when a live source has received data, or at ``wake``.
 
-    ``wake`` is not looked at where the source is live.
+    ``wake`` is ignored for a live source.
     """
     live = live_part(source)
     if live is None:
@@ -239,21 +244,23 @@ def wait_for(
 
 
 class Source(Protocol):
-    """Yields scenes as they arrive. A recording, a simulator, a live sender: it is unknown which.
+    """Yields scenes as they arrive.
 
-    A source never blocks: the node asks ``poll`` when ``next_ns`` says that it is worth asking.
-    That one shape serves real time (a thread sleeps until ``next_ns``) and the virtual clock. A
-    source that cannot foresee its scenes has an attribute ``live`` (see ``HasLive``): the thread
-    then sleeps until ``next_ns`` or until ``live.arrived`` is set.
+    Its origin is hidden: a recording, a simulator or a live sender. A source never blocks: the node
+    calls ``poll`` at ``next_ns``. This interface works in real time (a thread sleeps until
+    ``next_ns``) and on the virtual clock. A source that cannot predict the arrival of scenes has an
+    attribute ``live`` (see ``HasLive``): the thread then sleeps until ``next_ns`` or until
+    ``live.arrived`` is set.
 
     A scene's positions are metres in the room (``room_from_source`` is applied), NaN exactly where
-    a joint was not observed. Its sequence rises; its stamp does not go back while the sender lives.
+    a joint was not observed. Its sequence increases; its stamp does not go back while the sender
+    runs.
 
     Attributes:
-        joint_map: names of the source's joints and how they become canonical ones.
+        joint_map: names of the source's joints and their mapping to canonical ones.
         rate_hz: nominal scenes per second.
-        declares_noise: ``True`` where two captures never have bit-identical joints, so that
-            identical ones mean a frozen sensor.
+        declares_noise: ``True`` if two captures never have bit-identical joints, so that identical
+            joints mean a frozen sensor.
     """
 
     joint_map: JointMap
@@ -264,25 +271,26 @@ class Source(Protocol):
         """Start; the first scene is captured at ``start_ns`` of the node's clock or later.
 
         Raises:
-            HriPredictError: it cannot start; the message says what to do.
+            HriPredictError: it cannot start; the message contains the remedy.
         """
 
     def next_ns(self) -> int | None:
-        """When ``poll`` may next have a scene (node's clock); ``None`` when there will be none.
+        """Return when ``poll`` may next have a scene (node's clock); ``None`` if there are no more
+        scenes.
 
-        ``NOT_KNOWN_NS`` where only ``live.arrived`` can say.
+        ``NOT_KNOWN_NS`` if only ``live.arrived`` can signal it.
         """
 
     def poll(self, now_ns: int) -> Scene | None:
         """Return the oldest scene that has arrived by ``now_ns`` and was not returned, if any."""
 
     def close(self) -> None:
-        """Release what it holds. Safe to call twice, and before ``open``."""
+        """Release all resources. Safe to call twice, and before ``open``."""
 
 
 @runtime_checkable
 class HasTwin(Protocol):
-    """A source of which a second one costs nothing: nothing is read again."""
+    """A source that can be copied cheaply, without reading its data again."""
 
     def twin(self) -> Source:
         """Return a source that yields the same scenes from the start, once it is opened."""
@@ -301,11 +309,11 @@ class SourceClass(Protocol[S]):
         """The model that validates ``source:`` of this kind."""
 
     def __call__(self, settings: S, base_dir: Path | None = None, /) -> Source:
-        """Make a source; no device is opened yet.
+        """Create a source without opening a device.
 
         Args:
             settings: validated by ``settings_model``.
-            base_dir: the configuration's folder, where relative paths start.
+            base_dir: the configuration's folder, base of relative paths.
 
         Raises:
             HriPredictError: a setting cannot be used; one line with the remedy.
@@ -313,4 +321,4 @@ class SourceClass(Protocol[S]):
 
 
 AnySourceClass = SourceClass[SourceSettings]
-"""A kind of source by its name alone, as the registry gives it."""
+"""Any kind of source, as returned by the registry."""

@@ -1,1 +1,1 @@
-"""From recordings alone: why a robot slowed, and what a shift was like."""
+"""Explanation of slowdowns and summary of a shift, from recordings alone."""

@@ -1,4 +1,4 @@
-"""People as the source saw them, as canonical joints; and where they truly went."""
+"""Observed people as canonical joints, and their actual motion."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -19,7 +19,9 @@ _OFFSETS = 25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenPerson:
-    """One person of one scene: (J, 3) metres, room frame, and (J,) which joints were observed."""
+    """One person of one scene: (J, 3) metres, room frame, and (J,) whether each joint was
+    observed.
+    """
 
     person: int
     stamp_ns: int
@@ -28,7 +30,7 @@ class SeenPerson:
 
 
 def people_of(scene: Told, joint_map: JointMap) -> list[SeenPerson]:
-    """The people of a scene; those whose numbers make no sense are left out."""
+    """Return the people of a scene; people with invalid numbers are left out."""
     stamp_ns = whole(scene.data.get("capture_ns"))
     found = []
     for person in map(mapped, listed(scene.data.get("people"))):
@@ -54,7 +56,9 @@ def _joints(person: Any, count: int) -> tuple[Floats, Bools] | None:
 
 
 class Offset:
-    """Offset of the node's clock from the source's, from forecasts and the scenes before."""
+    """Offset of the node's clock from the source's, estimated from forecasts and preceding
+    scenes.
+    """
 
     def __init__(self) -> None:
         self._found: deque[int] = deque(maxlen=_OFFSETS)
@@ -68,15 +72,15 @@ class Offset:
 
     @property
     def ns(self) -> int | None:
-        """The median of the newest; ``None`` before the first."""
+        """Return the median of the newest offsets; ``None`` before the first."""
         return sorted(self._found)[len(self._found) // 2] if self._found else None
 
 
 def place_at(track: Sequence[SeenPerson], stamp_ns: int) -> tuple[Floats, Bools] | None:
-    """Return a person's place between two captures (source's clock); ``None``: not seen.
+    """Return a person's position between two captures (source's clock); ``None``: not observed.
 
     Args:
-        track: of one person, by stamp.
+        track: observations of one person, by stamp.
     """
     after = next((k for k, seen in enumerate(track) if seen.stamp_ns >= stamp_ns), None)
     if after is None:

@@ -9,19 +9,19 @@ from hri_predict.explaining.values import mapped, text, whole
 from hri_predict.explaining.window import TimeWindow
 
 BEFORE_NS, AFTER_NS = 3 * NS, 1 * NS
-"""Counters are recorded once a second, so the first second after a moment reports it."""
+"""Counters are recorded once a second, so a moment's errors appear within the next second."""
 _NORMAL = {
     "messages_sent", "bytes_sent", "messages_received", "bytes_received", "superseded", "decimated",
     "scenes", "scenes_in", "frames_in", "appeared", "left_by_exit", "stamps_evened", "seen_free",
 }  # fmt: skip
-"""Counters that rise in a healthy cell."""
+"""Counters that increase in a healthy cell."""
 DAMAGE = ("crc_errors", "malformed", "incomplete", "counter_errors")
 """Counters of messages on a disturbed wire."""
 
 
 @dataclass(frozen=True, slots=True)
 class Moved:
-    """A counter and by how much it rose; ``where`` is ``people``, ``node`` or a link's name."""
+    """A counter and its increase; ``where`` is ``people``, ``node`` or a link's name."""
 
     where: str
     name: str
@@ -31,7 +31,7 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class LinkNow:
-    """A link at one instant: ``connected`` is ``None`` if that is not recorded."""
+    """A link at one instant: ``connected`` is ``None`` if not recorded."""
 
     name: str
     connected: bool | None
@@ -70,13 +70,15 @@ def moved(window: TimeWindow, utc_ns: int) -> list[Moved]:
 
 
 def _is_start(window: TimeWindow) -> bool:
-    """Whether the window begins with the node's start, so that its counters began at 0."""
+    """Whether the window starts with the node, so that its counters started at 0."""
     cycle = whole(window.status[0].data.get("cycle")) if window.status else None
     return cycle is not None and cycle <= 1
 
 
 def links_at(window: TimeWindow, utc_ns: int) -> list[LinkNow]:
-    """Return the links in the first message of /node from ``utc_ns`` on, or else the last one."""
+    """Return the links in the first message of /node from ``utc_ns`` on, otherwise in the last
+    one.
+    """
     after = [told for told in window.node if told.utc_ns >= utc_ns]
     told = after[0] if after else window.node[-1] if window.node else None
     if told is None:

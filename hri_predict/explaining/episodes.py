@@ -1,4 +1,4 @@
-"""Episodes: from where a robot was slowed or stopped until it might continue as before."""
+"""Episodes: each from a robot's slowdown or stop until it was released."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -12,21 +12,21 @@ from hri_predict.recording import Told
 
 LEVEL_NAMES = tuple(level.name for level in LEVELS)
 WAITING = tuple(r.name for r in Reason if r.row.kind is Kind.WAITING)
-"""Reasons that only say that what came before is not over."""
+"""Reasons that only state that the previous condition continues."""
 _PENDING = Reason.RELEASE_PENDING.row.rank or 0
 _STEADY = tuple(r.name for r in Reason if (r.row.rank or 0) > _PENDING)
 """Reasons that an advice keeps for some captures (``risk.levels.steady_reason``)."""
 _OF_RUN = tuple(r.name for r in Reason if r.row.kind is Kind.RUN)
 _NS = 1e9
 GAP_NS = 2_000_000_000
-"""Maximum gap without advice within an episode: afterwards the advice is unknown. An episode
-ends, too, where time goes back by this much: another file, of before the wall clock was set.
+"""Maximum gap without advice within an episode: after it the advice is unknown. An episode also
+ends where time goes back by this much, in another file from before the wall clock was set.
 """
 
 
 @dataclass(slots=True)
 class Phase:
-    """While level and reason stayed the same; ``first`` is the first advice of it."""
+    """A phase of constant level and reason; ``first`` is its first advice."""
 
     first: Told
     last_ns: int
@@ -44,11 +44,11 @@ class Phase:
 
 @dataclass(slots=True)
 class Episode:
-    """Attributes: ``end_ns`` and ``after`` are ``None`` if it lasts to the end of what was read.
+    """Attributes: ``end_ns`` and ``after`` are ``None`` if it lasts to the end of the data.
 
     ``before`` and ``after`` are the levels around it; ``least_m`` is the minimum separation in it;
-    ``permitted_m`` is how far the robot might have gone, by its speed limit, and
-    ``limit_m_s`` the limit advised last.
+    ``permitted_m`` is the distance that the robot could have moved at its speed limit, and
+    ``limit_m_s`` the last advised limit.
     """
 
     robot: str
@@ -62,12 +62,12 @@ class Episode:
 
     @property
     def start_ns(self) -> int:
-        """When it began."""
+        """Start of the phase."""
         return self.phases[0].first.utc_ns
 
     @property
     def last_ns(self) -> int:
-        """Its end, or the last advice of it."""
+        """Its end, or its last advice."""
         return self.phases[-1].last_ns if self.end_ns is None else self.end_ns
 
     @property
@@ -75,7 +75,7 @@ class Episode:
         """The phase after which the episode is named: the longest of the most severe ones, ignoring
         "waiting".
 
-        That the node starts or stops names an episode only if nothing else does.
+        The node's start or stop names an episode only if no other phase does.
         """
 
         def telling(phase: Phase) -> tuple[bool, tuple[bool, int], bool, int]:
@@ -88,22 +88,22 @@ class Episode:
 
     @property
     def is_of_run(self) -> bool:
-        """Whether nothing but the run's start or its end kept the robot from moving."""
+        """Whether only the start or end of the run kept the robot from moving."""
         if any(phase.level in ("STOP", "FAULT") for phase in self.phases):
             return False
         return self.phases[0].reason == "STARTING" or self.worst.reason in _OF_RUN
 
     @property
     def stopped_ns(self) -> int:
-        """Time of it for which the robot had to stand."""
+        """Time within it for which the robot had to stand."""
         return sum(p.last_ns - p.first.utc_ns for p in self.phases if not Level[p.level].may_move)
 
     def lost_s(self, full_m_s: float) -> float:
-        """Working time that it cost, s: a second at half of the full speed (m/s) counts half."""
+        """Lost working time, s: a second at half of the full speed (m/s) counts half."""
         return lost_s((self.last_ns - self.start_ns) / _NS, self.permitted_m, full_m_s)
 
     def cause_before(self, utc_ns: int) -> Phase | None:
-        """Return a waiting phase's cause: the last phase before that names more than waiting."""
+        """Return the cause of a waiting phase: the last earlier phase with another reason."""
         before = [p for p in self.phases if p.first.utc_ns <= utc_ns and p.reason not in WAITING]
         return before[-1] if before else None
 
@@ -120,9 +120,9 @@ def level_of(advice: dict[str, Any]) -> str:
 
 
 def severity(level: str) -> tuple[bool, int]:
-    """Order in which levels name an episode or a moment: by what the robot was asked.
+    """Order in which levels name an episode or a moment: by the requested action.
 
-    But a fault names it before any other stop, however short it was: people must mend its cause.
+    A fault takes precedence over other stops, however short, because its cause must be repaired.
     """
     return level == Level.FAULT.name, Level[level].rank
 
@@ -133,10 +133,9 @@ def slows(advice: dict[str, Any]) -> bool:
 
 
 def waits(advice: dict[str, Any]) -> bool:
-    """Whether the robot only waits at that moment, though the reason may still be what it was for.
+    """Whether the robot is only waiting, although the reason may still name the original cause.
 
-    A reason stays the same for some captures, so that it does not flicker; the detail is of the
-    moment.
+    A reason is kept for some captures to avoid flicker; the detail is always current.
     """
     reason, detail = text(advice.get("reason")), text(advice.get("detail"))
     return reason in WAITING or (reason in _STEADY and (RISING in detail or CLEARED in detail))
@@ -155,7 +154,7 @@ class EpisodeFinder:
         self._level: dict[str, str] = {}
 
     def add(self, told: Told) -> Episode | None:
-        """Take the next advice; return the episode that it ends."""
+        """Process the next advice; return the episode that it ends."""
         robot, level = robot_of(told.data), level_of(told.data)
         slowed = slows(told.data)
         before, self._level[robot] = self._level.get(robot), level
@@ -196,13 +195,13 @@ class EpisodeFinder:
         last.last_ns = until.utc_ns
 
     def rest(self) -> list[Episode]:
-        """The episodes that last to the end."""
+        """Return the episodes that last to the end."""
         left, self._open = list(self._open.values()), {}
         return left
 
 
 def episodes(advice: Iterable[Told]) -> Iterator[Episode]:
-    """Every episode of the advice given, as it ends."""
+    """Yield every episode of the advice, as it ends."""
     finder = EpisodeFinder()
     for told in advice:
         if (ended := finder.add(told)) is not None:

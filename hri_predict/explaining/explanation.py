@@ -25,21 +25,23 @@ from hri_predict.explaining.values import listed, mapped, number, text
 from hri_predict.protocol.messages import Level
 
 TERMS = {
-    "s_h": "S_h person's way until the robot stops",
-    "s_r": "S_r robot's way before it brakes",
-    "s_s": "S_s robot's way while it brakes",
+    "s_h": "S_h person's travel until the robot stops",
+    "s_r": "S_r robot's travel before it brakes",
+    "s_s": "S_s robot's travel while it brakes",
     "c": "C   intrusion distance",
-    "z_d": "Z_d uncertainty of the person's place",
-    "z_r": "Z_r uncertainty of the robot's place",
+    "z_d": "Z_d uncertainty of the person's position",
+    "z_r": "Z_r uncertainty of the robot's position",
 }
 """The terms of ISO/TS 15066:2016, 5.5.4.2.3."""
 DRIFT_S = 0.01
-"""A wall clock that moves by less within a second was not set: clocks drift by 0.5 ms at most."""
+"""Minimum step within a second that shows that the wall clock was set: clocks drift by at most 0.5
+ms.
+"""
 _QUIET = ("NONE", "PERSON_NEAR", "PERSON_APPROACHING", *WAITING)
 
 
 def explain(about: Situation) -> dict[str, Any]:
-    """Everything about one moment: see the keys; lengths in metres, times in seconds."""
+    """Return all data about one moment: see the keys; lengths in metres, times in seconds."""
     advice, data = about.advice, about.advice.data
     said = [text(reason) for reason in _reasons(about)]
     return {
@@ -97,9 +99,10 @@ def _reasons(about: Situation) -> list[Any]:
 
 
 def separation(about: Situation) -> dict[str, Any] | None:
-    """The terms of the protective separation distance; ``None``: the robot's place was unknown.
+    """Return the terms of the protective separation distance; ``None``: the robot's position was
+    unknown.
 
-    ``short_m`` is how much was missing; negative: there was more than enough.
+    ``short_m`` is the missing distance; negative if there was more than required.
     """
     data, grounds = about.advice.data, mapped(about.advice.data.get("grounds"))
     terms = mapped(grounds.get("terms_m"))
@@ -128,7 +131,7 @@ def separation(about: Situation) -> dict[str, Any] | None:
 
 
 def history(about: Situation, episode: Episode) -> dict[str, Any]:
-    """The level's history around: when it was entered and why, its phases, when it was released."""
+    """Return the level's history: time and reason of its start, its phases, and its release."""
     last = episode.phases[-1]
     return {
         "before": episode.before,
@@ -152,7 +155,7 @@ def history(about: Situation, episode: Episode) -> dict[str, Any]:
 
 
 def _clock_moved(about: Situation) -> float:
-    """Return the wall clock's step in these seconds; 0 where it only ran unevenly, as all do."""
+    """Return the wall clock's step in these seconds; 0 for normal drift."""
     near = [t for t in about.window.clock if abs(t.utc_ns - about.advice.utc_ns) <= BEFORE_NS]
     moved = [number(told.data.get("utc_moved_s")) or 0.0 for told in near]
     most = max(moved, key=abs, default=0.0)
@@ -160,7 +163,7 @@ def _clock_moved(about: Situation) -> float:
 
 
 def neighbours(about: Situation) -> dict[str, Any]:
-    """Return the nearest slowdowns before and after, for a moment without one."""
+    """Return the nearest slowdowns before and after a moment without one."""
     before, after = nearest_episodes(about.recordings, about.robot, about.advice.utc_ns)
     return {
         "before": None if before is None else listing(before, about.recordings),
@@ -169,9 +172,9 @@ def neighbours(about: Situation) -> dict[str, Any]:
 
 
 def listing(episode: Episode, recordings: Recordings) -> dict[str, Any]:
-    """An episode as a line of a list; ``at`` is what ``--at`` takes.
+    """Return an episode as an entry of a list; ``at`` is valid for ``--at``.
 
-    ``lost_s`` is the working time that it cost; ``None`` without the robot's full speed.
+    ``lost_s`` is the lost working time; ``None`` if the robot's full speed is unknown.
     """
     worst, info = episode.worst, recordings.info_at(episode.start_ns)
     full_m_s = full_speeds(info).get(episode.robot)
@@ -192,5 +195,5 @@ def listing(episode: Episode, recordings: Recordings) -> dict[str, Any]:
 
 
 def is_slowed(found: Mapping[str, Any]) -> bool:
-    """Whether an explanation is of a slowdown or stop."""
+    """Whether an explanation concerns a slowdown or stop."""
     return Level[found["level"]].rank >= Level.SLOW.rank

@@ -1,4 +1,4 @@
-"""A forecast against what then happened."""
+"""Comparison of a forecast with the actual motion."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +14,7 @@ from hri_predict.recording import RecordingInfo, Told
 
 HORIZONS_S = (0.2, 0.4, 0.8)
 _NEAR_S = 0.021
-"""A recorded step this near to a horizon stands for it: half a step of 25 Hz."""
+"""Maximum difference between a recorded step and a horizon: half a step at 25 Hz."""
 
 
 def forecast_of(told: Told, person: int) -> tuple[int, list[int], Floats] | None:
@@ -41,7 +41,7 @@ def error_at(
     track: Sequence[SeenPerson],
     offset_ns: int,
 ) -> Floats | None:
-    """(J,) metres, NaN where not observed; ``None``: the person was not seen then."""
+    """(J,) metres, NaN where not observed; ``None``: the person was not observed then."""
     there = place_at(track, capture_ns + round(ahead_s * 1e9) - offset_ns)
     if there is None or not there[1].any():
         return None
@@ -53,10 +53,10 @@ def error_at(
 def hindsight(
     window: TimeWindow, info: RecordingInfo, utc_ns: int, *, person: int | None, segment: str
 ) -> dict[str, Any] | None:
-    """Return one person's forecast at an instant and its errors; ``None``: none was made.
+    """Return one person's forecast at an instant and its errors; ``None`` without a forecast.
 
-    Lengths are metres: of all observed joints (``mean_m``), and at worst of the deciding segment's
-    two (``segment_m``).
+    Errors are in metres: the mean of all observed joints (``mean_m``), and the maximum of the
+    deciding segment's two (``segment_m``).
     """
     told = None if person is None else newest(window.forecasts, utc_ns, 1.0)
     made = None if told is None or person is None else forecast_of(told, person)

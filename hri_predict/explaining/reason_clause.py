@@ -1,4 +1,4 @@
-"""Why a robot was slowed, in one clause that begins after "because"."""
+"""Reason for a slowdown, as a clause that follows "because"."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ _WIDEN_ZONES = {r.name for r in Reason if r.row.widens_zones}
 
 
 def because(about: Situation) -> str:
-    """Why this advice was given. Where the robot only waits, that, and what it was for."""
+    """Return the reason for this advice. If the robot only waits, add the original cause."""
     reason = text(about.advice.data.get("reason"))
     if reason not in WAITING and waits(about.advice.data):
         return _released(about)
@@ -44,7 +44,7 @@ def because(about: Situation) -> str:
 
 
 def brief(told: Told, info: RecordingInfo) -> str:
-    """The same from the advice alone, for a line of a list."""
+    """Return the reason from the advice alone, for a line of a list."""
     reason = text(told.data.get("reason"))
     part, person = part_of(told), person_of(told)
     if not part or person is None:
@@ -55,7 +55,7 @@ def brief(told: Told, info: RecordingInfo) -> str:
 
 
 def reason_text(reason: str) -> str:
-    """A reason in words; its name if this version does not know it."""
+    """Return a reason as text; its name if this version does not know it."""
     return Reason[reason].text if reason in Reason.__members__ else f"of {reason}"
 
 
@@ -65,7 +65,7 @@ def remedy(reason: str) -> str:
 
 
 def part_of(advice: Told) -> str:
-    """The body part that decided: ``r_hand``; "" if none did."""
+    """The deciding body part: ``r_hand``; "" if there is none."""
     index = whole(advice.data.get("body_part"))
     names = CANONICAL.segment_names
     if index is not None and 0 <= index < len(names):
@@ -74,7 +74,7 @@ def part_of(advice: Told) -> str:
 
 
 def link_of(advice: Told, info: RecordingInfo) -> str:
-    """The robot's part that decided; "" if none did."""
+    """The deciding robot part; "" if there is none."""
     index = whole(advice.data.get("robot_link"))
     for name, capsules in info.robots:
         if name == robot_of(advice.data) and index is not None and 0 <= index < len(capsules):
@@ -83,18 +83,18 @@ def link_of(advice: Told, info: RecordingInfo) -> str:
 
 
 def person_of(advice: Told) -> int | None:
-    """The person who decided."""
+    """The deciding person."""
     return whole(mapped(advice.data.get("grounds")).get("person"))
 
 
 def distance_of(advice: Told) -> float | None:
-    """The deciding pair's distance; old recordings have only the least of all."""
+    """The deciding pair's distance; old recordings have only the overall minimum."""
     pair_m = number(mapped(advice.data.get("grounds")).get("pair_m"))
     return number(advice.data.get("separation_m")) if pair_m is None else max(0.0, pair_m)
 
 
 def needed_by(advice: Told) -> float | None:
-    """Return the distance that was needed for the robot as it moved."""
+    """Return the required distance for the robot's actual motion."""
     has_m, slack_m = distance_of(advice), number(mapped(advice.data.get("grounds")).get("slack_m"))
     return None if has_m is None or slack_m is None else has_m - slack_m
 
@@ -114,7 +114,9 @@ def _whereabouts(about: Situation) -> str:
 
 
 def _released(about: Situation) -> str:
-    """A person is there, but it is the release that takes its time."""
+    """Return the clause for a robot that waits only for its release although a person is
+    present.
+    """
     if RISING in text(about.advice.data.get("detail")):
         limit = number(about.advice.data.get("speed_limit_m_s")) or 0.0
         waited = f"it could move again, at first slowly: its limit had risen to {limit:.2f} m/s"
@@ -189,7 +191,7 @@ def _zone(about: Situation) -> str:
 
 
 def _robot_state(about: Situation) -> str:
-    """No RobotState: because of damaged messages, a broken link, or silence."""
+    """Return why there is no RobotState: damaged messages, a broken link, or silence."""
     sums: dict[str, int] = {}
     for each in about.moved:
         if each.is_link and each.name in DAMAGE:
@@ -236,7 +238,9 @@ def _clock_jump(about: Situation) -> str:
 
 
 def _steps(scenes: Sequence[Told], until_ns: int) -> list[float]:
-    """Return the shifts of capture stamps against their receipt, seconds; of the last seconds."""
+    """Return the shifts of capture stamps against their receipt within the last seconds, in
+    seconds.
+    """
     recent = [t for t in scenes if until_ns - 5 * NS <= t.utc_ns <= until_ns]
     pairs = [(whole(t.data.get("capture_ns")), t.node_ns) for t in recent]
     known = [(stamp, receipt) for stamp, receipt in pairs if stamp is not None]
@@ -275,7 +279,7 @@ def _latched(about: Situation) -> str:
 
 
 def _origin(about: Situation) -> str:
-    """Return the last phase before that names more than waiting, and its time."""
+    """Return the last earlier phase with a reason other than waiting, and its time."""
     phase = None if about.episode is None else about.episode.cause_before(about.advice.utc_ns)
     if phase is None:
         return "nothing else was recorded"

@@ -1,4 +1,4 @@
-"""The recordings in question: one file, or all files of one cell, in order."""
+"""The recordings to explain: one file, or all files of one cell, in order."""
 
 import os
 from collections.abc import Collection, Iterator, Sequence
@@ -9,7 +9,7 @@ from hri_predict.base.errors import RecordingError
 from hri_predict.recording import RecordingInfo, Told, read_messages, recording_info
 
 TWICE_NS = 1_000_000_000
-"""Maximum overlap of a file with the last one: less is the drift of clocks."""
+"""Maximum overlap of a file with the previous one that clock drift can explain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,18 +22,19 @@ class RecordedFile:
 
 
 class Recordings:
-    """All files of one cell, read one after the other; never more than a chunk is in memory.
+    """All files of one cell, read one after the other; at most one chunk is in memory.
 
     Args:
-        named: files, and folders whose ``.mcap`` files are meant.
+        named: files, and folders of ``.mcap`` files.
 
     Attributes:
-        files: by their beginnings.
+        files: sorted by start time.
         notes: unreadable parts found so far, one line each.
-        twice: pairs of files, found so far, that say something about the same time.
+        twice: pairs of files, found so far, that overlap in time.
 
     Raises:
-        RecordingError: nothing there is a recording of this node, or they are of several cells.
+        RecordingError: there is no recording of this node, or the recordings belong to several
+            cells.
         OSError: a file cannot be read.
     """
 
@@ -86,12 +87,12 @@ class Recordings:
         return self.files[0].start_ns
 
     def info_at(self, utc_ns: int) -> RecordingInfo:
-        """Return the properties of the file that was being written then."""
+        """Return the properties of the file that was being written at that time."""
         begun = [file for file in self.files if file.start_ns <= utc_ns]
         return (begun or self.files[:1])[-1].info
 
     def end_ns(self) -> int:
-        """The last message's time; reads the last file."""
+        """Time of the last message; reads the last file."""
         file = self.files[-1]
         told = self._read(file, ["/clock", "/status"], None, None)
         return max((message.utc_ns for message in told), default=file.start_ns)
@@ -103,9 +104,10 @@ class Recordings:
         start_ns: int | None = None,
         end_ns: int | None = None,
     ) -> Iterator[Told]:
-        """Every message from ``start_ns`` to before ``end_ns``, file by file.
+        """Yield every message from ``start_ns`` to before ``end_ns``, file by file.
 
-        Of a file that is cut or damaged, what comes before is given, and ``notes`` says so.
+        From a truncated or damaged file, the readable beginning is used, which is recorded in
+        ``notes``.
         """
         before, newest_ns = self.files[0], 0
         for k, file in enumerate(self.files):
@@ -155,14 +157,14 @@ class Recordings:
 
 
 def _unread(path: Path, error: RecordingError | OSError) -> str:
-    """Why a file gives no more; the name is in it."""
+    """Return why the rest of a file cannot be read, including its name."""
     if isinstance(error, RecordingError):
         return str(error)
     return f"recording {path}: cannot be read: {error.strerror or type(error).__name__}"
 
 
 def _paths(named: Sequence[Path]) -> list[Path]:
-    """The files that are meant, each once.
+    """Return the selected files, each once.
 
     Raises:
         RecordingError: the file does not exist, or the folder has none.

@@ -1,4 +1,4 @@
-"""One robot at one moment, with everything that was recorded around it."""
+"""One robot at one moment, with all data recorded around it."""
 
 import re
 from dataclasses import dataclass, field
@@ -37,7 +37,7 @@ def people_seen(
     Returns:
         ``id``; ``state``: tracked or lost; ``last_seen_s`` ago; ``age_s`` of the capture, where a
         forecast gives it; ``observed`` of ``joints``; ``missing`` joints by name; ``speed``: "" if
-        it is as the standard assumes.
+        the standard's speed is used.
     """
     last = _last_seen(window, info, utc_ns)
     lost = _lost(window, utc_ns, last)
@@ -80,7 +80,7 @@ def _last_seen(
 
 
 def _lost(window: TimeWindow, utc_ns: int, last: dict[int, tuple[Told, SeenPerson]]) -> set[int]:
-    """Zones hold lost people too; a person of them who is in no newer scene is lost."""
+    """Zones include lost people; a person in a zone but in no newer scene is lost."""
     zones = newest(window.zones, utc_ns, 1.0)
     if zones is None:
         return set()
@@ -112,12 +112,16 @@ def _speed(detail: str, person: int) -> str:
 # --------------------------------------------------------------------------------------------------
 
 _LOOK_S = (120, 1800)
-"""Time spans searched for an episode's ends, or the nearest one, before everything is read."""
+"""Time spans searched for an episode's ends, or for the nearest episode, before all data are
+read.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """Attributes: ``advice`` is the one to explain; ``episode`` is ``None`` if it slows nothing."""
+    """Attributes: ``advice`` is the advice to explain; ``episode`` is ``None`` if it does not slow
+    the robot.
+    """
 
     recordings: Recordings
     window: TimeWindow
@@ -131,24 +135,24 @@ class Situation:
 
     @property
     def info(self) -> RecordingInfo:
-        """Properties of the file of that moment."""
+        """Properties of the file that contains the moment."""
         return self.recordings.info_at(self.advice.utc_ns)
 
     @property
     def status(self) -> Told | None:
-        """The node's state with this advice."""
+        """The node's state at this advice."""
         return newest(self.window.status, self.advice.utc_ns)
 
     def clock(self, utc_ns: int, digits: int = 1) -> str:
-        """A time as people read it."""
+        """Format a time for display."""
         return shown(utc_ns, self.recordings, digits)
 
 
 def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situation:
     """Return the known facts about a moment.
 
-    The severest advice within the time asked about counts; of these the first that says more than
-    that the robot waits. Without ``robot``, that of all robots.
+    The most severe advice within the requested time is used, and among several the first with a
+    reason other than waiting; without ``robot``, among all robots.
 
     Raises:
         ConfigError: nothing was recorded then, or twice, or the robot does not exist.
@@ -190,7 +194,7 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
 
 
 def _worst(advice: list[Told], at: AskedTime) -> Told | None:
-    """The severest advice of the time asked about, or the last one before it."""
+    """Return the most severe advice within the requested time, or the last one before it."""
     within = [t for t in advice if at.start_ns <= t.utc_ns < at.start_ns + at.width_ns]
     before = newest(advice, at.start_ns)
     within = within if before is None or within else [before]
@@ -209,7 +213,7 @@ def _nothing(recordings: Recordings, at: AskedTime) -> str:
 
 
 def episode_around(recordings: Recordings, robot: str, utc_ns: int) -> Episode | None:
-    """The whole episode that holds a moment, however long it is."""
+    """Return the complete episode that contains a moment, however long it is."""
     found = None
     for reach_s in (*_LOOK_S, None):
         start_ns = None if reach_s is None else utc_ns - reach_s * NS
@@ -229,7 +233,7 @@ def episode_around(recordings: Recordings, robot: str, utc_ns: int) -> Episode |
 def nearest_episodes(
     recordings: Recordings, robot: str, utc_ns: int
 ) -> tuple[Episode | None, Episode | None]:
-    """The last episode before a moment, and the first one after it."""
+    """Return the last episode before a moment, and the first one after it."""
     before = after = None
     for reach_s in (*_LOOK_S, None):
         start_ns = None if reach_s is None else utc_ns - reach_s * NS

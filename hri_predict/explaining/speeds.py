@@ -1,4 +1,4 @@
-"""Each robot's full speed, which limits are a share of."""
+"""Full speed of each robot, the reference for speed limits."""
 
 import yaml
 

@@ -1,4 +1,4 @@
-"""Times as people write them, and back."""
+"""Parsing and formatting of times."""
 
 import math
 import re
@@ -21,7 +21,7 @@ _HINT = "write 14:03:07 (UTC), 2026-03-09T14:03:07, or seconds since the start s
 
 @dataclass(frozen=True, slots=True)
 class AskedTime:
-    """The time that a user means: ``14:03:07`` is the whole second, ``14:03`` the minute."""
+    """The time span given by a user: ``14:03:07`` is the whole second, ``14:03`` the minute."""
 
     start_ns: int
     width_ns: int
@@ -52,7 +52,7 @@ def asked(text: str, recordings: Recordings, flag: str = "--at") -> AskedTime:
 
 
 def shown(utc_ns: int, recordings: Recordings, digits: int = 1) -> str:
-    """``14:03:07.2``, or ``12.4 s`` since the start where there is no UTC."""
+    """Return ``14:03:07.2``, or ``12.4 s`` since the start if there is no UTC."""
     if not recordings.info.has_utc:
         return f"{(utc_ns - recordings.start_ns) / NS:.{digits}f} s"
     seconds, rest = divmod(utc_ns, NS)
@@ -61,7 +61,7 @@ def shown(utc_ns: int, recordings: Recordings, digits: int = 1) -> str:
 
 
 def dated(utc_ns: int, recordings: Recordings) -> str:
-    """The same with its date, as ``--at`` takes it."""
+    """Return the time with its date, as accepted by ``--at``."""
     if not recordings.info.has_utc:
         return f"{(utc_ns - recordings.start_ns) / NS:.2f}"
     seconds, rest = divmod(utc_ns, NS)
@@ -101,7 +101,7 @@ def _zone(text: str | None) -> int:
 
 
 def _on_one_day(since_ns: int, recordings: Recordings, where: str) -> int:
-    """The only moment with this time of day that the recordings may cover."""
+    """Return the only moment with this time of day in the recordings' range."""
     start_ns, end_ns = recordings.start_ns, recordings.end_ns()
     first = datetime.combine(datetime.fromtimestamp(start_ns // NS, UTC), time(0), UTC)
     days = math.ceil((end_ns - start_ns) / (86_400 * NS)) + 2

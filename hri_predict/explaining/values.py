@@ -1,4 +1,4 @@
-"""Values of a recording, which may be anything: a file can be damaged, or made to deceive."""
+"""Untrusted values from a recording: a file can be damaged or forged."""
 
 import math
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ def whole(value: Any) -> int | None:
 
 
 def text(value: Any) -> str:
-    """A text that a terminal can show: no control characters, no endless length."""
+    """Return a text safe for a terminal: without control characters, and of limited length."""
     raw = "-" if value is None else str(value)[:LONGEST]
     return "".join(c if c.isprintable() else "?" for c in raw)
 

@@ -18,7 +18,7 @@ BEFORE_NS, AFTER_NS = 20 * NS, 10 * NS
 
 @dataclass(slots=True)
 class TimeWindow:
-    """The messages of some seconds, in their order; see ``TOPICS`` for what they are.
+    """The messages of some seconds, in order; see ``TOPICS`` for their content.
 
     ``received`` has the times of controllers' messages by link.
     """
@@ -58,7 +58,7 @@ class TimeWindow:
 
 
 def newest(messages: list[Told], utc_ns: int, within_s: float = 2.0) -> Told | None:
-    """The newest message at ``utc_ns`` that is no older than ``within_s``."""
+    """Return the newest message at ``utc_ns`` that is not older than ``within_s``."""
     k = bisect_right(messages, utc_ns, key=lambda told: told.utc_ns)
     if not k or utc_ns - messages[k - 1].utc_ns > within_s * NS:
         return None

@@ -18,13 +18,13 @@ SHOWN_PHASES = 12
 
 
 def told(found: Mapping[str, Any], width: int = 80) -> Iterator[str]:
-    """The lines of an explanation; the first is the answer."""
+    """Return the lines of an explanation; the first one is the answer."""
     for paragraph in _paragraphs(found):
         yield from _wrapped(paragraph, width)
 
 
 def _wrapped(line: str, width: int) -> list[str]:
-    """One line as several; what hangs begins under the text after two blanks or more."""
+    """Wrap one line; continuation lines are aligned with the text after two or more blanks."""
     start = len(line) - len(line.lstrip())
     return textwrap.wrap(line, width, subsequent_indent=" " * (start + 2)) or [""]
 
@@ -116,7 +116,7 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
 
 
 def _standard(found: Mapping[str, Any]) -> Iterator[str]:
-    """The terms of the standard's distance, and whether it decided."""
+    """Return the terms of the standard's distance, and whether it decided."""
     reaction, stopping = found["reaction_s"] or 0.0, found["stopping_s"] or 0.0
     decided = "which decided" if found["way"] == "standard" else "for comparison: it did not decide"
     yield (
@@ -196,7 +196,7 @@ HEAD = f"{'from':>10} {'for':>8} {'cost':>7}  robot, worst level, why then"
 
 
 def line_of(episode: Mapping[str, Any], width: int = 80) -> str:
-    """An episode in one line of a list."""
+    """Return an episode as one line of a list."""
     lasted = f"{episode['seconds']:.1f} s" + ("" if episode["is_over"] else "+")
     cost = "-" if episode["lost_s"] is None else f"{episode['lost_s']:.1f} s"
     head = f"{episode['from']:>10} {lasted:>8} {cost:>7}  "

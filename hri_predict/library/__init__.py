@@ -1,1 +1,1 @@
-"""Functions that ``import hri_predict`` adds to the rooms' own parts: a few thin functions."""
+"""A few thin functions that ``import hri_predict`` offers besides the packages' own parts."""

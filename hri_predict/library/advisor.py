@@ -1,4 +1,6 @@
-"""The node's whole way, called by hand: scenes and robot states in, zones and advice out."""
+"""The node's complete processing as a function call: scenes and robot states in, zones and advice
+out.
+"""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -26,12 +28,12 @@ def load_config(path: str | Path) -> Config:
 
 
 class Advisor:
-    """A node without a source, links or a clock of its own: the caller is all three.
+    """A node without its own source, links or clock: the caller replaces all three.
 
     Everything between is the node's: people, predictor, zones, levels with their memory. So the
-    levels depend on what came before: give every scene, in order, and keep one advisor per cell.
-    The configuration's ``source`` still says how old input may be and what the sensor sees
-    (``min_latency_s``, ``stale_s``, ``field_of_view``); its ``links`` still count in the delay
+    levels depend on earlier calls: pass every scene, in order, and keep one advisor per cell. The
+    configuration's ``source`` still defines the maximum age of input and the sensor's view
+    (``min_latency_s``, ``stale_s``, ``field_of_view``); its ``links`` are still part of the delay
     budget; nothing is opened. For one thread.
 
     Args:
@@ -40,14 +42,14 @@ class Advisor:
             ``CANONICAL.joints``. The scenes' positions are metres in the room whatever the map's
             units and axes are.
         rate_hz: nominal scenes per second; by default the configuration's ``rate_hz``.
-        start_ns: the caller's clock when robots on a planned trajectory start it.
+        start_ns: time on the caller's clock at which robots start a planned trajectory.
 
     Attributes:
         robots: names of the robots, in the order of their indices.
-        segments: names of the body segments that ``Advice.body_part`` counts.
+        segments: names of the body segments, indexed by ``Advice.body_part``.
 
     Raises:
-        HriPredictError: some part cannot be built; one line with the remedy.
+        HriPredictError: a part cannot be built; one line with the remedy.
     """
 
     def __init__(
@@ -85,21 +87,23 @@ class Advisor:
         """Run one tick.
 
         Args:
-            scene: people seen, metres in the room's frame; ``None`` where nothing new came, which
-                lets the input age.
+            scene: observed people, metres in the room's frame; ``None`` without a new scene, so
+                that the input ages.
             received: messages of the controllers since the last call: each robot's joint state
                 (rad, rad/s), with a counter that advances, and acknowledgements.
-            now_ns: the caller's monotonic clock at this call, later than at the last one. The age
-                of the input counts from it. In a live cell never pass the scene's own ``stamp_ns``:
-                every scene would look fresh, however late. For a recording that is right.
+            now_ns: the caller's monotonic clock at this call, later than at the last one. It
+                determines the age of the input. In a live cell never pass the scene's own
+                ``stamp_ns``: every scene would appear fresh, however late. For a recording that is
+                correct.
 
         Returns:
-            ``advices`` has one Advice per robot; ``assessment.zones`` where every segment of every
-            body may be, at each time. ``assessment`` is ``None``, and every advice *fault*, where
-            the tick failed.
+            ``advices`` has one Advice per robot; ``assessment.zones`` contains the zone of every
+            body segment at each time. If the tick failed, ``assessment`` is ``None`` and every
+            advice is *fault*.
 
         Raises:
-            ConfigError: ``now_ns`` does not advance; a clock that stands makes no input old.
+            ConfigError: ``now_ns`` does not advance; with a stopped clock, input would never become
+                stale.
         """
         if self._now_ns is not None and now_ns <= self._now_ns:
             raise ConfigError(
@@ -114,7 +118,7 @@ class Advisor:
 
 
 class _Caller:
-    """A source (see ``hri_predict.contracts.source.Source``) whose scenes the caller brings."""
+    """A source (see ``hri_predict.contracts.source.Source``) with scenes provided by the caller."""
 
     declares_noise = False
 
@@ -129,11 +133,11 @@ class _Caller:
         """There is nothing to open."""
 
     def next_ns(self) -> int | None:
-        """There will be none."""
+        """Return ``None``: scenes come only from the caller."""
         return None
 
     def poll(self, now_ns: int) -> Scene | None:
-        """There is none."""
+        """Return ``None``: there is no further scene."""
         return None
 
     def close(self) -> None:
@@ -141,7 +145,9 @@ class _Caller:
 
 
 class _Inbox:
-    """A link (see ``hri_predict.contracts.link.Link``) that hears the caller, and sends nowhere."""
+    """A link (see ``hri_predict.contracts.link.Link``) that receives from the caller and does not
+    send.
+    """
 
     name = "caller"
 
@@ -157,16 +163,16 @@ class _Inbox:
         """There is nothing to open."""
 
     def post(self, message: Message) -> None:
-        """The caller finds every message in the tick."""
+        """Do nothing: the caller gets every message in the tick."""
 
     def take(self) -> list[Received]:
-        """Take what the caller brought."""
+        """Return the caller's messages."""
         taken = list(self.waiting)
         self.waiting.clear()
         return taken
 
     def service(self, now_ns: int) -> None:
-        """There is nothing to write or read."""
+        """Do nothing: there is no data to write or read."""
 
     def stop(self) -> None:
         """There is nothing to close."""

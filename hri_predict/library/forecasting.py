@@ -1,4 +1,4 @@
-"""Forecasts of a recording, made as the running node would have made them."""
+"""Forecasts for a recording, identical to those of a running node."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,26 +31,26 @@ from hri_predict.zones.settings import CoverageSettings
 
 _LEVEL = 0.9
 _DEVIATIONS = 2.5003
-"""Radius, in standard deviations, of a ball that holds 90 % of a normal distribution of three axes:
+"""Radius, in standard deviations, of a ball that contains 90 % of a three-axis normal distribution:
 the root of the 0.9 quantile of chi-squared with 3 degrees of freedom, 6.2514.
 """
 
 
 class Spread:
-    """Gives forecasts their ``std``; for one recording, whose forecasts come in order.
+    """Adds ``std`` to the forecasts of one recording, which must be in order.
 
-    It is the standard deviation of the normal distribution, alike in all directions, of which as
-    much lies within the calibrated radius as that radius was stated to hold (90 % of joints).
-    Errors have heavier tails than this; for zones use the radii themselves. Nothing is widened, and
-    motion that differs from the calibration data is not reported. Only the steps a second are
-    compared: the calibration of another predictor gives numbers that mean nothing.
+    It is the standard deviation of an isotropic normal distribution with the same share within the
+    calibrated radius as the calibration states (90 % of joints). Errors have heavier tails than
+    this; for zones use the radii themselves. Nothing is widened, and motion that differs from the
+    calibration data is not reported. Only the steps per second are checked: the calibration of
+    another predictor gives meaningless numbers.
 
     Args:
-        calibration: of the predictor.
-        predictor: the predictor that makes the forecasts.
+        calibration: calibration of the predictor.
+        predictor: the predictor of the forecasts.
 
     Raises:
-        ConfigError: the calibration has other steps a second than the predictor.
+        ConfigError: calibration and predictor differ in steps per second.
     """
 
     def __init__(self, calibration: Calibration, predictor: Predictor) -> None:
@@ -72,11 +72,11 @@ class Spread:
         )
 
     def of(self, snapshot: PeopleSnapshot, forecast: Forecast) -> Floats:
-        """(P, H, J) metres; infinite where the calibration knows nothing.
+        """Return (P, H, J) metres; infinite where the calibration has no value.
 
         Args:
-            snapshot: the people; their earlier forecasts are judged by it.
-            forecast: made from it.
+            snapshot: the people; their earlier forecasts are compared with it.
+            forecast: forecast from this snapshot.
         """
         velocities = velocities_in(snapshot, self._rate_hz)
         trust = self._check.check(snapshot, velocities)
@@ -100,7 +100,9 @@ class Spread:
 # --------------------------------------------------------------------------------------------------
 
 MOST_PEOPLE = 64
-"""As many as the people stage can follow: no person of a recording is left out by a default."""
+"""Maximum number of people that the people stage can track, so that all people of a recording are
+included.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -111,12 +113,12 @@ class RecordedForecast:
         time_s: when the scene arrived, seconds since the recording's first.
         ids: (P,) ids of the people.
         capture_s: (P,) each person's newest capture, seconds since the recording's first arrival.
-        horizons_s: (H,) how far after that capture each step lies.
+        horizons_s: (H,) time of each step after that capture.
         joints: (J,) names of the joints.
         positions: (P, H, J, 3) metres, in the recording's own frame with z up.
-        std: (P, H, J) metres, one standard deviation per axis, of the predictor or from a
-            calibration; infinite where nothing is known.
-        reasons: why this input is not to be trusted; empty when it is.
+        std: (P, H, J) metres, one standard deviation per axis, from the predictor or a calibration;
+            infinite where unknown.
+        reasons: why this input is not trusted; empty if it is.
     """
 
     time_s: float
@@ -134,8 +136,8 @@ def load_predictor(name: str, **settings: Any) -> Predictor:
 
     Args:
         name: as in a configuration's ``predictor.name``.
-        settings: its other keys there, such as ``horizon_s``, ``rate_hz`` or ``weights``; relative
-            paths start in the working directory.
+        settings: its other keys in the configuration, such as ``horizon_s``, ``rate_hz`` or
+            ``weights``; relative paths start in the working directory.
 
     Raises:
         ConfigError: the predictor does not exist, a setting is wrong, or a package is missing.
@@ -164,19 +166,19 @@ def forecasts(
 ) -> Iterator[RecordedForecast]:
     """Yield a forecast for each scene of a recording, in order.
 
-    The people stage of the node follows all people, so a forecast rests on what was captured up to
-    its scene and on nothing later. People who are in the recording but not believed (a jump, a body
-    of no human size) are left out, and ``reasons`` says so.
+    The node's people stage tracks all people, so a forecast depends only on captures up to its
+    scene. People in the recording with implausible data (a jump, a body of non-human size) are left
+    out, as stated in ``reasons``.
 
     Args:
         recording: the captures.
         predictor: see ``load_predictor``.
-        calibration: of the predictor, see ``load_calibration_of``. It gives ``std`` to
-            forecasts that have none: from how this person moves, and from how wrong the forecasts
-            of 0.12 and 0.4 s ago were.
+        calibration: of the predictor, see ``load_calibration_of``. It adds ``std`` to forecasts
+            without one, based on this person's motion and on the errors of the forecasts of 0.12
+            and 0.4 s ago.
 
     Raises:
-        ConfigError: the calibration is for a different number of steps a second.
+        ConfigError: the calibration is for a different number of steps per second.
         PredictorError: the predictor works on other joints than the node's, or breaks its contract.
     """
     people = _people(recording, predictor)
@@ -187,7 +189,7 @@ def forecasts(
 
 
 def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> RecordedForecast:
-    """The forecast at one time: that of the newest scene which had arrived by then.
+    """Return the forecast at one time, from the newest scene that had arrived by then.
 
     Args:
         recording: the captures.
@@ -215,7 +217,7 @@ def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> Re
 
 
 def _people(recording: Recording, predictor: Predictor) -> People:
-    """The node's people stage for this recording; it is where it was recorded."""
+    """Return the node's people stage for this recording."""
     return People(
         settings=PeopleSettings(max_people=MOST_PEOPLE),
         joint_map=recording.joint_map,

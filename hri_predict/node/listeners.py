@@ -29,7 +29,7 @@ class Tick:
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Reasons of the scene, then of the rest."""
+        """Reasons from the scene, then all others."""
         scene = () if self.snapshot is None else self.snapshot.reasons
         return (*scene, *(() if self.assessment is None else self.assessment.reasons))
 
@@ -39,19 +39,19 @@ class Tick:
         return () if self.assessment is None else self.assessment.named_zones
 
     def grounds(self, robot: int) -> Grounds | None:
-        """Return the grounds of a robot's advice."""
+        """Return the basis of a robot's advice."""
         known = () if self.assessment is None else self.assessment.grounds
         return known[robot] if robot < len(known) else None
 
 
 class Listener:
-    """Observes the node without taking part; every method is optional and must not block."""
+    """Observes the node without affecting it; every method is optional and must not block."""
 
     def on_scene(self, scene: Scene, receipt_ns: int) -> None:
-        """Take a scene that the node received."""
+        """Receive a scene that arrived at the node."""
 
     def on_received(self, link: str, received: Received) -> None:
-        """Take a controller's message that the node received."""
+        """Receive a controller's message that arrived at the node."""
 
     def on_tick(self, tick: Tick) -> None:
-        """Take the results of a tick."""
+        """Receive the results of a tick."""

@@ -1,10 +1,9 @@
-"""A mark beside the state file, by which the file can prove that it is this cell's last word.
+"""A mark next to the state file, which proves that the file is this cell's newest state.
 
-The mark lies in the lock file, which always has the same length: it can be written even when the
-disk is full. It counts the writes, and is written before the state file and again afterwards. So a
-state file that was deleted, restored from a copy, brought from elsewhere or could not be written
-does not match it. If file and mark are restored together, the time of the file's last change, which
-the file system keeps, does not match.
+The mark is stored in the lock file, which has a fixed length and so can be written even if the disk
+is full. It counts the writes, and is written before and after the state file. So a state file that
+was deleted, restored, copied from another cell or not written does not match the mark. If file and
+mark are restored together, the file system's time of the last change does not match.
 """
 
 import json
@@ -22,9 +21,9 @@ class Mark:
 
     Attributes:
         name: random name of this pair of files.
-        writes: number of times that the state file was, or was to be, written.
-        changed_ns: when the file system changed the file last, at that write; ``None``: the write
-            has not ended.
+        writes: number of writes of the state file, including a started one.
+        changed_ns: the file's change time (ctime) after that write; ``None``: the write is not
+            finished.
     """
 
     name: str
@@ -33,12 +32,12 @@ class Mark:
 
     @classmethod
     def new(cls) -> "Mark":
-        """A mark of a pair of files that did not exist before."""
+        """Return the mark of a new pair of files."""
         return cls(secrets.token_hex(8))
 
     @classmethod
     def read(cls, file: int) -> "Mark | None":
-        """The mark in an open lock file; ``None`` if there is none."""
+        """Return the mark in an open lock file; ``None`` if there is none."""
         try:
             data = json.loads(os.pread(file, _BYTES, 0))
             changed_ns = None if data["changed_ns"] is None else int(data["changed_ns"])
@@ -47,26 +46,26 @@ class Mark:
             return None
 
     def begin(self, file: int) -> "Mark":
-        """Note that the state file is about to be written.
+        """Mark that the state file is about to be written.
 
         Raises:
-            OSError: that cannot be noted.
+            OSError: the mark cannot be written.
         """
         return replace(self, writes=self.writes + 1, changed_ns=None)._write(file)
 
     def end(self, file: int, path: Path) -> "Mark":
-        """Note that the state file at ``path`` was written.
+        """Mark that the state file at ``path`` was written.
 
         Raises:
-            OSError: that cannot be noted.
+            OSError: the mark cannot be written.
         """
         return replace(self, changed_ns=path.stat().st_ctime_ns)._write(file)
 
     def contradiction(self, name: str, writes: int, path: Path) -> str:
-        """Why a state file is not what was written last; "" if it is.
+        """Return why a state file is not the last one written; "" if it is.
 
         Args:
-            name, writes: as the state file has them.
+            name, writes: values in the state file.
             path: the state file.
         """
         if name != self.name:

@@ -1,14 +1,14 @@
-"""State that survives the node: latches and lost people, in a small file.
+"""Persistent state of the node: latches and lost people, in a small file.
 
-Parts with something to remember offer ``remember``, ``recall`` and ``distrust``. Their stamps come
-from a monotonic clock, which means nothing to the next process. So the parts store how long ago
-something was (``ago_s``), and the file stores when it was written, by the wall clock. Data that
-cannot be read or dated, or that are not provably what this cell wrote last, are distrusted: each
-part then assumes the safe state. So are data that are missing: a user who configures a state file
-relies on it, and a first start looks like a file that was deleted.
+Stateful parts offer ``remember``, ``recall`` and ``distrust``. Their stamps come from a monotonic
+clock, which is meaningless to the next process. So the parts store the age of an event (``ago_s``),
+and the file stores the wall-clock time of writing. Data that cannot be read or dated, or that are
+not provably this cell's newest state, are distrusted: each part then assumes the safe state.
 
-The loop's thread only compares and hands over; a thread of its own writes. A file is replaced as a
-whole, after it has reached the disk, so a crash or a power failure leaves the old or the new one.
+The same applies to missing data: a user who configures a state file relies on it, and a first start
+cannot be distinguished from a deleted file. The loop's thread only compares the data and passes
+them on; a separate thread writes. A file is replaced as a whole, after it has reached the disk, so
+a crash or a power failure leaves the old or the new one.
 """
 
 import contextlib
@@ -36,12 +36,12 @@ log = logging.getLogger(__name__)
 
 VERSION = 2
 LONG_AGO_S = 1e8
-"""Used where the time since cannot be known: the wall clock went backwards."""
+"""Age used if the elapsed time is unknown, because the wall clock went backwards."""
 MAX_BYTES = 1_000_000
 RETRY_S = 1.0
 """Time from a failed write to the next attempt."""
 STUCK_S = 5.0
-"""A write that takes longer counts as failed: a disk may hang without an error."""
+"""Time after which a write is treated as failed, because a disk may hang without an error."""
 MISSING = (
     "there is no state file {}: this is the first start, or the file was deleted; make sure that "
     "no one is hidden in the room, then acknowledge once, 12 s or more after the start"
@@ -50,40 +50,41 @@ _WRONG = (KeyError, TypeError, ValueError, AttributeError, RecursionError, Overf
 
 
 class StateSettings(Abbreviated):
-    """``state:`` in the configuration: the file, or its path and more."""
+    """``state:`` in the configuration; a plain text is the file's path."""
 
-    path: str = Field(min_length=1, description="file that latches and lost people survive in")
+    path: str = Field(min_length=1, description="file that stores latches and lost people")
     max_age_s: float = Field(
         86_400.0,
         ge=60,
         le=3650 * 86_400,
-        description="a file that was last written longer ago is not trusted: everything configured"
-        " in risk.latch is latched",
+        description="maximum age of a trusted file; with an older one everything configured in "
+        "risk.latch is latched",
     )
 
 
 def demand_state_file(path: Path) -> None:
-    """Check that a state file can be at ``path``; opens nothing.
+    """Check that ``path`` is suitable for a state file; opens nothing.
 
     Raises:
-        ConfigError: something else is there.
+        ConfigError: something else exists there.
     """
     with OsErrorAs(ConfigError, f"state.path: {path} cannot be used", "check the path"):
         demand_kind(path)
 
 
 class Remembers(Protocol):
-    """A part of the node with something that must survive it."""
+    """A part of the node with persistent state."""
 
     def remember(self) -> dict[str, Any]:
-        """The data to keep, as JSON can hold it. Seconds before now are under a key ``ago_s``;
-        their growth does not count as a change."""
+        """Return the data to keep, JSON-compatible. Ages in seconds have the key ``ago_s``; their
+        growth is not a change.
+        """
 
     def recall(self, data: Mapping[str, Any]) -> None:
-        """Take the data of ``remember`` from an earlier run; every ``ago_s`` counts from now.
+        """Restore the data of ``remember`` from an earlier run; every ``ago_s`` is relative to now.
 
         Raises:
-            KeyError, TypeError, ValueError: ``data`` is not as ``remember`` gives it.
+            KeyError, TypeError, ValueError: ``data`` does not have the form of ``remember``.
         """
 
     def distrust(self, why: str) -> None:
@@ -102,9 +103,9 @@ class Memory(Listener):
         threaded: write in a thread; without it, each write blocks its caller.
 
     Attributes:
-        written, failures: writes that did and did not reach the disk.
+        written, failures: number of writes that did and did not reach the disk.
         failing: the newest data have not reached the disk.
-        last_error: of the newest failure.
+        last_error: message of the newest failure.
     """
 
     def __init__(
@@ -137,7 +138,7 @@ class Memory(Listener):
         self._thread: threading.Thread | None = None
 
     def open(self) -> None:
-        """Let the parts recall what an earlier run left; call it before the first tick.
+        """Restore the parts' state from an earlier run; call it before the first tick.
 
         Raises:
             ConfigError: another node uses the file, or its folder cannot be used.
@@ -160,7 +161,7 @@ class Memory(Listener):
             self._thread.start()
 
     def on_tick(self, tick: Tick) -> None:
-        """Hand over what has changed; never waits for the disk."""
+        """Pass changed data to the writer; never waits for the disk."""
         parts = {name: part.remember() for name, part in self._parts.items()}
         kept, now_s = _without_ago(parts), self._wall_s()
         since_s = self._waits_since_s
@@ -193,7 +194,7 @@ class Memory(Listener):
     # -- the disk ---------------------------------------------------------------------------------
 
     def _claim(self) -> int:
-        """Lock the file beside it; the lock ends in any case when the process ends."""
+        """Lock the lock file; the lock is released at the latest when the process exits."""
         demand_state_file(self.path)
         lock = self.path.with_name(self.path.name + ".lock")
         try:
@@ -213,7 +214,7 @@ class Memory(Listener):
             ) from error
 
     def _read(self) -> dict[str, Any] | None:
-        """The file's content; ``None`` if there is no file."""
+        """Return the file's content; ``None`` if there is no file."""
         try:
             with self.path.open("rb") as file:
                 raw = file.read(MAX_BYTES + 1)
@@ -229,13 +230,13 @@ class Memory(Listener):
         return data
 
     def _contradiction(self, data: dict[str, Any], mark: Mark | None) -> str:
-        """Why the data are not provably the last that this cell wrote; "" if they are."""
+        """Return why the data are not provably this cell's newest; "" if they are."""
         if data["cell"] != self._cell:
             return (
                 "belongs to another cell, or robots, source or configuration have been moved since"
             )
         if mark is None:
-            return "has no lock file beside it that shows that it is the newest"
+            return "has no lock file that proves it is the newest"
         return mark.contradiction(str(data["name"]), int(data["writes"]), self.path)
 
     def _recall(self, data: dict[str, Any]) -> None:
@@ -302,7 +303,7 @@ class Memory(Listener):
 
 
 def _write_safely(path: Path, data: bytes) -> None:
-    """Replace ``path`` once the new content, and then its name, are on the disk."""
+    """Replace ``path`` after the new content is on the disk; then sync the folder."""
     partial = path.with_name(path.name + ".partial")
     try:
         with partial.open("wb") as file:

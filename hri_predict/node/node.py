@@ -1,4 +1,4 @@
-"""The node: what happens in one tick, and its life cycle.
+"""The node: one tick, and the life cycle.
 
 ``runtime`` calls ``tick`` at absolute deadlines (real time) or steps it (virtual time); the node
 itself never sleeps and never reads a clock.
@@ -41,17 +41,18 @@ from hri_predict.robots.tracker import RobotTracker
 # -- detects another sender that uses this node's ids, on any of its links -------------------------
 
 HOLD_NS = 2_000_000_000
-"""Time for which the node stops the robots after the last such frame: twice as long as a receiver
-keeps a schema (``protocol.reception.FORGET_S``), so that no receiver still follows the other
-sender.
+"""Time for which the node stops the robots after the last frame from a second sender: twice the
+time for which a receiver keeps a schema (``protocol.reception.FORGET_S``), so that no receiver
+still follows the other sender.
 """
 
 
 class SecondSender:
     """Watches the links for a second sender.
 
-    Two nodes with the same ids contradict each other: one may see a person where the other sees
-    none. Neither can know which of them a controller believes, so both must stop the robots.
+    Two nodes with the same ids may send contradictory advice: one may observe a person where the
+    other does not. Neither can determine which one a controller follows, so both must stop the
+    robots.
     """
 
     def __init__(self, links: Sequence[Link]) -> None:
@@ -59,7 +60,7 @@ class SecondSender:
         self._heard: frozenset[str] = frozenset()
 
     def heard(self, now_ns: int) -> bool:
-        """Whether another sender was heard within ``HOLD_NS``."""
+        """Whether another sender was detected within ``HOLD_NS``."""
         heard = frozenset(
             link.name
             for link in self._links
@@ -82,13 +83,14 @@ class Node:
     """One node: people in, advice out.
 
     Counters: ``scenes_in``, ``frames_in`` (skeletons in them), ``assess_failures``,
-    ``acknowledges`` (presses that count, see ``Presses``), ``acknowledges_refused`` (those of them
-    that ended nothing, and all that do not count), ``listener_failures``, ``strange_states``
-    (RobotStates of a robot that the link's controller does not control).
+    ``acknowledges`` (valid presses, see ``Presses``), ``acknowledges_refused`` (valid presses
+    without effect, and all invalid ones), ``listener_failures``, ``strange_states`` (RobotStates of
+    a robot that the link's controller does not control).
 
     Attributes:
         shedding: what is left out while ticks take too long; set by the code that measures them.
-        conditions: reasons of parts off the advice's path, for Status and as notes of the advice.
+        conditions: reasons from parts that do not contribute to the advice, for Status and as notes
+            in the advice.
     """
 
     def __init__(
@@ -127,7 +129,7 @@ class Node:
         self.state = NodeState.STARTING
 
     def receive(self, scene: Scene, receipt_ns: int) -> None:
-        """Take a scene from the source (the source's thread calls this)."""
+        """Receive a scene from the source (called by the source's thread)."""
         self.scenes_in += 1
         self.frames_in += len(scene.people)
         self._people.receive(scene, receipt_ns)
@@ -198,7 +200,7 @@ class Node:
 
     @property
     def repeats(self) -> Repeats:
-        """The part that sends Status and Advice again until the next tick."""
+        """The part that repeats Status and Advice until the next tick."""
         return self._publisher.repeats
 
     @property
@@ -208,17 +210,17 @@ class Node:
 
     @property
     def remembering(self) -> dict[str, Remembers]:
-        """The parts that have something to remember across a restart; see ``memory``."""
+        """The parts with state that persists across a restart; see ``memory``."""
         return {"latches": self._risk, "people": self._people}
 
     @property
     def acknowledges_refused(self) -> int:
-        """Number of Acknowledges that did not count, and of presses that ended nothing."""
+        """Number of invalid Acknowledges and of presses without effect."""
         return self._refused + self._presses.refused.total()
 
     @property
     def acknowledges_not_counted(self) -> Mapping[str, int]:
-        """Why -> number of Acknowledges that were not presses; see ``Presses``."""
+        """Reason -> number of Acknowledges that were not presses; see ``Presses``."""
         return self._presses.refused
 
     @property
@@ -256,7 +258,9 @@ class Node:
     def _acknowledge(
         self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
     ) -> None:
-        """End what the operator saw: lost people now, a latch by the facts of this tick."""
+        """Clear the displayed condition: lost people immediately, a latch if this tick's data
+        permit it.
+        """
         for press in self._presses.take(link, robots, message, at_ns):
             self.acknowledges += 1
             self._pressed.append(press)
@@ -269,8 +273,8 @@ class Node:
             released = self._risk.acknowledge(press.latch_id, press.down_ns)
             if not released and not self._forgotten:
                 log.warning(
-                    "acknowledge of latch %d refused (%d refused before): its cause has come back, "
-                    "or something was added to it since",
+                    "acknowledge of latch %d refused (%d refused before): its cause has returned, "
+                    "or another cause was added since",
                     press.latch_id,
                     self._refused,
                 )
@@ -326,7 +330,7 @@ class Node:
         )
 
     def _tell(self, call: Callable[[Listener], None]) -> None:
-        """Call every listener; count one that fails, which must not disturb the node."""
+        """Call every listener; count failures, which must not disturb the node."""
         for listener in self._listeners:
             try:
                 call(listener)

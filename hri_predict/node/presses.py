@@ -1,15 +1,15 @@
-"""Which Acknowledges count: presses of a button by a person who saw what was shown.
+"""Validity of Acknowledges: button presses by a person who saw the displayed condition.
 
-A button that is taped down, a controller that acknowledges by itself, and a recording that is
-played again all send valid Acknowledges. They name a latch that was not displayed, come too soon
-after it was shown, or come without a pause. So an Acknowledge counts if
+A button that is taped down, a controller that acknowledges by itself, and a replayed recording all
+send well-formed Acknowledges. These name a latch that was not displayed, arrive too soon after it
+was shown, or arrive without a pause. So an Acknowledge counts if
 
 - it names the ``latch_id`` that this link is shown now, and has been shown for ``SHOWN_S``;
 - no other Acknowledge has come on this link for ``QUIET_S``, since the node's start at least: the
-  button was seen released. Those for several robots within ``TOGETHER_S`` are one press.
+  button was seen released. Acknowledges for several robots within ``TOGETHER_S`` are one press.
 
-One that comes again within ``REPEATS_S`` is the same message, and is left out; later it is a replay
-and never counts.
+  A repetition within ``REPEATS_S`` is the same message, and is ignored; a later one is a replay and
+  never counts.
 
 An Acknowledge with latch id 0 and the number of a press says that its button was released. With
 ``supervised``, a press counts only then, if it lasted from ``SHORTEST_S`` to ``LONGEST_S``, and its
@@ -24,25 +24,30 @@ from dataclasses import dataclass, field
 from hri_predict.protocol.messages import Acknowledge, Advice
 
 SHOWN_S = 1.0
-"""No person reads a display, looks into the cell and presses sooner; reacting alone takes 0.5 s."""
+"""Minimum time to read a display, look into the cell and press; the reaction alone takes 0.5 s."""
 QUIET_S = 12.0
 """Pause before a press that counts. Timers in controllers' programs run for up to 10 s."""
 TOGETHER_S = 0.5
-"""A controller sends the presses of one button for several robots within a few of its cycles."""
+"""Interval in which a controller sends one button's presses for several robots: a few of its
+cycles.
+"""
 REPEATS_S = 2.0
-"""A controller sends one Acknowledge several times, in case that a frame is lost."""
+"""Interval in which a controller repeats one Acknowledge in case a frame is lost."""
 SHORTEST_S, LONGEST_S = 0.15, 3.0
-"""A supervised press. A contact that bounces is shorter; a button under something heavy, longer."""
+"""Duration of a supervised press. A bouncing contact is shorter, a button held by an object
+longer.
+"""
 HELD_AT = 3
-"""Acknowledges in a row, each too soon after the one before, that are a fault: a person who presses
-twice by mistake makes one."""
+"""Number of consecutive Acknowledges, each too soon after the previous one, that is treated as a
+fault; a person who presses twice by mistake causes one.
+"""
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """A press that counts: what it acknowledges, and when the button went down, node's clock."""
+    """A valid press: its latch, and the time at which the button was pressed, node's clock."""
 
     latch_id: int
     down_ns: int
@@ -53,11 +58,11 @@ class _Line:
     """Acknowledges received on one link.
 
     Attributes:
-        heard_ns: when the newest Acknowledge arrived, repeats left out; at first, the node's start.
-        pressed_ns: when the newest press began: an Acknowledge after a pause.
-        in_a_row: number of Acknowledges since then, not those that belong to the press.
-        seen: (latch id, ack id) -> when it came first, of the newest.
-        down: ack id -> presses with it that were not released yet; none of one that was refused.
+        heard_ns: arrival of the newest Acknowledge, except repeats; initially the node's start.
+        pressed_ns: start of the newest press, which is an Acknowledge after a pause.
+        in_a_row: number of Acknowledges since then that do not belong to the press.
+        seen: (latch id, ack id) -> time of first arrival, for the newest ones.
+        down: ack id -> its presses not yet released; none for a refused press.
     """
 
     heard_ns: int
@@ -71,13 +76,13 @@ _MOST_SEEN = 64
 
 
 class Presses:
-    """Judges the Acknowledges of all links.
+    """Checks the Acknowledges of all links.
 
     Args:
         supervised: whether a press counts only when its button is released.
 
     Attributes:
-        refused: why -> number of Acknowledges that did not count.
+        refused: reason -> number of invalid Acknowledges.
     """
 
     def __init__(self, supervised: bool = False) -> None:
@@ -88,7 +93,7 @@ class Presses:
         self._shown: dict[int, tuple[int, int]] = {}  # robot -> its latch id, and since when
 
     def show(self, advices: Sequence[Advice], now_ns: int) -> None:
-        """Note what the operators are shown from now on."""
+        """Record the latches displayed to the operators from now on."""
         if self._start_ns is None:
             self._start_ns = now_ns
         for advice in advices:
@@ -98,13 +103,13 @@ class Presses:
     def take(
         self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
     ) -> tuple[Press, ...]:
-        """Return the presses that count because of this Acknowledge.
+        """Return the presses that become valid with this Acknowledge.
 
         Args:
-            link: name of the link that it came on.
+            link: name of the link it arrived on.
             robots: indices of the robots that are advised on this link.
             message: the Acknowledge.
-            at_ns: when it was received.
+            at_ns: time of receipt.
         """
         start_ns = at_ns if self._start_ns is None else self._start_ns
         line = self._lines.setdefault(link, _Line(start_ns))
@@ -131,7 +136,7 @@ class Presses:
     def _released(
         self, link: str, robots: frozenset[int], message: Acknowledge, at_ns: int
     ) -> tuple[Press, ...]:
-        """Judge the presses that end; without ``supervised`` they have counted already."""
+        """Check released presses; without ``supervised`` they were already counted."""
         line = self._lines[link]
         line.heard_ns = at_ns
         presses = line.down.pop(message.ack_id)
@@ -153,14 +158,14 @@ class Presses:
         return tuple(counting)
 
     def are_held(self, now_ns: int) -> bool:
-        """Whether Acknowledges come again and again on any link."""
+        """Whether Acknowledges arrive continuously on any link."""
         return any(
             line.in_a_row >= HELD_AT and now_ns - line.heard_ns < QUIET_S * 1e9
             for line in self._lines.values()
         )
 
     def _why_not(self, line: _Line, robots: frozenset[int], latch_id: int, at_ns: int) -> str:
-        """Why an Acknowledge that is not a repeat does not count; "" if it does."""
+        """Return why a non-repeated Acknowledge is invalid; "" if it is valid."""
         after_pause = at_ns - line.heard_ns >= QUIET_S * 1e9
         line.heard_ns = at_ns
         if after_pause:
@@ -178,7 +183,9 @@ class Presses:
         return "" if together else "no_pause"
 
     def _shown_ns(self, robots: frozenset[int], latch_id: int) -> int | None:
-        """Since when a latch id has been shown for any of these robots; ``None``: it is not."""
+        """Return the time since which a latch id has been shown for any of these robots; ``None``
+        if it is not shown.
+        """
         since_ns = [s for r, (n, s) in self._shown.items() if r in robots and n == latch_id]
         return min(since_ns, default=None)
 

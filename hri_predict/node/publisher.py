@@ -30,10 +30,10 @@ SCHEMA_PERIOD_NS = 1_000_000_000
 class Publisher:
     """Posts each tick's messages to every link.
 
-    In shadow mode the links send *unknown*, whatever the advice is.
+    In shadow mode the links send *unknown*, regardless of the advice.
 
     Attributes:
-        repeats: sends Status and Advice again until the next tick.
+        repeats: repeats Status and Advice until the next tick.
         phase: holds messages until a fixed time after the tick's deadline, or ``None``.
     """
 
@@ -152,5 +152,5 @@ class Publisher:
 
 
 def _decimated(steps: int) -> list[int]:
-    """Return the first, middle and last step: enough for a controller, and links can carry them."""
+    """Return the first, middle and last step, which a controller needs and links can carry."""
     return sorted({0, steps // 2, steps - 1}) if steps else []

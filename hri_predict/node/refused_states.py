@@ -1,4 +1,4 @@
-"""Why RobotStates are refused, in words: at run time a controller's programmer needs the joint."""
+"""Readable reasons for refused RobotStates, with the joint, for programmers of controllers."""
 
 import logging
 import math
@@ -9,19 +9,19 @@ from hri_predict.robots.model import RobotModel
 from hri_predict.robots.tracker import RobotTracker
 
 SAY_NS = 10_000_000_000
-"""Minimum time between two lines about one robot."""
+"""Minimum time between two log lines about one robot."""
 STUCK = 25
-"""A counter that repeats this often in a row does not count."""
+"""Number of consecutive repeats from which on a counter is treated as stuck."""
 _DEGREES = math.degrees(1.0)
 
 log = logging.getLogger(__name__)
 
 
 class RefusedStates:
-    """Counts refused and repeated states of one robot, and says why, once in a while.
+    """Counts refused and repeated states of one robot, and logs the reason at a limited rate.
 
     Attributes:
-        newest: why the newest was refused; empty before the first.
+        newest: reason of the newest refusal; empty before the first.
     """
 
     def __init__(self, tracker: RobotTracker) -> None:
@@ -31,7 +31,7 @@ class RefusedStates:
         self._said_ns: int | None = None
 
     def look(self, state: RobotState, received_ns: int, link: str) -> None:
-        """See what the tracker made of a state that it was just given."""
+        """Record the tracker's reaction to the newest state."""
         counts = self._tracker.outcomes
         refused = counts["invalid"] > self._invalid
         repeated = counts["repeated"] > self._repeated
@@ -51,7 +51,7 @@ class RefusedStates:
 
 
 def why_refused(state: RobotState, model: RobotModel) -> str:
-    """The first thing that is wrong with a state, with the joint, its value and the remedy."""
+    """Return a state's first mistake, with the joint, its value and the remedy."""
     offset = model.dof - model.reported
     names = model.joint_names[offset:]
     for what, values in (("positions", state.positions), ("velocities", state.velocities)):
@@ -87,7 +87,7 @@ def _outside(
     names: Sequence[str],
     units: Sequence[str],
 ) -> str | None:
-    """The first value that is missing or beyond its range, in words."""
+    """Describe the first value that is missing or out of range."""
     for k, (value, (low, high)) in enumerate(zip(values, ranges, strict=True)):
         name = f"{what}joint {k + 1}, '{names[k]}',"
         if value is None or not math.isfinite(value):
@@ -103,7 +103,7 @@ def _outside(
 def _are_degrees(
     values: Sequence[float | None], ranges: Sequence[tuple[float, float]], units: Sequence[str]
 ) -> bool:
-    """Whether all values lie within their ranges if those of turning joints are degrees."""
+    """Whether all values are within their ranges if those of revolute joints are in degrees."""
     return all(
         value is not None and low <= (value / _DEGREES if unit.startswith("rad") else value) <= high
         for value, (low, high), unit in zip(values, ranges, units, strict=True)

@@ -1,9 +1,9 @@
-"""Sends the newest Status and Advice again until the next tick.
+"""Repeats the newest Status and Advice until the next tick.
 
-An advice of a tick holds until that tick plus the delay budget's *encoding* and *cycle*, and until
-the controller has noticed the silence that may follow. So it may be sent again until the first two
-are over, even if the loop hangs (``docs/decisions/repeated-advice.md``). Then this part falls
-silent, and the controllers stop by themselves.
+A tick's advice is valid for the delay budget's *encoding* and *cycle*, and until the controller has
+detected a following silence. So it may be repeated until the first two are over, even if the loop
+hangs (``docs/decisions/repeated-advice.md``). Then this part falls silent, and the controllers stop
+by themselves.
 """
 
 import threading
@@ -17,16 +17,16 @@ NEVER_NS = 2**62
 
 
 class Repeats:
-    """Posts messages to links, and the newest Status and Advice again when they are due.
+    """Posts messages to links, and repeats the newest Status and Advice when due.
 
-    A repetition never takes the place of a newer message: both threads, that of the loop and that
-    of the repetitions, post under one lock.
+    A repetition never replaces a newer message, because the threads of the loop and the repetitions
+    post under one lock.
 
     Args:
         links: all links.
-        intervals_s: of each link, the time after which it gets them again; infinite: never. None
-            are given where nothing is repeated.
-        held_s: time after the tick for which its messages may be sent again.
+        intervals_s: repetition interval of each link; infinite: never. Empty if nothing is
+            repeated.
+        held_s: time after the tick for which its messages may be repeated.
     """
 
     def __init__(
@@ -43,16 +43,16 @@ class Repeats:
 
     @property
     def interval_ns(self) -> int:
-        """The shortest interval; ``NEVER_NS`` if nothing is repeated."""
+        """Minimum interval; ``NEVER_NS`` if nothing is repeated."""
         return min(self._intervals_ns, default=NEVER_NS)
 
     @property
     def due_ns(self) -> int:
-        """When ``repeat`` is due; ``NEVER_NS``: not before the next tick."""
+        """Return when ``repeat`` is due; ``NEVER_NS``: not before the next tick."""
         return min(self._due_ns, default=NEVER_NS)
 
     def post(self, now_ns: int, messages: Sequence[Sequence[Message]]) -> None:
-        """Post the messages of the tick at ``now_ns``, those of each link."""
+        """Post each link's messages of the tick at ``now_ns``."""
         with self._lock:
             self._until_ns = now_ns + self._held_ns
             for k, (link, of_link) in enumerate(zip(self._links, messages, strict=True)):
@@ -61,7 +61,7 @@ class Repeats:
                 self._newest[k] = [m for m in of_link if isinstance(m, Advice | Status)]
 
     def posted(self, now_ns: int) -> None:
-        """Count the intervals from now on: a tick has posted its messages."""
+        """Restart the intervals, because a tick has posted its messages."""
         with self._lock:
             self._due_ns = [
                 NEVER_NS if interval_ns == NEVER_NS else now_ns + interval_ns
@@ -69,7 +69,7 @@ class Repeats:
             ]
 
     def repeat(self, now_ns: int) -> None:
-        """Post again what is due at ``now_ns``, unless its time is over."""
+        """Repeat the messages due at ``now_ns``, unless they are no longer valid."""
         with self._lock:
             for k, link in enumerate(self._links):
                 if now_ns < self._due_ns[k]:

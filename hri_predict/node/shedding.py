@@ -1,7 +1,7 @@
 """Messages that the node leaves out when its ticks take too long: first poses, then zones.
 
-Status and Advice are never left out, nor anything that they rest on: only messages are. A tick that
-is late delays advice; a Pose or Zone that is missing does not.
+Status and Advice are never left out, and no computation for them is skipped. A late tick delays
+advice; a missing Pose or Zone does not.
 """
 
 from collections.abc import Sequence
@@ -9,15 +9,17 @@ from collections.abc import Sequence
 from hri_predict.protocol.messages import Message, Pose, Zone
 
 HIGH = 0.8
-"""Part of a tick's time above which it was nearly late."""
+"""Share of a tick's time above which it is nearly late."""
 LOW = 0.6
-"""Part of a tick's time below which a kind is sent again; a kind saves less than the difference."""
+"""Share of a tick's time below which a kind is restored; a kind saves less than the difference."""
 SHED_TICKS = 2
-"""Consecutive ticks above ``HIGH`` after which one more kind is left out: one may be chance."""
+"""Consecutive ticks above ``HIGH`` after which one more kind is left out, because a single one may
+be chance.
+"""
 RESTORE_NS = 5_000_000_000
 """Ticks must stay below ``LOW`` for this long before one message kind is restored."""
 LONGEST_NS = 80_000_000_000
-"""The most that ``RESTORE_NS`` is doubled to, where ticks are soon too long again."""
+"""Maximum to which ``RESTORE_NS`` is doubled if ticks soon become too long again."""
 ORDER: Sequence[type[Message]] = (Pose, Zone)
 
 
@@ -25,8 +27,8 @@ class Shedding:
     """Decides from the ticks' durations; without durations (virtual time) nothing is left out.
 
     Attributes:
-        without: kind of message -> ticks that went without it.
-        sheds: times that one kind more was left out.
+        without: kind of message -> number of ticks without it.
+        sheds: number of times that one more kind was left out.
     """
 
     def __init__(self) -> None:
@@ -48,7 +50,7 @@ class Shedding:
         return self._left_out > 0
 
     def note(self, used: float, now_ns: int) -> None:
-        """Take what part of its time the tick at ``now_ns`` used."""
+        """Process the share of its time used by the tick at ``now_ns``."""
         for kind in ORDER[: self._left_out]:
             self.without[kind] += 1
         self._high = self._high + 1 if used > HIGH else 0

@@ -1,1 +1,1 @@
-"""Outputs for the plant's people and systems: alerts, metrics, the service, evidence."""
+"""Outputs for operators and plant systems: alerts, metrics, the service, evidence."""

@@ -1,4 +1,4 @@
-"""The robots that a link advises, and what its settings take from them."""
+"""The robots that a link advises, and the link settings that depend on them."""
 
 from hri_predict.contracts import registry
 from hri_predict.contracts.link import LinkSettings
@@ -16,7 +16,7 @@ def advised(config: Config, link: LinkSettings) -> list[int]:
 
 
 def of_robots(config: Config, settings: LinkSettings) -> LinkSettings:
-    """Return a link's settings with what its kind takes from the robots that it advises.
+    """Return a link's settings, completed with the values that depend on its robots.
 
     Raises:
         LinkError: they do not fit these robots.

@@ -48,7 +48,7 @@ LATE_FRACTION = 0.5  # of a cycle: a prediction that takes longer is late
 
 @dataclass(frozen=True, kw_only=True)
 class Assembly:
-    """A node and what it is connected to, built but not started."""
+    """A node and everything connected to it, built but not started."""
 
     config: Config
     clock: Clock
@@ -84,10 +84,9 @@ def build_predictor(config: Config) -> Predictor:
 
 
 def build_prediction(config: Config) -> Prediction:
-    """Return the runner of the predictor in real time: a process of its own, where that is asked
-    for.
+    """Return the runner of the predictor in real time, in a separate process if configured.
 
-    The caller must stop it. A process is started at once, and can predict after
+    The caller must stop it. A process is started immediately, and can predict after
     ``wait_until_ready``.
 
     Raises:
@@ -107,7 +106,7 @@ def build_prediction(config: Config) -> Prediction:
 
 
 def has_own_process(settings: PredictorSettings) -> bool:
-    """Whether a predictor gets a process of its own in real time."""
+    """Whether a predictor gets a separate process in real time."""
     if settings.process == "auto":
         return settings.takes_long and can_have_process()
     return settings.process
@@ -117,7 +116,7 @@ def build_robots(config: Config) -> tuple[RobotModel, ...]:
     """Load the robots, in the configuration's order.
 
     Raises:
-        RobotError, ConfigMistakes: one of them is wrong, or several; a line for each.
+        RobotError, ConfigMistakes: one or several robots are wrong; one line for each.
     """
     robots, wrong = [], []
     for index, settings in enumerate(config.node.robots):
@@ -135,7 +134,7 @@ def build_robots(config: Config) -> tuple[RobotModel, ...]:
 
 
 def build_people(config: Config, source: Source, predictor: Predictor) -> People:
-    """Build the stage that follows the people in the source's scenes."""
+    """Build the stage that tracks the people in the source's scenes."""
     return People(
         settings=config.node.people,
         joint_map=source.joint_map,
@@ -160,8 +159,8 @@ def build_risk(
 ) -> RiskEngine:
     """Build the risk stage for these robots and the forecasts of ``predictor``.
 
-    ``obeyed``: the robots are moved by its advice. ``last_latch_id``: see ``LatchIds``. ``budget``,
-    ``calibration``: the delays and the zones' calibration; by default the configuration's.
+    ``obeyed``: the robots follow its advice. ``last_latch_id``: see ``LatchIds``. ``budget``,
+    ``calibration``: the delays and the calibration of the zones; by default the configuration's.
     """
     return RiskEngine(
         settings=config.node.risk,
@@ -193,7 +192,7 @@ def _doors(config: Config) -> dict[str, Region]:
 
 
 def build_calibration(config: Config) -> Calibration | None:
-    """Load the calibration that the zones use; ``None`` if there is none or the mode needs none."""
+    """Load the calibration of the zones; ``None`` if there is none or the mode needs none."""
     if not config.node.risk.uses_forecasts:
         return None
     settings = config.predictor.resolved(config.base_dir)
@@ -201,13 +200,13 @@ def build_calibration(config: Config) -> Calibration | None:
 
 
 def unused_coverage(config: Config) -> str:
-    """Return a warning if ``risk.coverage`` is set and the mode does not use it, otherwise ""."""
+    """Return a warning if ``risk.coverage`` is set but not used by the mode; otherwise ""."""
     risk = config.node.risk
     if risk.uses_forecasts or risk.coverage == CoverageSettings():
         return ""
     return (
         f"risk.coverage has no effect: mode {risk.mode} uses no forecast; "
-        f"set mode: predictive or hybrid, or leave it out"
+        f"set mode: predictive or hybrid, or remove risk.coverage"
     )
 
 
@@ -223,7 +222,9 @@ def build_budget(config: Config, source: Source) -> DelayBudget:
 
 
 def build_repeats(config: Config, source: Source, links: Sequence[Link]) -> Repeats:
-    """Build what sends Status and Advice again, as long as the delay budget covers it."""
+    """Build the repeater of Status and Advice, which repeats as long as the delay budget covers
+    it.
+    """
     budget = build_budget(config, source)
     intervals_s = [settings.repeat_s for settings in config.opened_links]
     return Repeats(links, intervals_s, budget.encoding_s + budget.cycle_s)
@@ -265,7 +266,7 @@ def build_link(
 
 
 def _checked_rate_hz(config: Config, settings: LinkSettings) -> float:
-    """Return how often Status and Advice are sent at most.
+    """Return the maximum rate of Status and Advice.
 
     Raises:
         LinkError: the link does not carry that rate.
@@ -292,7 +293,7 @@ def _checked_rate_hz(config: Config, settings: LinkSettings) -> float:
 
 
 def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
-    """Return the load of a link with the robots that it advises.
+    """Return the load of a link with its advised robots.
 
     Raises:
         LinkError: this kind of link cannot carry the RobotState of one of them.
@@ -305,7 +306,7 @@ def load_of(config: Config, settings: LinkSettings) -> LinkLoad:
 
 
 def state_shapes(config: Config, robots: Sequence[int]) -> list[StateShape]:
-    """Return the properties that decide the length of each robot's RobotState."""
+    """Return the properties that determine the length of each robot's RobotState."""
     models = build_robots(config)
     shapes = ((models[i].reported, models[i].mobile is not None) for i in robots)
     return [StateShape(*shape) for shape in shapes]
@@ -325,11 +326,11 @@ def build(
     last_latch_id: int | None = None,
     listeners: Sequence[Listener] = (),
 ) -> Assembly:
-    """Build everything, but open and start nothing.
+    """Build everything without opening or starting anything.
 
-    ``prediction`` runs the predictor; without it, the predictor is built in this process.
-    ``links`` replaces the configured links; each of them carries the advice for every robot.
-    ``listeners`` is kept, not copied: the caller may add more until the first tick.
+    ``prediction`` runs the predictor; without it, the predictor is built in this process. ``links``
+    replaces the configured links; each of them carries the advice for every robot. ``listeners`` is
+    kept, not copied: the caller may add more until the first tick.
 
     Raises:
         HriPredictError: a part cannot be built; one line with the remedy.

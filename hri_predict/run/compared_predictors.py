@@ -1,7 +1,7 @@
-"""Predictors that a command compares: ``--predictor NAME`` or ``NAME=WEIGHTS``, side by side.
+"""Predictors compared by a command: ``--predictor NAME`` or ``NAME=WEIGHTS``, side by side.
 
-The basis of their zones is printed with every comparison: a predictor without a calibration has
-zones of the physical limits alone, and looks worse at work than it is at forecasting.
+Every comparison prints the basis of their zones: without a calibration, zones follow from the
+physical limits alone, so the predictor appears worse than its forecasts are.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,9 +27,9 @@ class ComparedPredictor:
     """One predictor of a comparison.
 
     Attributes:
-        name: as it is registered.
-        weights: its file; ``None``: the shipped one, or none.
-        label: its name in tables; with the weights' where the same predictor occurs twice.
+        name: its registered name.
+        weights: its weights file; ``None``: the shipped weights, or none.
+        label: its name in tables, with the name of the weights if the same predictor occurs twice.
     """
 
     name: str
@@ -38,7 +38,8 @@ class ComparedPredictor:
 
 
 def asked_predictors(texts: Sequence[str]) -> list[ComparedPredictor]:
-    """Read ``NAME`` or ``NAME=WEIGHTS`` of each; the same name may occur with other weights.
+    """Parse each ``NAME`` or ``NAME=WEIGHTS``; a name may occur several times with different
+    weights.
 
     Raises:
         ConfigError: a predictor is given twice, or a text is incomplete.
@@ -51,7 +52,8 @@ def asked_predictors(texts: Sequence[str]) -> list[ComparedPredictor]:
         pair = (name, Path(file) if equals else None)
         if pair in pairs:
             raise ConfigError(
-                f"--predictor {text}: given twice; name each once, or give other weights: "
+                f"--predictor {text}: given twice; name each predictor once, or give different "
+                "weights: "
                 f"{name}=WEIGHTS.safetensors"
             )
         pairs.append(pair)
@@ -68,18 +70,18 @@ def asked_predictors(texts: Sequence[str]) -> list[ComparedPredictor]:
 
 
 def demand_weights(asked: ComparedPredictor) -> None:
-    """Check that a predictor takes the weights that it is given.
+    """Check that a predictor accepts weights, if any are given.
 
     Raises:
-        ConfigError: the predictor does not exist, or it takes none.
+        ConfigError: the predictor does not exist, or does not use weights.
     """
     model = registry.predictor_settings(asked.name)
     if asked.weights is not None and "weights" not in model.model_fields:
-        raise ConfigError(f"--predictor {asked.name}={asked.weights}: takes no weights")
+        raise ConfigError(f"--predictor {asked.name}={asked.weights}: does not use weights")
 
 
 def fitting(calibrations: Sequence[Path], settings: PredictorSettings) -> Path | None:
-    """The first of these files that was made for a predictor, its settings and weights.
+    """Return the first of these files made for this predictor with its settings and weights.
 
     Raises:
         ConfigError: a file cannot be read or is not a calibration.
@@ -94,7 +96,7 @@ def demand_use(calibrations: Sequence[Path], asked: Mapping[str, PredictorSettin
     """Check that each ``--calibration`` belongs to one of the predictors (by label).
 
     Raises:
-        ConfigError: one does not, and would be left out silently.
+        ConfigError: a calibration belongs to none of them, and would be silently ignored.
     """
     for path in calibrations:
         made = load_calibration(path)
@@ -115,7 +117,7 @@ def basis_of(
     coverage: CoverageSettings,
     base_dir: Path,
 ) -> ZoneBasis:
-    """Return the basis of the zones of a predictor with these settings.
+    """Return the basis of a predictor's zones with these settings.
 
     Raises:
         ConfigError: see ``calibration_for``.

@@ -36,15 +36,16 @@ from hri_predict.run.rates import RateSettings
 MAX_ROBOTS = 8
 MAX_LINKS = 32  # each link has its own thread
 MAX_ZONES = 32
-"""Named zones. Each that people come near costs half a millisecond of every tick with one or two
-people, and two with eight (measured: 200 zones of 4 to 12 corners in a room of 10 m)."""
+"""Maximum number of named zones. Each zone near people takes 0.5 ms of a tick with one or two
+people, and 2 ms with eight (measured: 200 zones of 4 to 12 corners in a room of 10 m).
+"""
 
 
 _KEYS = re.compile(r"[a-z_]+(\.\w+)*")
 
 
 class CommissioningSettings(Abbreviated):
-    """Place of the report, or its path alone."""
+    """Location of the commissioning report; a plain text is its path."""
 
     report: str = Field(
         min_length=1, description="report.json of hri-predict commission, or a folder of reports"
@@ -61,10 +62,10 @@ class NodeSettings(RateSettings):
         {"name": "constant_velocity"}, description="prediction of people's motion"
     )
     people: PeopleSettings = Field(
-        PeopleSettings(), description="rules by which people are followed, lost and found"
+        PeopleSettings(), description="rules for tracking, losing and finding people"
     )
     robots: list[RobotSettings] = Field(
-        min_length=1, max_length=MAX_ROBOTS, description="the robots that are advised"
+        min_length=1, max_length=MAX_ROBOTS, description="the robots to advise"
     )
     risk: RiskSettings = Field(
         RiskSettings(), description="rules that judge separation and change levels"
@@ -75,35 +76,35 @@ class NodeSettings(RateSettings):
         description="named zones and what they request while a person is inside",
     )
     links: list[dict[str, Any]] = Field(
-        [], max_length=MAX_LINKS, description="wires to the robots' controllers"
+        [], max_length=MAX_LINKS, description="links to the robots' controllers"
     )
     realtime: RealtimeSettings = Field(
-        RealtimeSettings(), description="requests of the loop to the machine"
+        RealtimeSettings(), description="real-time options of the loop"
     )
-    alerts: AlertSettings = Field(AlertSettings(), description="actions at a change of level")
+    alerts: AlertSettings = Field(AlertSettings(), description="actions on a change of level")
     record: RecordSettings | None = Field(
-        None, description="file to record into (MCAP), or a folder that can be left on"
+        None, description="file to record into (MCAP), or a folder for continuous recording"
     )
     state: StateSettings | None = Field(
-        None, description="file in which latches and lost people survive the node"
+        None, description="file that preserves latches and lost people across restarts"
     )
     evidence: EvidenceSettings | None = Field(
         None, description="keep the seconds around each stop, near miss and fault in this folder"
     )
     commissioning: CommissioningSettings | None = Field(
-        None, description="the report of hri-predict commission, with which check compares"
+        None, description="commissioning report with which hri-predict check compares"
     )
     log: LogSettings = Field(
         LogSettings(), description="format, minimum severity and rate of the log's lines"
     )
     metrics: MetricsSettings | None = Field(
-        None, description="answer /metrics and /healthz over HTTP; without it, nothing listens"
+        None, description="serve /metrics and /healthz over HTTP; off without this block"
     )
     foxglove: FoxgloveSettings | None = Field(
-        None, description="show the node live in Foxglove; without it, nothing listens"
+        None, description="show the node live in Foxglove; off without this block"
     )
     discovery: DiscoverySettings | None = Field(
-        None, description="announce the node by DNS-SD; without it, nothing is announced"
+        None, description="announce the node by DNS-SD; off without this block"
     )
 
 
@@ -114,9 +115,9 @@ class Config:
     Attributes:
         path: the file that was read.
         text: the file's text (recordings contain it).
-        node: the parts that every configuration has.
-        source, predictor, links: each validated by the model next to its code.
-        mute: open no link, although ``links`` has some.
+        node: the parts common to all configurations.
+        source, predictor, links: settings, validated by each kind's own model.
+        mute: do not open any of ``links``.
     """
 
     path: Path
@@ -129,18 +130,18 @@ class Config:
 
     @property
     def base_dir(self) -> Path:
-        """The folder that relative paths in the configuration start from."""
+        """Base folder of relative paths in the configuration."""
         return self.path.parent
 
     def place(self, *keys: str | int) -> str:
-        """``cell.yaml:17: robots.0.name``: where a key stands, to begin an error's line with."""
+        """Return a key's location to start an error line: ``cell.yaml:17: robots.0.name``."""
         return place(self.path, self.text, keys)
 
     @contextlib.contextmanager
     def naming_lines(self) -> Iterator[None]:
-        """Put file and line before an error that begins with a key of this configuration.
+        """Prefix file and line to an error that starts with a key of this configuration.
 
-        What is found later than here (a forecast too short, an exit too near) knows the key alone.
+        Errors found after validation (a forecast too short, an exit too near) contain only the key.
         """
         try:
             yield
@@ -157,7 +158,7 @@ class Config:
             raise
 
     def with_node(self, **changes: Any) -> "Config":
-        """The same configuration with some blocks of the node changed; they are not checked."""
+        """Return this configuration with some blocks changed; they are not validated."""
         return replace(self, node=self.node.model_copy(update=changes))
 
     def with_source(self, source: dict[str, Any]) -> "Config":
@@ -197,20 +198,20 @@ class Config:
         )
 
     def without_links(self) -> "Config":
-        """Return this configuration with all links closed; they still count in the delays."""
+        """Return this configuration with all links closed; the delay budget still includes them."""
         return replace(self, mute=True)
 
     @property
     def opened_links(self) -> tuple[LinkSettings, ...]:
-        """The links to open; closed links count in the delay budget, too."""
+        """The links to open; the delay budget also includes the closed ones."""
         return () if self.mute else self.links
 
     def aside(self) -> "Config":
-        """Return this configuration without what belongs to the live cell alone.
+        """Return this configuration without the outputs of the live cell.
 
-        Its alert log and commands, recordings, state, evidence, metrics, Foxglove's server and
-        announcement: a replay with the cell's configuration must not touch them. Alert lines on the
-        terminal stay.
+        These are its alert log and commands, recordings, state, evidence, metrics, Foxglove server
+        and announcement, which a replay with the cell's configuration must not touch. Alert lines
+        on the terminal remain.
         """
         gone = dict.fromkeys(("record", "state", "evidence", "discovery", "metrics", "foxglove"))
         return self.with_node(alerts=AlertSettings(terminal=self.node.alerts.terminal), **gone)
@@ -258,7 +259,7 @@ def load(path: Path) -> Config:
 
     Raises:
         ConfigError: the file cannot be read, or is not YAML.
-        ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
+        ConfigMistakes: one line for each mistake, with its line in the file, key and remedy.
     """
     path = find(path)
     text = read_text(path, "configuration")
@@ -266,10 +267,10 @@ def load(path: Path) -> Config:
 
 
 def checked(path: Path, text: str, data: dict[str, Any]) -> Config:
-    """Validate ``data``, the content of ``text``, which is in the file ``path``.
+    """Validate ``data``, which was parsed from ``text`` of the file ``path``.
 
     Raises:
-        ConfigMistakes: a line for each mistake, with its line in the file, key and remedy.
+        ConfigMistakes: one line for each mistake, with its line in the file, key and remedy.
     """
     wrong = Mistakes(path, text)
     node = wrong.settings(NodeSettings, data)
@@ -285,7 +286,7 @@ def checked(path: Path, text: str, data: dict[str, Any]) -> Config:
         path=path, text=text, node=node, source=source, predictor=predictor, links=tuple(links)
     )
     if problem := name_problem(path.stem):
-        wrong.add((), f"the cell is called as its file, '{path.stem}', and {problem}")
+        wrong.add((), f"the cell is named after its file, '{path.stem}', and {problem}")
     _check_names(config, wrong)
     _check_links(config, wrong)
     _check_alerts(config, wrong)
@@ -300,7 +301,7 @@ def _source(data: dict[str, Any], where: str) -> SourceSettings:
 
 
 def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
-    """Validate a ``predictor:`` block with the settings model of the predictor that it names.
+    """Validate a ``predictor:`` block with the settings model of the named predictor.
 
     Raises:
         ConfigError: one line that starts with ``where`` and names the key and the remedy.
@@ -312,7 +313,7 @@ def predictor_settings(data: dict[str, Any], where: str) -> PredictorSettings:
 
 @contextlib.contextmanager
 def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) -> Iterator[str]:
-    """Return the name under ``key``; an error states where it is."""
+    """Return the name under ``key``; errors contain its location."""
     name = data.get(key)
     if not isinstance(name, str):
         there = ", ".join(registry.names(kind))
@@ -324,7 +325,7 @@ def _named(data: dict[str, Any], key: str, kind: registry.PartKind, where: str) 
 
 
 def _check_names(config: Config, wrong: Mistakes) -> None:
-    """Check that names are unique and that every robot that a link names exists."""
+    """Check that names are unique and that all robots named by links exist."""
     robots = [r.name for r in config.node.robots]
     for key, names in (("robots", robots), ("links", [link.name for link in config.links])):
         for i, name in enumerate(names):
@@ -340,7 +341,7 @@ def _check_names(config: Config, wrong: Mistakes) -> None:
 
 
 def _check_links(config: Config, wrong: Mistakes) -> None:
-    """Check that links of one kind do not disturb each other; the link class knows how."""
+    """Check that links of one kind do not disturb each other, using the link class's own check."""
     for kind in dict.fromkeys(link.kind for link in config.links):
         cls = registry.load("links", kind)
         if not isinstance(cls, ChecksTogether):
@@ -352,7 +353,7 @@ def _check_links(config: Config, wrong: Mistakes) -> None:
 
 
 def _check_alerts(config: Config, wrong: Mistakes) -> None:
-    """Check that every robot and zone that an alert hook names exists: no alert would come."""
+    """Check that all robots and zones named by alert hooks exist."""
     robots = [robot.name for robot in config.node.robots]
     zones = [zone.name for zone in config.node.zones]
     for i, hook in enumerate(config.node.alerts.to):

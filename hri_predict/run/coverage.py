@@ -1,19 +1,19 @@
-"""Basis of the zones of a run, in words: of ``check``, the 3D view and recordings."""
+"""Description of the basis of a run's zones, for ``check``, the 3D view and recordings."""
 
 from hri_predict.run.assemble import build_calibration
 from hri_predict.run.config import Config
 
 
 def zones_text(config: Config) -> str:
-    """Describe the basis of the zones in one line, and claim no more than was measured."""
+    """Describe the basis of the zones in one line, without claiming more than was measured."""
     risk, name = config.node.risk, config.predictor.name
     if not risk.uses_forecasts:
         return f"mode {risk.mode} uses no forecast"
     calibration = build_calibration(config)
     if calibration is None:
         return (
-            f"not calibrated for {name} with these settings: it is not known how often they hold "
-            f"people; see hri-predict calibrate"
+            f"not calibrated for {name} with these settings: how often zones contain people is "
+            "unknown; see hri-predict calibrate"
         )
     coverage = risk.coverage
     held = "each joint" if coverage.of == "joint" else "the whole body"

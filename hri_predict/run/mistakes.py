@@ -17,13 +17,13 @@ S = TypeVar("S", bound=Settings)
 
 
 def place(path: Path, text: str, keys: Keys) -> str:
-    """``cell.yaml:17: robots.0.name``: where ``keys`` are in the file's text."""
+    """Return the location of ``keys`` in the file's text: ``cell.yaml:17: robots.0.name``."""
     at = f"{path}:{line_of(text, keys)}"
     return f"{at}: {'.'.join(map(str, keys))}" if keys else at
 
 
 class Mistakes:
-    """Collects what is wrong in one file, so that a user sees all of it at once."""
+    """Collects the mistakes in one file, so that a user sees all of them together."""
 
     def __init__(self, path: Path, text: str) -> None:
         self._path, self._text = path, text
@@ -33,7 +33,7 @@ class Mistakes:
         return bool(self._found)
 
     def add(self, keys: Keys, text: str) -> None:
-        """Keep a mistake at ``keys``, with its remedy."""
+        """Record a mistake at ``keys``, with its remedy."""
         self._found.append(Mistake(keys, text))
 
     def settings(self, model: type[S], data: Any, keys: Keys = ()) -> S | None:
@@ -46,7 +46,7 @@ class Mistakes:
             return None
 
     def part(self, kind: registry.PartKind, name_key: str, data: Any, keys: Keys) -> Any:
-        """Validate a block with the settings model of the part that it names, or ``None``."""
+        """Validate a block with the settings model of the named part; ``None`` if it is wrong."""
         if not isinstance(data, dict):
             return None  # the model of the whole file has said so
         name = data.get(name_key)
@@ -65,7 +65,7 @@ class Mistakes:
         return self.settings(model, data, keys)
 
     def tell(self) -> None:
-        """Raise what was found.
+        """Raise the recorded mistakes, if any.
 
         Raises:
             ConfigMistakes: one line for each mistake, in the order of the file.

@@ -1,7 +1,8 @@
-"""Whether robots, source and doors of a configuration can belong to one cell.
+"""Checks that the robots, source and doors of a configuration can belong to one cell.
 
-Each number alone may be possible, and the places still be in centimetres, inches, or of another
-room. A robot placed where no person is ever seen would always be advised *clear*.
+Each number may be plausible by itself although positions are in centimetres, in inches, or in
+another room's frame. A robot placed where no person is ever observed would always be advised
+*clear*.
 """
 
 import math
@@ -17,17 +18,21 @@ from hri_predict.robots.model import RobotModel
 from hri_predict.run.config import Config
 
 MAX_FROM_VIEW_M = 3.0
-"""Between a robot's reach and what the source sees, or the walls: a person who comes from there
-is seen in time, or no person can come."""
+"""Maximum distance between a robot's reach and the source's view or the walls: a person approaching
+from there is observed in time, or no person can approach.
+"""
 MAX_FROM_SOURCE_M = 15.0
-"""Likewise from the source itself, where no view is configured: cameras and lidars see a body up to
-there (depth cameras up to 6 m)."""
+"""The same from the source itself if no view is configured: the range at which cameras and lidars
+detect a body (depth cameras: 6 m).
+"""
 NEAR_M = 5.0
-"""A robot that is nearer is not mentioned."""
+"""Distance below which a robot is not reported."""
 MAX_REGION_M = 40.0
-"""Between a zone, door or shadow and the nearest robot or source: nothing is seen there."""
+"""Maximum distance of a zone, door or shadow from the nearest robot or source; nothing is observed
+beyond.
+"""
 MAX_EXIT_M2 = 60.0
-"""A gate for two lorries with 6 m before it."""
+"""Maximum area of an exit: a gate for two lorries with 6 m of floor in front."""
 
 
 def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
@@ -44,7 +49,7 @@ def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
         seen = _view(config) is not None
         if beyond_m > (MAX_FROM_VIEW_M if seen else MAX_FROM_SOURCE_M):
             far = max(model.base.tolist(), key=abs)
-            more = "" if seen else ", or say with source.field_of_view what it sees"
+            more = "" if seen else ", or define its view with source.field_of_view"
             raise ConfigError(
                 f"{key}: what robot {model.name} reaches ends {beyond_m:.3g} m from {what}, so no "
                 f"person would be seen near it; correct one of the two ({meant(far, 'm')}){more}"
@@ -55,8 +60,8 @@ def check_places(config: Config, robots: Sequence[RobotModel]) -> None:
         if area > MAX_EXIT_M2:
             raise ConfigError(
                 f"{config.place('people', 'exits', i)}: {area:.0f} m2 is too large for an exit: a "
-                f"person who is lost anywhere in it counts as gone; give the floor before the door "
-                f"alone, at most {MAX_EXIT_M2:g} m2, in metres"
+                f"person lost anywhere in it is treated as gone; give only the floor in front of "
+                f"the door, at most {MAX_EXIT_M2:g} m2, in metres"
             )
 
 
@@ -82,19 +87,19 @@ def _check_regions(config: Config, robots: Sequence[RobotModel]) -> None:
             far = max((v for corner in region.polygon for v in corner), key=abs)
             raise ConfigError(
                 f"{config.place(*key)}: {away_m:.3g} m from every robot and the source, where "
-                f"nothing is seen; {meant(far, 'm')}"
+                f"nothing is observed; {meant(far, 'm')}"
             )
 
 
 def place_notes(config: Config, robots: Sequence[RobotModel]) -> list[str]:
-    """One line for each robot that is far from what the source sees."""
+    """Return one line for each robot far from the source's view."""
     notes = []
     for model in robots:
         beyond_m, what = (0.0, "") if model.base is None else _distance(config, model)
         if beyond_m > (0.0 if _view(config) is not None else NEAR_M):
             notes.append(
-                f"robot {model.name}: what it reaches ends {beyond_m:.2f} m from {what}; are its "
-                f"place and the source's in metres, and of one room?"
+                f"robot {model.name}: its reach ends {beyond_m:.2f} m from {what}; check "
+                "that its position and the source's are in metres and in the same room frame"
             )
     return notes
 
@@ -104,7 +109,9 @@ def _view(config: Config) -> Region | None:
 
 
 def _distance(config: Config, model: RobotModel) -> tuple[float, str]:
-    """Metres over the floor between a robot's reach and what is seen, and what that is."""
+    """Return the horizontal distance in metres from a robot's reach to the observed area, and the
+    area's name.
+    """
     assert model.base is not None
     source, room = config.source, config.node.people.room
     if source.field_of_view is not None:

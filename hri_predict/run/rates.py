@@ -18,7 +18,7 @@ class RateSettings(Settings):
     )
     ticks: Literal["fixed", "capture"] = Field(
         "fixed",
-        description="fixed: at rate_hz; capture: when a scene is in, and at rate_hz at least",
+        description="fixed: at rate_hz; capture: when a scene arrives, and at least at rate_hz",
     )
     max_rate_hz: float | None = Field(
         None,
@@ -55,12 +55,12 @@ class RateSettings(Settings):
             raise ValueError("max_rate_hz has no effect with ticks: fixed; remove it")
         if self.max_rate_hz < self.rate_hz:
             raise ValueError(
-                f"max_rate_hz {self.max_rate_hz:g} is below rate_hz {self.rate_hz:g}, the least; "
-                "raise the one or lower the other"
+                f"max_rate_hz {self.max_rate_hz:g} is below rate_hz {self.rate_hz:g}; raise "
+                "max_rate_hz or lower rate_hz"
             )
         return self
 
     @property
     def largest_rate_hz(self) -> float:
-        """Maximum cycles per second; links must have capacity for it."""
+        """Maximum cycles per second; the links' capacity must suffice for it."""
         return self.rate_hz if self.ticks == "fixed" else self.max_rate_hz or MAX_TICKS_HZ

@@ -1,4 +1,4 @@
-"""Place of a run's recording, and the recording's description of the run."""
+"""Path of a run's recording, and the description of the run stored in it."""
 
 import logging
 import os
@@ -24,8 +24,8 @@ _LONGEST_NAME = 200  # of a folder; longer ones are refused as files are
 def record_settings(config: Config, asked: Path | None) -> RecordSettings | None:
     """Return the user's request: ``--record FILE``, ``--record FOLDER``, or the configuration.
 
-    A new path without an ending is a folder, which is made. ``--record`` with the folder of a
-    configuration that has one changes only the place.
+    A new path without a suffix is a folder, which is created. If the configuration already records
+    into a folder, ``--record FOLDER`` changes only the path.
     """
     configured = config.node.record
     if asked is None:
@@ -43,13 +43,13 @@ def record_settings(config: Config, asked: Path | None) -> RecordSettings | None
 def place_of(
     config: Config, settings: RecordSettings, asked: Path | None, overwrite: bool
 ) -> RecordingFiles:
-    """Return the place of the recording.
+    """Return the path of the recording.
 
-    A file that the configuration names and that is there is kept, and the next one gets a number:
-    there is no user when a node starts again. A user who types ``--record`` gets an error.
+    An existing file named in the configuration is kept, and the new one gets a number, because a
+    restarting node has no user to ask. With ``--record`` an existing file is an error.
 
     Raises:
-        ConfigError: it is the recording that is being played, or the configuration; or the folder
+        ConfigError: the path is the recording being played or the configuration, or the folder
             cannot be used.
     """
     if settings.folder is not None:
@@ -65,14 +65,14 @@ def place_of(
 
 
 def cell_of(config: Config) -> str:
-    """The cell's name in names of files: that of the configuration's file."""
+    """Return the cell's name for file names, which is the configuration's file name."""
     stem = config.path.stem
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in stem)
     return plain.lstrip("._-")[:64] or "cell"
 
 
 def clocks_of(clock: Clock, factor: float | None, start_ns: int) -> Clocks:
-    """Which UTC the run's moments have; at ``--speed max``, none."""
+    """Return the UTC source of the run's messages; ``None`` with ``--speed max``."""
     if factor is None:
         return VirtualClocks(start_ns)
     return SystemClocks(clock, is_true=factor == 1.0)

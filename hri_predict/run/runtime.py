@@ -1,8 +1,8 @@
 """Runs an assembled node: in real time, or stepped on the virtual clock.
 
-Both run the same ``Node`` with the same codecs, and ``Ticks`` says when it ticks. In real time a
-late tick is counted. On the virtual clock everything, including the mock controllers, runs in one
-thread in a fixed order, so that two runs give the same bytes.
+Both run the same ``Node`` with the same codecs, and ``Ticks`` determines when it ticks. In real
+time late ticks are counted. On the virtual clock everything, including the mock controllers, runs
+in one thread in a fixed order, so that two runs give the same bytes.
 """
 
 import contextlib
@@ -40,13 +40,13 @@ SWITCH_INTERVAL_S = 0.0005  # how long a busy Python thread may hold up the loop
 
 
 class Stepped(Protocol):
-    """A simulation that runs with the node on the virtual clock (the simulated cell)."""
+    """A simulation stepped with the node on the virtual clock (the simulated cell)."""
 
     def next_ns(self) -> int | None:
         """Return the time of the next step."""
 
     def step(self, now_ns: int) -> None:
-        """Do everything that is due at ``now_ns``."""
+        """Perform all steps due at ``now_ns``."""
 
 
 def run_real_time(
@@ -60,11 +60,11 @@ def run_real_time(
 ) -> Pace:
     """Run until ``stop`` is set, ``duration_s`` has passed, or the source is exhausted.
 
-    ``pace`` is kept and returned, if it is watched meanwhile.
+    ``pace`` is updated and returned; pass one to read it during the run.
 
     Raises:
         LinkError: a link's device is absent at start.
-        MachineError: the machine was suspended meanwhile; the controllers get *unknown*.
+        MachineError: the machine was suspended during the run; the controllers get *unknown*.
     """
     clock, node = assembly.clock, assembly.node
     pace = pace or Pace()
@@ -113,7 +113,7 @@ def _ticks(assembly: Assembly, start_ns: int) -> Ticks:
 
 @dataclass(frozen=True, slots=True)
 class _RealTime:
-    """The common state of the threads of one run."""
+    """State shared by the threads of one run."""
 
     assembly: Assembly
     pace: Pace
@@ -124,7 +124,7 @@ class _RealTime:
     def loop(
         self, end_ns: int | None, until_exhausted: bool, each_tick: Callable[[int], None] | None
     ) -> None:
-        """Tick until the end."""
+        """Tick until the end of the run."""
         ticks, stop, pace = self.ticks, self.stop, self.pace
         clock, node, asleep = self.assembly.clock, self.assembly.node, Asleep()
         phase = node.publish_phase
@@ -133,8 +133,7 @@ class _RealTime:
             if slept_s := asleep.since_last_s():  # a capture of before would pass for one of now
                 raise MachineError(
                     f"the machine was suspended for {slept_s:.1f} s: the node's state is out of "
-                    "date; restart it, and forbid the machine to sleep (systemctl mask "
-                    "sleep.target)"
+                    "date; restart it, and disable suspend (systemctl mask sleep.target)"
                 )
             now_ns = clock.now_ns()
             if now_ns < ticks.due_ns:
@@ -159,10 +158,10 @@ class _RealTime:
             node.shedding.note(ended.used, now_ns)
 
     def repeat(self) -> None:
-        """Run the thread that sends Status and Advice again, independent of the loop.
+        """Run the thread that repeats Status and Advice, independently of the loop.
 
-        It does not vouch for the loop: a tick's messages are repeated for a cycle and a half at
-        most.
+        Repeats do not prove that the loop is alive: a tick's messages are repeated for at most 1.5
+        cycles.
         """
         clock, repeats, asleep = self.assembly.clock, self.assembly.node.repeats, Asleep()
         stop = self.stop
@@ -174,7 +173,9 @@ class _RealTime:
             repeats.repeat(clock.now_ns())
 
     def feed(self) -> None:
-        """Run the source's thread: deliver scenes as they arrive, poll a failing source again."""
+        """Run the source's thread: deliver scenes as they arrive, and keep polling a failing
+        source.
+        """
         source, clock, stop, pace = self.assembly.source, self.assembly.clock, self.stop, self.pace
         longest_ns = NOT_KNOWN_NS if live_part(source) is None else SOURCE_WAIT_NS
         while not stop.is_set():
@@ -205,7 +206,9 @@ def run_virtual(
     duration_s: float | None = None,
     each_tick: Callable[[int], None] | None = None,
 ) -> Pace:
-    """Step everything on the virtual clock until the source is exhausted or the time is over."""
+    """Step everything on the virtual clock until the source is exhausted or ``duration_s`` has
+    passed.
+    """
     pace = Pace()
     with _quiet_collector(first=False):  # nothing is late on a virtual clock
         step_all(assembly, pace, beside, duration_s, each_tick=each_tick)
@@ -220,7 +223,9 @@ def step_all(
     *,
     each_tick: Callable[[int], None] | None = None,
 ) -> None:
-    """Do what ``run_virtual`` does, for callers that run many and manage the collector."""
+    """Like ``run_virtual``, for callers that run many simulations and manage the garbage collector
+    themselves.
+    """
     clock, node = assembly.clock, assembly.node
     assert isinstance(clock, VirtualClock)
     start_ns = clock.now_ns()
@@ -274,9 +279,10 @@ def step_all(
 
 @contextlib.contextmanager
 def _quiet_collector(first: bool = True) -> Iterator[None]:
-    """Keep the garbage collector from objects built at start, and busy threads from the loop.
+    """Exclude objects built at start from garbage collection, and keep busy threads from delaying
+    the loop.
 
-    ``first`` collects what is garbage already: 0.1 s, which many short runs would feel.
+    ``first`` collects existing garbage, which takes 0.1 s and would slow down many short runs.
     """
     interval = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -294,12 +300,11 @@ def _quiet_collector(first: bool = True) -> Iterator[None]:
 def stop_on_signals(
     stop: threading.Event, hangup: Callable[[], None] | None = None
 ) -> Iterator[None]:
-    """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node notifies the controllers and ends.
+    """Let SIGINT, SIGTERM and SIGHUP set ``stop``: the node notifies the controllers and exits.
 
-    With ``hangup``, SIGHUP calls that instead: no terminal controls the node, so a service manager
-    does.
-
-    SIGHUP (the terminal was closed) stays ignored if it was ignored before, as under ``nohup``.
+    With ``hangup``, SIGHUP calls that function instead: without a controlling terminal, the signal
+    comes from a service manager. SIGHUP (the terminal was closed) remains ignored if it was ignored
+    before, as under ``nohup``.
     """
 
     def handler(number: int, _frame: object) -> None:

@@ -1,4 +1,4 @@
-"""Parts of a run in real time for those who operate it: systemd, monitoring, reload."""
+"""Operational parts of a real-time run: systemd, monitoring, reload."""
 
 import logging
 import queue
@@ -35,22 +35,23 @@ from hri_predict.run.recording import info_of
 log = logging.getLogger(__name__)
 
 Takes = Callable[[NodeSettings], Callable[[], None]]
-"""Checks new settings, or raises HriPredictError, and returns what puts them in force: that never
-fails."""
+"""Checks new settings, raising HriPredictError if they are wrong, and returns a function that
+applies them and never fails.
+"""
 
 
 class Reload:
     """Reload of a service on SIGHUP.
 
     Args:
-        config: the configuration that runs.
-        load: reads it again, as it was read at the start.
-        parts: key or dotted key of the configuration -> who takes it, and all beneath it. They are
-            asked in this order.
-        notifier: notified when a reload begins and ends.
+        config: the current configuration.
+        load: reads the configuration again, as at the start.
+        parts: key or dotted key of the configuration -> function that receives it with all nested
+            keys. They are called in this order.
+        notifier: notified when a reload starts and ends.
 
     Attributes:
-        count, failures: reloads, and those of them that changed nothing because the new file is
+        count, failures: number of reloads, and of those without effect because the new file is
             wrong.
     """
 
@@ -68,23 +69,29 @@ class Reload:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Wait for ``ask`` in a thread: reading a configuration takes longer than a tick."""
+        """Wait for ``ask`` in a thread, because reading a configuration takes longer than a
+        tick.
+        """
         self._thread = threading.Thread(target=self._work, name="reload", daemon=True)
         self._thread.start()
 
     def ask(self) -> None:
-        """Reload soon. A signal's handler may call this: ``SimpleQueue.put`` is reentrant."""
+        """Request a reload. A signal handler may call this, because ``SimpleQueue.put`` is
+        reentrant.
+        """
         self._asked.put(True)
 
     def close(self) -> None:
-        """Reload no more; safe to call twice."""
+        """Stop reloading; safe to call twice."""
         if self._thread is not None:
             self._asked.put(False)
             self._thread.join(2.0)
             self._thread = None
 
     def now(self) -> None:
-        """Read the file; take what may change, or nothing at all if anything in it is wrong."""
+        """Read the file; apply the settings that may change, or nothing if the file has a
+        mistake.
+        """
         self.count += 1
         if self._notifier is not None:
             self._notifier.reloading()
@@ -127,7 +134,7 @@ class Reload:
 
 
 def differences(old: Any, new: Any, at: str = "") -> Iterator[str]:
-    """Dotted keys of what differs; of a list that grew or shrank, the list's own key."""
+    """Return the dotted keys that differ; if a list's length changed, the list's own key."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in dict.fromkeys([*old, *new]):
             where = f"{at}.{key}" if at else str(key)
@@ -151,20 +158,19 @@ def _copy(keys: list[str], source: dict[str, Any], target: dict[str, Any]) -> No
 # --------------------------------------------------------------------------------------------------
 
 RECORD_LIMITS = ("max_minutes", "max_mb", "keep_days", "budget_gb", "min_free_gb")
-"""Keys of ``record`` that a folder of recordings takes while it is in use."""
+"""Keys of ``record`` that can be changed while a folder of recordings is in use."""
 
 
 class Serving:
-    """The service's side of one run.
+    """The service functions of one run.
 
     Args:
         config: configuration of the run.
-        notifier: the service manager, if it wants reports of the node's state.
-        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
+        notifier: the service manager, if it expects reports of the node's state.
+        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP stops the node.
 
     Attributes:
-        pace: of the loop.
-        hangup: action on SIGHUP; ``None``: it ends the node.
+        pace: statistics of the loop. hangup: action on SIGHUP; ``None``: stop the node.
     """
 
     def __init__(
@@ -188,10 +194,10 @@ class Serving:
         place: RecordingFiles | None,
         alerts: Alerts,
     ) -> list[Listener]:
-        """Start; return what listens to the node, to be added after all other listeners.
+        """Start; return listeners of the node, to be added after all other listeners.
 
-        ``others`` counts what further parts did; ``place`` is where the run is recorded; ``alerts``
-        takes new settings.
+        ``others`` returns counters of further parts; ``place`` is the path of the recording;
+        ``alerts`` accepts new settings.
 
         Raises:
             ConfigError: the metrics' or Foxglove's port is in use, or its package is missing.
@@ -230,7 +236,7 @@ class Serving:
         return found
 
     def close(self) -> None:
-        """Stop what was started; safe to call twice."""
+        """Stop all started parts; safe to call twice."""
         if self._reload is not None:
             self._reload.close()
         if self._server is not None:
@@ -241,11 +247,13 @@ class Serving:
 
     @property
     def lost(self) -> dict[str, int]:
-        """Counters of what Foxglove did not get, for the summary."""
+        """Return the counters of items that Foxglove did not receive, for the summary."""
         return {} if self._foxglove is None else self._foxglove.counts()
 
     def _take_metrics(self, node: NodeSettings) -> Callable[[], None]:
-        """Listen where ``metrics`` says now, and stop listening elsewhere once that is sure."""
+        """Listen at the new address of ``metrics``, and close the old server once the change is
+        certain.
+        """
         settings, figures, before = node.metrics, self._figures, self._settings
         assert figures is not None
         server = self._server

@@ -1,4 +1,4 @@
-"""One run from start to end: the node, its links, and the simulated cell if there is one."""
+"""One run from start to end: the node, its links, and the simulated cell, if any."""
 
 import contextlib
 import logging
@@ -41,10 +41,10 @@ VIRTUAL_START_NS = 1_000_000_000
 
 
 class View(Listener):
-    """A listener that shows each tick and needs the assembly for that."""
+    """A listener that displays each tick, for which it needs the assembly."""
 
     def bind(self, assembly: assemble.Assembly) -> None:
-        """Take the assembly; called once, before the first tick."""
+        """Receive the assembly; called once, before the first tick."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,14 +57,14 @@ class Options:
         until_exhausted: stop when the source is exhausted.
         record: file or folder to record into, instead of the configuration's.
         overwrite: replace the file if it exists.
-        shadow: send *unknown* on the links whatever the advice is.
+        shadow: send *unknown* on the links regardless of the advice.
         keep_state: use the state file of the configuration (``state``), in real time only.
         state: use this state file instead, at any speed.
-        last_latch_id: what is to be acknowledged is numbered from the next one on; ``None``: from a
-            random number, so that an Acknowledge of another run names nothing.
-        view: shows each tick; the loop's thread calls it, so it must be quick.
+        last_latch_id: latches are numbered from the next id on; ``None``: from a random number, so
+            that an Acknowledge from another run matches no latch.
+        view: displays each tick; called by the loop's thread, so it must be fast.
         notifier: receiver of reports on the node's state (systemd), in real time only.
-        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP ends the node.
+        reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP stops the node.
     """
 
     factor: float | None = 1.0
@@ -161,7 +161,7 @@ class _Session:
         self.prediction: Prediction | None = None
 
     def build(self, **ends: Any) -> assemble.Assembly:
-        """Build everything; create the recording last, when nothing else can fail."""
+        """Build everything; create the recording last, when no other step can fail."""
         virtual = self.options.factor is None
         settings, place = self._where_to_record()
         source = assemble.build_source(self.config)
@@ -207,7 +207,7 @@ class _Session:
         return assembly
 
     def _where_to_record(self) -> tuple[RecordSettings | None, RecordingFiles | None]:
-        """Return what to record and where, if anywhere; see ``run.recording``."""
+        """Return the recorder's settings and path, if any; see ``run.recording``."""
         asked = self.options.record
         settings = record_settings(self.config, asked)
         if settings is None:
@@ -319,7 +319,7 @@ class _Session:
         return result
 
     def counters(self) -> dict[str, int]:
-        """Return the counters besides the node's: forecasts, and losses on the way to disks."""
+        """Return the counters besides the node's: forecasts, and items not written to disk."""
         counted = dict(self.prediction.counters) if self.prediction is not None else {}
         counted |= {"alerts_dropped": self.alerts.dropped, "alert_failures": self.alerts.failures}
         counted |= self.serving.lost
@@ -333,7 +333,7 @@ class _Session:
         return counted
 
     def close(self) -> None:
-        """Stop everything that was started; safe to call twice."""
+        """Stop all started parts; safe to call twice."""
         self.slow_start.over()
         if self.prediction is not None:
             self.prediction.stop()
@@ -352,7 +352,7 @@ class _Session:
 
 
 def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None]:
-    """Hand what a link sent to each of these."""
+    """Return a function that passes a link's sent messages to each of these functions."""
 
     def sent(link: str, unit: Any, now_ns: int) -> None:
         for taker in takers:
@@ -363,7 +363,7 @@ def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None]:
 
 @contextlib.contextmanager
 def _said_already() -> Iterator[None]:
-    """Suppress warnings: a copy of the source would repeat those of the source."""
+    """Suppress warnings, because a copy of the source would repeat the source's warnings."""
     logging.disable(logging.WARNING)
     try:
         yield
@@ -372,9 +372,9 @@ def _said_already() -> Iterator[None]:
 
 
 class _Referee:
-    """Compares the true people (a clean copy of the source) with the true robots (the cell's).
+    """Compares the true people (a clean copy of the source) with the true robots (of the cell).
 
-    The node never sees these truths.
+    The node has no access to these true values.
     """
 
     def __init__(self, config: Config, assembly: assemble.Assembly, cell: Cell) -> None:
@@ -386,14 +386,14 @@ class _Referee:
         self._opened = False
 
     def observe(self, now_ns: int) -> None:
-        """Judge the time since the last tick."""
+        """Check the interval since the last tick for contacts."""
         if not self._opened:  # at the first tick, as the node's own source was
             self._people.open(now_ns)
             self._opened = True
         self._referee.observe(now_ns, self._people.at(now_ns), self._cell.robot_truth(now_ns))
 
     def add_to(self, summary: Summary) -> None:
-        """Put the verdict into the summary."""
+        """Add the contacts to the summary."""
         summary.contacts = self._referee.contacts
         summary.contacts_standing = self._referee.contacts_standing
         if self._referee.min_separation_m is not None:

@@ -1,6 +1,6 @@
-"""The start: it may take minutes and can be broken off; no link waits for another.
+"""Starting a node: it may take minutes and can be interrupted, and links start independently.
 
-It also finds the state file from which the node recalls what an earlier run left.
+The state file, with which the node restores the state of an earlier run, is also found here.
 """
 
 import contextlib
@@ -25,15 +25,15 @@ from hri_predict.run.config import Config
 log = logging.getLogger(__name__)
 
 LONG_S = 8.0
-"""A start whose loops were compiled before is shorter."""
+"""A start with already compiled loops takes less than this."""
 
 OPEN_LIMIT_S = 60.0
-"""No link may take longer to start; those of ``hri_drivers`` give up much sooner, with the reason.
+"""Maximum time for a link to start; the links of ``hri_drivers`` fail much sooner, with the reason.
 """
 
 
 class SlowStart(Listener):
-    """Says once that the start takes long; the first tick ends the start.
+    """Logs once that the start takes long; the first tick ends the start.
 
     Args:
         after_s: duration of a start after which it is reported.
@@ -47,26 +47,28 @@ class SlowStart(Listener):
     def _say(self) -> None:
         log.warning(
             "still starting: the first start on a machine compiles and converts for up to a "
-            "minute; later ones take seconds"
+            "minute; later starts take seconds"
         )
 
     def on_tick(self, tick: Tick) -> None:
-        """The start is over."""
+        """Mark the start as finished."""
         self.over()
 
     def over(self) -> None:
-        """No more is said."""
+        """Stop without logging."""
         self._timer.cancel()
 
 
 @contextlib.contextmanager
 def ended_by_signals(stop: threading.Event) -> Iterator[None]:
-    """Within, what sets ``stop`` by a signal ends the program: a start may take minutes.
+    """In this context, a signal that would set ``stop`` exits the program, because a start may take
+    minutes.
 
-    For what comes before the links are opened: no controller has heard of the node yet.
+    Use it only before the links are opened, while no controller has received any message from the
+    node.
 
     Raises:
-        KeyboardInterrupt, SystemExit: SIGINT, or another signal, asked the node to end.
+        KeyboardInterrupt, SystemExit: SIGINT, or another signal, requested the exit.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -97,7 +99,7 @@ def ended_by_signals(stop: threading.Event) -> Iterator[None]:
 
 
 class Starting:
-    """Starts all links at the same time, each in a thread of its own.
+    """Starts all links at the same time, each in its own thread.
 
     Attributes:
         started: the links that have started, in the configuration's order.
@@ -116,7 +118,7 @@ class Starting:
         return [link for link in self._links if link in self._started]
 
     def start(self) -> None:
-        """Start them, and wait until all have, or until one fails; then the others are stopped.
+        """Start all links and wait for them; if one fails, stop the others.
 
         Raises:
             LinkError: the device of a link is absent or does not open.
@@ -163,12 +165,12 @@ class Starting:
 def memory_of(
     config: Config, node: Node, *, instead: Path | None, keep: bool, threaded: bool
 ) -> Memory | None:
-    """The state file of ``node``, not yet open; ``None`` if this run has none.
+    """Return the state file of ``node``, not yet open; ``None`` if this run has none.
 
     Args:
         config: its ``state`` is used if ``keep`` is set.
-        node: it says so in Status while the file cannot be written.
-        instead: use this file.
+        node: reports in Status that the file cannot be written, while this is so.
+        instead: file to use instead of the configured one.
         keep: use the configured file, if one is configured.
         threaded: see ``Memory``.
     """
@@ -185,9 +187,10 @@ def memory_of(
 
 
 def cell_of(config: Config) -> str:
-    """Return the identity of this cell: its configuration's path, and the places of its parts.
+    """Return the identity of this cell: its configuration's path, and the positions of its parts.
 
-    Where a robot or the source has been moved, the places of lost people mean others.
+    If a robot or the source has been moved, the stored positions of lost people are no longer
+    valid.
     """
     node = config.node
     robots = [

@@ -1,6 +1,6 @@
-"""When the loop ticks: at a fixed rate, or as soon as a capture is in.
+"""Timing of the loop's ticks: at a fixed rate, or as soon as a capture arrives.
 
-Both kinds serve the loop in real time and the virtual clock. Only ``wait`` knows that time passes.
+Both kinds work in real time and on the virtual clock. Only ``wait`` depends on the passing of time.
 """
 
 import threading
@@ -13,7 +13,9 @@ from hri_predict.risk.delay_budget import ENCODING_FRACTION
 from hri_predict.run.rates import RateSettings
 
 LEAVE_NS = 1_000_000
-"""Pause of the loop after a tick, if a capture waits: the links' threads send the advice."""
+"""Pause of the loop after a tick if a capture is waiting, so that the links' threads can send the
+advice.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,8 +23,8 @@ class Ended:
     """End of a tick.
 
     Attributes:
-        used: part of its time that the tick used; above 1 it was late.
-        missed: ticks that were due meanwhile and are left out.
+        used: share of its available time that the tick took; above 1 it was late.
+        missed: number of ticks that became due during the tick and are skipped.
     """
 
     used: float
@@ -30,35 +32,35 @@ class Ended:
 
     @property
     def is_late(self) -> bool:
-        """Whether the tick held up the next."""
+        """Whether the tick delayed the next one."""
         return self.used > 1.0
 
 
 class Ticks(Protocol):
-    """The order of calls: ``wait`` until ``due_ns``, ``begin``, the tick, ``end``.
+    """Order of calls: ``wait`` until ``due_ns``, ``begin``, the tick, ``end``.
 
     Attributes:
-        due_ns: when the next tick is due (node's clock); in the past: now.
+        due_ns: time at which the next tick is due (node's clock); a past time means now.
     """
 
     @property
     def due_ns(self) -> int: ...  # noqa: D102
 
     def captured(self) -> None:
-        """A scene is in; any thread may say so."""
+        """Signal that a scene has arrived; may be called from any thread."""
 
     def wait(self, clock: Clock, stop: threading.Event) -> None:
-        """Return at ``due_ns``, or sooner: at ``stop``, or because ``due_ns`` is sooner now."""
+        """Return at ``due_ns``, or sooner if ``stop`` is set or ``due_ns`` moves forward."""
 
     def begin(self, now_ns: int) -> None:
-        """Begin a tick at ``now_ns``. Scenes that come from now on may not be in it."""
+        """Start a tick at ``now_ns``. Scenes arriving after this call may miss it."""
 
     def end(self, now_ns: int) -> Ended:
-        """End it; only in real time."""
+        """End the tick; only called in real time."""
 
 
 class FixedTicks:
-    """Ticks at absolute deadlines: a late one does not push back the others. See ``Ticks``."""
+    """Ticks at absolute deadlines: a late tick does not delay later ones. See ``Ticks``."""
 
     def __init__(self, start_ns: int, period_ns: int) -> None:
         self._period_ns = period_ns
@@ -73,27 +75,28 @@ class FixedTicks:
         clock.wait_until(self.due_ns, stop)
 
     def begin(self, now_ns: int) -> None:
-        """Set the next deadline, whenever this tick begins."""
+        """Set the next deadline, independent of the start time of this tick."""
         self._deadline_ns = self.due_ns
         self.due_ns += self._period_ns
 
     def end(self, now_ns: int) -> Ended:
-        """Leave out whole cycles that have passed; keep the phase."""
+        """Skip whole cycles that have passed; keep the phase."""
         missed = max(0, (now_ns - self.due_ns) // self._period_ns)
         self.due_ns += missed * self._period_ns
         return Ended((now_ns - self._deadline_ns) / self._period_ns, missed)
 
 
 class CaptureTicks:
-    """A tick as soon as a capture is in; without captures, one each period. See ``Ticks``.
+    """Ticks as soon as a capture arrives; without captures, once per period.
 
-    Captures that come during a tick, or within ``gap_ns`` after its start, give one tick together.
+    See ``Ticks``. Captures arriving during a tick, or within ``gap_ns`` after its start, are
+    handled in one common tick.
 
     Args:
-        start_ns: of the first tick.
-        period_ns: the longest time from the start of a tick until the next is due.
-        gap_ns: the shortest.
-        room_ns: a tick that takes longer is late.
+        start_ns: time of the first tick.
+        period_ns: maximum time from the start of a tick until the next is due.
+        gap_ns: minimum time between them.
+        room_ns: duration above which a tick is late.
     """
 
     def __init__(self, start_ns: int, *, period_ns: int, gap_ns: int, room_ns: int) -> None:
@@ -105,34 +108,34 @@ class CaptureTicks:
 
     @property
     def due_ns(self) -> int:
-        """When the next tick is due."""
+        """Time at which the next tick is due."""
         return self._open_ns if self._waits else self._floor_ns
 
     def captured(self) -> None:
-        """Let the next tick come as soon as it may."""
+        """Make the next tick due as soon as permitted."""
         self._waits = True  # first, so that whoever wakes sees it
         self._captured.set()
 
     def wait(self, clock: Clock, stop: threading.Event) -> None:
-        """Return at ``due_ns`` or when a capture is in; a stop is noticed within one period."""
+        """Return at ``due_ns`` or when a capture arrives; a stop is detected within one period."""
         clock.wait_until(self.due_ns, self._captured)
         self._captured.clear()
 
     def begin(self, now_ns: int) -> None:
-        """Count the periods from now on."""
+        """Start the period now."""
         self._waits = False
         self._began_ns = now_ns
         self._floor_ns = now_ns + self._period_ns
         self._open_ns = now_ns + self._gap_ns
 
     def end(self, now_ns: int) -> Ended:
-        """Say how long it took."""
+        """Report the tick's duration."""
         self._open_ns = max(self._open_ns, now_ns + LEAVE_NS)
         return Ended((now_ns - self._began_ns) / self._room_ns)
 
 
 def ticks_of(settings: RateSettings, source_rate_hz: float, start_ns: int) -> Ticks:
-    """Return the configured kind of ticks; the first is due at ``start_ns``.
+    """Return the configured kind of ticks; the first tick is due at ``start_ns``.
 
     ``source_rate_hz``: nominal scenes per second.
     """

@@ -1,4 +1,4 @@
-"""Notes on a configuration's ticks: rates, and how long captures wait."""
+"""Notes on a configuration's ticks: rates, and waiting times of captures."""
 
 from typing import Any
 
@@ -9,10 +9,10 @@ RACE = 0.9
 
 
 def ticks_facts(node: NodeSettings, source_rate_hz: float) -> dict[str, Any]:
-    """Return when the node ticks, and how long a capture waits for that.
+    """Return the tick rates, and the time that a capture waits for a tick.
 
-    Of captures that come closer together than ticks, the newest counts. Neither the source's delay
-    nor the tick itself is in it.
+    If several captures arrive between two ticks, only the newest is counted. The source's delay and
+    the tick's duration are not included.
     """
     apart_s, gap_s = 1.0 / source_rate_hz, 1.0 / node.largest_rate_hz
     if node.ticks == "fixed":
@@ -30,7 +30,7 @@ def ticks_facts(node: NodeSettings, source_rate_hz: float) -> dict[str, Any]:
 
 
 def ticks_line(facts: dict[str, Any]) -> str:
-    """One line of what ``ticks_facts`` found."""
+    """Format the result of ``ticks_facts`` as one line."""
     rates = f"{facts['rate_hz']:g} per second"
     if facts["ticks"] == "capture":
         rates = f"{facts['rate_hz']:g} to {facts['largest_rate_hz']:g} per second"
@@ -43,16 +43,16 @@ def ticks_line(facts: dict[str, Any]) -> str:
 
 
 def race_notes(node: NodeSettings, source_rate_hz: float) -> list[str]:
-    """Return a note where ticks without a capture come just before captures."""
+    """Return a note if ticks without a capture occur just before captures."""
     if node.ticks == "fixed" or node.rate_hz <= RACE * source_rate_hz:
         return []
     if node.rate_hz > source_rate_hz / RACE:
         return [
             f"rate_hz {node.rate_hz:g} is above the source's {source_rate_hz:.4g}: many ticks "
-            f"judge no new capture; with ticks: capture, {RACE * source_rate_hz:.3g} is enough"
+            f"have no new capture; with ticks: capture, {RACE * source_rate_hz:.3g} is enough"
         ]
     return [
-        f"rate_hz {node.rate_hz:g} is about the source's {source_rate_hz:.4g}: a capture that "
-        "comes a little late just misses a tick, and waits for 1 / max_rate_hz; rate_hz up to "
+        f"rate_hz {node.rate_hz:g} is about the source's {source_rate_hz:.4g}: a slightly late "
+        "capture just misses a tick, and waits for 1 / max_rate_hz; rate_hz up to "
         f"{RACE * source_rate_hz:.3g} avoids it"
     ]

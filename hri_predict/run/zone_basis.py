@@ -1,4 +1,4 @@
-"""Basis of a predictor's zones, as every comparison prints it."""
+"""Basis of a predictor's zones, printed with every comparison."""
 
 import shlex
 from dataclasses import dataclass
@@ -11,9 +11,10 @@ class ZoneBasis:
     """Basis of a predictor's zones.
 
     Attributes:
-        label, name: of the predictor.
-        weights: its own file, as the user named it; ``None``: the shipped one, or none.
-        calibration: the file; ``None``: it has none, and zones are those of the physical limits.
+        label, name: label and name of the predictor.
+        weights: its own weights file, as named by the user; ``None``: the shipped weights, or none.
+        calibration: the calibration file; ``None``: there is none, and zones follow from the
+            physical limits.
         shipped: whether the calibration came with the node.
     """
 
@@ -25,20 +26,20 @@ class ZoneBasis:
 
     @property
     def line(self) -> str:
-        """The basis as a line to read, with the remedy."""
+        """Return the basis as one readable line, with the remedy."""
         if self.calibration is not None:
             where = ", shipped" if self.shipped else ""
             return f"Zones of {self.label}: calibrated by {self.calibration.name}{where}."
         words = ["hri-predict", "calibrate", "--predictor", self.name]
         words += [] if self.weights is None else ["--weights", str(self.weights)]
         return (
-            f"Zones of {self.label}: not calibrated: physical limits alone, which costs work; "
-            f"calibrate it on a folder of your recordings: "
+            f"Zones of {self.label}: not calibrated, physical limits only, which reduces the "
+            "robot's speed; calibrate it on a folder of your recordings: "
             f"{shlex.join([*words, '--data', 'recordings'])}"
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The basis as JSON; files by name, because folders differ between machines."""
+        """Return the basis as JSON; files by name only, because folders differ between machines."""
         return {
             "label": self.label,
             "predictor": self.name,

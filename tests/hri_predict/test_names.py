@@ -93,5 +93,6 @@ def test_every_name_of_a_cell_is_refused_with_file_and_line(tmp_path, what, name
 
 def test_a_cell_whose_file_has_another_name_says_so(tmp_path):
     load(tmp_path, "Zelle 3 (neu).yaml")
-    with pytest.raises(ConfigError, match=r"the cell is called as its file, 'a#b', and a name has"):
+    wrong = r"the cell is named after its file, 'a#b', and a name has"
+    with pytest.raises(ConfigError, match=wrong):
         load(tmp_path, "a#b.yaml")

@@ -1,26 +1,26 @@
-"""Notices that the machine was suspended: the monotonic clock, the node's, stands still then.
+"""Detects that the machine was suspended: the node's monotonic clock stops meanwhile.
 
-What was known before then still seems current, however long the machine slept.
+Data from before the suspension then still appear current, however long it lasted.
 """
 
 import time
 from collections.abc import Callable
 
 AT_ONCE_NS = 1_000_000
-"""Two clocks were read at once if it took no longer; else something came between."""
+"""Maximum duration of reading both clocks; a slower reading was interrupted."""
 TRIES = 5
 LEAST_NS = 50_000_000
-"""No machine sleeps and wakes in less."""
+"""Minimum duration of a suspension."""
 
 Clocks = Callable[[], tuple[int, int, int]]
-"""Nanoseconds on the monotonic clock, since the machine's start with sleep, monotonic again."""
+"""Nanoseconds: monotonic clock, boot-time clock including suspension, monotonic clock again."""
 
 
 class Asleep:
-    """Asked often, from one thread, it says how long the machine slept since it was last asked.
+    """Measures suspension since the previous call; call it often, from one thread.
 
     Args:
-        clocks: reads both clocks; the system's by default.
+        clocks: reads both clocks; by default the system's.
     """
 
     def __init__(self, clocks: Clocks | None = None) -> None:
@@ -28,7 +28,7 @@ class Asleep:
         self._ahead_ns = self._measured_ns()
 
     def since_last_s(self) -> float:
-        """Return seconds; 0.0 if it did not sleep, or if the time is unknown."""
+        """Return seconds; 0.0 if the machine was not suspended, or if the time is unknown."""
         now_ns, before_ns = self._measured_ns(), self._ahead_ns
         if now_ns is None:
             return 0.0  # the next answer has it
@@ -37,7 +37,9 @@ class Asleep:
         return slept_ns * 1e-9 if slept_ns >= LEAST_NS else 0.0
 
     def _measured_ns(self) -> int | None:
-        """Return the lead of the clock that counts sleep; ``None`` if it could not be measured."""
+        """Return the lead of the clock that includes suspension; ``None`` if it could not be
+        measured.
+        """
         for _ in range(TRIES):
             first_ns, boot_ns, second_ns = self._clocks()
             if second_ns - first_ns <= AT_ONCE_NS:

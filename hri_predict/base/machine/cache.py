@@ -1,7 +1,7 @@
-"""A folder for what can be made again: what is missing, damaged or not writable is made again.
+"""Cache folder: missing, damaged or unwritable content is created again.
 
-The folder is the first of these that is set: ``HRI_PREDICT_CACHE`` (empty: nothing is kept),
-``CACHE_DIRECTORY`` (as systemd names a service's), ``XDG_CACHE_HOME``/hri-predict, and
+The folder is the first of these that is set: ``HRI_PREDICT_CACHE`` (empty: no cache),
+``CACHE_DIRECTORY`` (set by systemd for a service), ``XDG_CACHE_HOME``/hri-predict, and
 ``~/.cache/hri-predict``.
 """
 
@@ -22,15 +22,15 @@ log = logging.getLogger(__name__)
 
 MAX_BYTES = 2**30  # twice the largest weights
 KEPT = 8
-"""Number of files that are kept of those whose names differ in their hash alone."""
+"""Maximum number of files kept whose names differ only in their hash."""
 KEPT_S = 90 * 86_400.0
-"""Files that were not used for longer are removed."""
+"""Time after which unused files are removed."""
 _HASHED = re.compile(r"(.+-)[0-9a-f]{32}(\..+)")
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def cache_folder() -> Path | None:
-    """The folder; it may be missing. ``None``: nothing is kept."""
+    """Return the folder, which may be missing; ``None`` without a cache."""
     own = os.environ.get("HRI_PREDICT_CACHE")
     if own is not None:
         return Path(os.path.expanduser(own)) if own else None
@@ -42,13 +42,14 @@ def cache_folder() -> Path | None:
 
 
 def cached(name: str, make: Callable[[], bytes]) -> bytes:
-    """Return the result of ``make``, kept under ``name``.
+    """Return the result of ``make``, cached under ``name``.
 
-    It is kept with a digest of name and content, so that damage is found, and a file that was
-    renamed. A file of another user is not read: he may write something else into it.
+    A digest of name and content is stored with it, so that damaged or renamed files are detected. A
+    file of another user is not read, because that user could change its content.
 
     Args:
-        name: of the file. It says all that the content depends on, such as a hash of it.
+        name: file name, which identifies everything that the content depends on, for example by a
+            hash.
         make: called if the file is missing, damaged or another user's.
     """
     folder = cache_folder()
@@ -66,15 +67,16 @@ def cached(name: str, make: Callable[[], bytes]) -> bytes:
     try:
         atomic_write(path, _digest(name, content) + content)
     except OSError as error:
-        log.debug("cache: %s is not kept: %s", path, error.strerror)
+        log.debug("cache: %s was not saved: %s", path, error.strerror)
     _remove_unused(folder)
     return content
 
 
 def _remove_unused(folder: Path) -> None:
-    """Remove this user's files that ``KEPT`` and ``KEPT_S`` exclude, by the time of their last use.
+    """Remove this user's files beyond ``KEPT`` and ``KEPT_S``, by the time of their last use.
 
-    Names without a hash are not ours. Another node may do the same now, or be reading one.
+    Names without a hash belong to other programs. Another node may remove or read files at the same
+    time.
     """
     found: list[tuple[float, Path, tuple[str, ...]]] = []
     user = getattr(os, "geteuid", int)()
@@ -93,11 +95,11 @@ def _remove_unused(folder: Path) -> None:
                 path.unlink()
                 removed += 1
     if removed:
-        log.debug("cache: files removed that were not used lately: %d", removed)
+        log.debug("cache: removed unused files: %d", removed)
 
 
 def _kept(path: Path) -> tuple[bytes, str]:
-    """Return a file's content, and "" or why it is not used.
+    """Return a file's content, and "" or the reason why it is not used.
 
     Raises:
         OSError: the file does not exist, or it cannot be read.
@@ -116,7 +118,7 @@ def _kept(path: Path) -> tuple[bytes, str]:
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Open a file; a pipe that no process writes does not hold it up."""
+    """Open a file without blocking on a pipe that no process writes."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -127,7 +129,7 @@ def _digest(name: str, content: bytes) -> bytes:
 
 
 def forget(name: str) -> None:
-    """Remove what is kept under ``name``, if anything is."""
+    """Remove the file cached under ``name``, if any."""
     folder = cache_folder()
     if folder is not None:
         with contextlib.suppress(OSError):

@@ -1,9 +1,8 @@
-"""Loops over arrays that numba compiles where it is installed (extra ``accel``).
+"""Loops over arrays, compiled by numba if it is installed (extra ``accel``).
 
-A loop is written twice: as plain loops, which numba compiles, and as array operations, which
-compute where numba is missing or turned off (``HRI_PREDICT_COMPILED=0``). Tests hold both equal.
-What is compiled is kept in the cache's folder, and nowhere else; without one, each start compiles
-again.
+Each loop has two versions: plain loops, which numba compiles, and array operations, used if numba
+is missing or turned off (``HRI_PREDICT_COMPILED=0``). Tests verify that both give equal results.
+Compiled code is stored only in the cache folder; without it, each start compiles again.
 """
 
 import contextlib
@@ -30,15 +29,15 @@ R = TypeVar("R")
 
 
 def kernel(loops: Callable[..., Any], otherwise: Callable[P, R]) -> Callable[P, R]:
-    """A function that ``loops`` computes where numba is there, and ``otherwise`` elsewhere.
+    """Return a function that runs ``loops`` if numba is available, and ``otherwise`` if not.
 
     Args:
-        loops: plain loops over arrays, in what numba understands. It may call other functions that
-            ``part`` marked.
-        otherwise: the same by array operations; it lends its types and its docstring.
+        loops: plain loops over arrays, in the subset supported by numba. It may call functions
+            marked by ``part``.
+        otherwise: the same with array operations; its types and docstring are used for both.
 
-    Numba is imported at the first call, which compiles: call it once, with arrays of the types
-    that it will get, before time matters.
+        The first call imports numba and compiles: call it once before real-time operation, with
+        arrays of the final types.
     """
     chosen: Callable[P, R] | None = None
 
@@ -58,10 +57,10 @@ def _unless_it_fails(
     loops: Callable[..., Any],
     otherwise: Callable[P, R],
 ) -> Callable[P, R]:
-    """Compile ``loops``; once that fails, or a call of it, ``otherwise`` computes for good.
+    """Compile ``loops``; if compiling or a call fails, use ``otherwise`` from then on.
 
-    A kept copy of an earlier version may name types that have moved since. All kept copies are
-    removed then, and the loops compiled again.
+    A cached copy from an earlier version may name types that have moved. All cached copies are then
+    removed, and the loops are compiled again.
     """
     compiled, again = compiler(loops), False
     working = True
@@ -86,7 +85,9 @@ def _unless_it_fails(
 
 
 def _forget_kept() -> None:
-    """Remove all kept copies; a copy that another process makes meanwhile is only made again."""
+    """Remove all cached copies; a copy created meanwhile by another process is just compiled
+    again.
+    """
     folder = cache_folder()
     if folder is not None:
         shutil.rmtree(folder / "numba", ignore_errors=True)
@@ -95,26 +96,28 @@ def _forget_kept() -> None:
 
 
 def _say_once(why: str) -> None:
-    """One line for all loops that fail."""
+    """Logged once for all failing loops."""
     if not _FAILED:
-        log.warning("compiled loops fail, so arrays compute instead, which is slower: %s", why)
+        log.warning("compiled loops fail; using slower array operations instead: %s", why)
     _FAILED.append(why)
 
 
 def part(function: Callable[P, R]) -> Callable[P, R]:
-    """Mark a function that compiled loops of the same file call; numba compiles it into them.
+    """Mark a function called by compiled loops in the same file; numba compiles it into them.
 
-    Of the same file, because numba makes its copy again when the file of the loops changes.
+    It must be in the same file, because numba recompiles its copy only when the loops' file
+    changes.
     """
     _PARTS.append(function)
     return function
 
 
 def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same numbers as compiled loops take them: in one piece, writable, double precision.
+    """Return the numbers in the layout that compiled loops need: contiguous, writable, double
+    precision.
 
-    Loops are compiled again for arrays of another type, and those of another order or that may not
-    be written are of another type. That must not happen while robots move.
+    Loops are recompiled for arrays of another type, and memory order and writability are part of
+    the type. That must not happen while robots move.
     """
     if array.flags.carray and array.dtype == np.float64:
         return array
@@ -122,12 +125,14 @@ def plain(array: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def is_compiled() -> bool:
-    """Whether numba compiles the loops of this process."""
+    """Whether numba compiles the loops in this process."""
     return _compiler() is not None
 
 
 def why_not_compiled() -> str:
-    """Why arrays compute, with the remedy; "" if numba is there. Imports nothing."""
+    """Return why array operations are used, with the remedy; "" if numba is available. Does not
+    import numba.
+    """
     if os.environ.get(_SWITCH, "1") == "0":
         return f"{_SWITCH} is 0"
     if importlib.util.find_spec("numba") is None:
@@ -146,7 +151,7 @@ def _compiler() -> Callable[[Callable[..., Any]], Callable[..., Any]] | None:
     except ImportError:
         return None
     except Exception as error:  # a broken installation must not end the node
-        log.warning("numba is installed and cannot be used: %s", error)
+        log.warning("numba is installed but cannot be used: %s", error)
         return None
     folder = cache_folder()
     keeps = False

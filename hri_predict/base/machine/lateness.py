@@ -35,7 +35,7 @@ while os.getppid() == parent:
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """Microseconds from deadlines until the loop ran."""
+    """Microseconds from each deadline until the loop ran."""
 
     p50_us: float
     p99_us: float
@@ -60,7 +60,7 @@ def wake_ups(settings: RealtimeSettings, seconds: float) -> Lateness:
 
 @contextlib.contextmanager
 def load(rate_hz: float, settings: RealtimeSettings) -> Iterator[None]:
-    """Another process that computes for half of each cycle, as a predictor may."""
+    """Another process that computes during half of each cycle, as a predictor may."""
     cores = ",".join(map(str, settings.inference_cpus))
     times = (str(1 / rate_hz), str(BUSY / rate_hz))
     process = subprocess.Popen(

@@ -1,6 +1,6 @@
-"""Processes that end with the one that started them, even if that is killed or hangs.
+"""Processes that exit with their parent process, even if it is killed or hangs.
 
-The kernel ends them, on Linux; on other systems they stay.
+On Linux the kernel kills them; on other systems they continue.
 """
 
 import contextlib
@@ -18,7 +18,8 @@ def end_with(parent: int) -> None:
     """Let the kernel kill this process when its parent ends.
 
     Args:
-        parent: process id; its thread that started this process has to live as long as it.
+        parent: process id; the parent's thread that started this process must exist as long as this
+            process.
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -27,11 +28,11 @@ def end_with(parent: int) -> None:
 
 
 def command_of(program: str, *arguments: str) -> list[str]:
-    """Return the command of a Python program that ends with this process.
+    """Return the command of a Python program that exits with this process.
 
     Args:
-        program: a module, as ``python -m`` takes it, or the path of a script ``*.py``.
-        arguments: of the program.
+        program: a module, as for ``python -m``, or the path of a script ``*.py``.
+        arguments: arguments of the program.
     """
     return [sys.executable, "-c", _BEGIN, str(os.getpid()), program, *arguments]
 

@@ -1,8 +1,8 @@
-"""Help of the system for a real-time loop: a priority, cores of its own, memory that stays.
+"""System support for a real-time loop: priority, dedicated cores, locked memory.
 
-All of it is optional, and what the system does not permit is one warning with the remedy: a node
-that is less steady is better than none. The priority goes to the thread that runs the loop, and to
-no other: threads and processes that it starts later begin without it.
+All of it is optional. A request that the system refuses gives one warning with the remedy, because
+a less steady node is better than none. Only the loop's thread gets the priority: threads and
+processes that it starts later do not inherit it.
 
 Linux: sched(7), sched_setscheduler(2), mlockall(2).
 """
@@ -26,7 +26,7 @@ GUIDE = "docs/guides/realtime.md"
 
 
 class RealtimeSettings(Settings):
-    """Requests of the loop to the system (``realtime:`` in the configuration); by default none."""
+    """Real-time options of the loop (``realtime:`` in the configuration); by default none."""
 
     priority: int | None = Field(
         None, ge=1, le=98, description="SCHED_FIFO priority of the loop's thread"
@@ -45,18 +45,18 @@ class RealtimeSettings(Settings):
         if shared:
             raise ValueError(
                 f"core {shared[0]} is in cpus and in inference_cpus: the loop would wait for the "
-                f"predictor; keep them apart"
+                "predictor; use different cores"
             )
         return self
 
 
 def can_have_process() -> bool:
-    """Whether a process of its own for the predictor would find a core besides the loop's."""
+    """Whether a separate predictor process would have a core besides the loop's."""
     return hasattr(os, "memfd_create") and len(usable_cores()) > 1
 
 
 def usable_cores() -> set[int]:
-    """The cores that this process may use."""
+    """Return the cores that this process may use."""
     if not hasattr(os, "sched_getaffinity"):
         return set(range(os.cpu_count() or 1))
     return os.sched_getaffinity(0)
@@ -64,9 +64,9 @@ def usable_cores() -> set[int]:
 
 @contextlib.contextmanager
 def steady(settings: RealtimeSettings) -> Iterator[None]:
-    """Give the calling thread what ``settings`` ask for, and take it back at the end.
+    """Apply ``settings`` to the calling thread, and revert them at the end.
 
-    Call it last, when all other threads run already. What cannot be had is logged.
+    Call it last, when all other threads are running. Refused requests are logged.
     """
     if settings.lock_memory:
         _warn("lock_memory", lock_memory())
@@ -86,7 +86,7 @@ def steady(settings: RealtimeSettings) -> Iterator[None]:
 
 
 def set_fifo(priority: int) -> str:
-    """Run the calling thread under SCHED_FIFO; return what prevents it, with the remedy, or ""."""
+    """Run the calling thread under SCHED_FIFO; return the obstacle with its remedy, or ""."""
     try:
         # reset on fork: whatever this thread starts begins without the priority
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
@@ -97,26 +97,26 @@ def set_fifo(priority: int) -> str:
             f"service's unit, or rtprio in /etc/security/limits.conf"
         )
     except (OSError, AttributeError) as error:
-        return f"SCHED_FIFO cannot be had: {error}; leave realtime.priority out"
+        return f"SCHED_FIFO is not available: {error}; remove realtime.priority"
     return ""
 
 
 def lock_memory() -> str:
-    """Lock this process's memory; return what prevents it, with the remedy, or "".
+    """Lock this process's memory; return the obstacle with its remedy, or "".
 
-    Memory that is taken later is locked when it is first used: locking whole stacks of threads and
-    unused reserves of libraries would take gigabytes.
+    Memory allocated later is locked at its first use: locking entire thread stacks and unused
+    reserves of libraries would take gigabytes.
     """
     try:
         library = ctypes.CDLL(None, use_errno=True)
         done = library.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
     except (OSError, AttributeError) as error:
-        return f"memory cannot be locked: {error}; leave realtime.lock_memory out"
+        return f"memory cannot be locked: {error}; remove realtime.lock_memory"
     if done == 0:
         return ""
     return (
-        f"memory cannot be locked: {os.strerror(ctypes.get_errno())}; give LimitMEMLOCK=infinity "
-        f"in the service's unit, or memlock in /etc/security/limits.conf"
+        f"memory cannot be locked: {os.strerror(ctypes.get_errno())}; set LimitMEMLOCK=infinity "
+        "in the service's unit, or memlock in /etc/security/limits.conf"
     )
 
 

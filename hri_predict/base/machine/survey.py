@@ -1,7 +1,7 @@
-"""Missing settings of a machine for a real-time loop, and how to set them. Linux; elsewhere little
-is known.
+"""Missing real-time settings of a machine, and how to set them.
 
-Everything is read from the system or tried for a moment, nothing is changed.
+Supports Linux; little is checked elsewhere. Everything is read from the system or tried briefly;
+nothing is changed.
 """
 
 import ctypes
@@ -24,8 +24,8 @@ class MachineProperty:
     Attributes:
         name: the inspected setting.
         found: its state.
-        remedy: command that sets what is missing; "" if nothing is.
-        refused: the key under ``realtime:`` that asks for it and cannot have it; or "".
+        remedy: command that sets it; "" if nothing is missing.
+        refused: the key under ``realtime:`` whose request the system refuses; or "".
     """
 
     name: str
@@ -35,7 +35,7 @@ class MachineProperty:
 
 
 def survey(settings: RealtimeSettings, root: Path = Path("/")) -> list[MachineProperty]:
-    """Look at the machine, with what ``settings`` ask for in mind.
+    """Inspect the machine for the requests in ``settings``.
 
     Args:
         root: the folder in which ``proc`` and ``sys`` are.
@@ -78,7 +78,7 @@ def _locked(settings: RealtimeSettings) -> MachineProperty:
 
 def _cores(settings: RealtimeSettings) -> list[MachineProperty]:
     usable, there = usable_cores(), os.cpu_count() or 1
-    few = "" if len(usable) > 1 else "give the node a second core: inference then runs beside it"
+    few = "" if len(usable) > 1 else "give the node a second core, for parallel inference"
     found = [MachineProperty("cores", f"{len(usable)} of {there} may be used", few)]
     for key in ("cpus", "inference_cpus"):
         missing = sorted(set(getattr(settings, key)) - usable)
@@ -91,7 +91,7 @@ def _cores(settings: RealtimeSettings) -> list[MachineProperty]:
 
 
 def _quota(root: Path) -> MachineProperty:
-    """The share of processor time that the container or service may use."""
+    """Check the share of processor time that the container or service may use."""
     lines = _read(root / "proc/self/cgroup").splitlines()
     own = next((line.removeprefix("0::/") for line in lines if line.startswith("0::/")), "")
     base, least = root / "sys/fs/cgroup", None
@@ -109,8 +109,8 @@ def _quota(root: Path) -> MachineProperty:
     return MachineProperty(
         "processor quota",
         f"{least:g} cores",
-        "a node that has used it up stands still until the next period; take CPUQuota out of the "
-        "service, or --cpus out of the container",
+        "a node that has used it up pauses until the next period; remove CPUQuota from the "
+        "service, or --cpus from the container",
     )
 
 
@@ -136,7 +136,7 @@ def _kernel(root: Path) -> MachineProperty:
 
 
 def _throttled(root: Path) -> MachineProperty:
-    """The share of time after which the kernel halts threads with a priority."""
+    """Check the share of time after which the kernel halts real-time threads."""
     runtime = _read(root / "proc/sys/kernel/sched_rt_runtime_us")
     period = _read(root / "proc/sys/kernel/sched_rt_period_us")
     if not (runtime.isdigit() and period.isdigit()):  # -1: no limit
@@ -185,12 +185,14 @@ def _clock(root: Path) -> MachineProperty:
     name = _read(root / "sys/devices/system/clocksource/clocksource0/current_clocksource")
     if not name:
         return MachineProperty("clock source", "not known")
-    remedy = "reading it takes microseconds; boot with clocksource=tsc if the processor's is stable"
+    remedy = "reading it takes microseconds; boot with clocksource=tsc if the TSC is stable"
     return MachineProperty("clock source", name, remedy * (name not in _GOOD_CLOCKS))
 
 
 def _in_thread(work: Callable[[], str]) -> str:
-    """Return the result of ``work``, run in a thread that ends and takes its scheduling with it."""
+    """Return the result of ``work``, run in a temporary thread whose scheduling does not
+    persist.
+    """
     found: list[str] = []
     thread = threading.Thread(target=lambda: found.append(work()))
     thread.start()
@@ -199,7 +201,7 @@ def _in_thread(work: Callable[[], str]) -> str:
 
 
 def _read(path: Path) -> str:
-    """The text of a file of the system; "" if there is none."""
+    """Return the text of a system file; "" if it does not exist."""
     try:
         return path.read_text(encoding="utf-8", errors="replace").strip()
     except OSError:

@@ -1,8 +1,8 @@
-"""The direction in which a setting becomes less safe than its default, beside each setting.
+"""Declaration of the direction in which each setting becomes less safe than its default.
 
-A settings model declares it for every number and switch (``safety``), and a test finds those that
-do not. ``hri-predict check`` names each setting that is on the less safe side, with what it
-permits; the commissioning report lists them for a signature.
+A settings model declares it for every number and switch (``safety``), and a test finds missing
+declarations. ``hri-predict check`` reports each setting on the less safe side, with its effect; the
+commissioning report lists them for signature.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,13 +15,13 @@ from pydantic_core import PydanticUndefined
 
 @dataclass(frozen=True, slots=True)
 class LessSafe:
-    """Freedom that a value adds to the default, by the side on which it lies.
+    """Effect of values on the less safe side of the default.
 
     The texts may use ``{value}``, ``{default}`` and ``{more}``, their difference; with ``:g``.
 
     Attributes:
-        above, below: what a larger or smaller number permits; ``""``: that side is as safe.
-        other: what any other value permits, of a setting that is not a number.
+        above, below: effect of a larger or smaller number; ``""``: that side is equally safe.
+        other: effect of any other value, for a setting that is not a number.
     """
 
     above: str = ""
@@ -30,12 +30,14 @@ class LessSafe:
 
 
 HARMLESS = LessSafe()
-"""A setting without a less safe side: it describes a wire, only adds, or needs another to act."""
+"""A setting without a less safe side: it describes a link, only adds protection, or has no effect
+alone.
+"""
 Safety = Mapping[str, LessSafe]
 
 
 def harmless(*keys: str) -> dict[str, LessSafe]:
-    """The declaration of settings without a less safe side."""
+    """Declaration for settings without a less safe side."""
     return dict.fromkeys(keys, HARMLESS)
 
 
@@ -67,13 +69,13 @@ def less_safe(
     computed: Mapping[str, float],
     reference: BaseModel | None = None,
 ) -> Iterator[LessSafeSetting]:
-    """The settings of a block, and of all blocks in it, that are less safe than their defaults.
+    """Return the settings less safe than their defaults, in a block and all nested blocks.
 
     Args:
-        settings: validated.
+        settings: the validated block.
         at: its key in the configuration.
         computed: defaults that depend on other settings, by key.
-        reference: the block whose values are the defaults; ``None``: those of the model.
+        reference: block with the default values; ``None``: the model's defaults.
     """
     for name, field in type(settings).model_fields.items():
         key, value = f"{at}.{name}", getattr(settings, name)
@@ -119,7 +121,7 @@ def _judged(key: str, value: Any, default: Any, mark: LessSafe) -> Iterator[Less
 
 
 def shown(value: Any) -> str:
-    """A value as short text; of regions, their extent on the floor."""
+    """Return a value as short text; for regions, their extent on the floor."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float | int):

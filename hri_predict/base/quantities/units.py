@@ -1,4 +1,4 @@
-"""The unit of a setting, and the hint for a number that was given in another one."""
+"""Unit of a setting, and a hint for a number given in another unit."""
 
 import math
 import re
@@ -37,28 +37,31 @@ _SAID = re.compile(r"[,;] (m|m/s|rad|rad/s|kg|s)$")
 
 
 def unit_of(key: str) -> str:
-    """The unit that a key's name ends with; empty if it has none."""
+    """Return the unit at the end of a key's name; empty if there is none."""
     return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
 
 
 def unit_at(key: str, description: str) -> str:
-    """The unit of a key by its name or at the end of its description; empty if neither says it."""
+    """Return the unit of a key from its name or the end of its description; empty if neither has
+    one.
+    """
     said = _SAID.search(description.split("; ")[0])
     return unit_of(key) or (said[1] if said else "")
 
 
 def phrase(key: str, description: str) -> str:
-    """A key's description up to its first semicolon, with its unit."""
+    """Return a key's description up to its first semicolon, with its unit."""
     said = description.split("; ")[0]
     unit = unit_of(key)
     return f"{said}, {unit}" if unit else said
 
 
 def meant(value: float, unit: str, low: float = -math.inf, high: float = math.inf) -> str:
-    """The hint for a number that is too large: ``metres are meant: 0.8?``; empty for other units.
+    """Return the hint for a number that is too large: ``metres are meant: 0.8?``; empty for other
+    units.
 
-    The proposed number is the one that the thousandth part of the unit, or degrees, would give; it
-    is left out where it lies outside ``low`` .. ``high``.
+    The proposed number assumes that a thousandth of the unit, or degrees, was meant; it is omitted
+    if outside ``low`` .. ``high``.
     """
     if unit not in _NAMES:
         return ""

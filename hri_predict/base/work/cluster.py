@@ -1,11 +1,10 @@
-"""Offline work on several machines, by the workers of a Dask scheduler that the user started.
+"""Offline work on several machines, using the workers of a Dask scheduler started by the user.
 
-Tasks name files by path, and each worker reads its own. So each task first checks that its worker
-has the same software and the same files, and refuses otherwise: a table must not depend on who made
-a part of it.
-
-Dask's messages are pickles, which can run any code: a program that reaches the scheduler owns its
-workers and every client. This connects only to the address that the user gives, and never listens.
+Tasks name files by path, and each worker reads its own copy. So each task first checks that its
+worker has the same software and files, and fails otherwise: a table must not depend on which worker
+computed a part of it. Dask's messages are pickles, which can run any code: a program that reaches
+the scheduler controls its workers and all clients. This class connects only to the address given by
+the user, and never listens.
 """
 
 import asyncio
@@ -29,19 +28,19 @@ _TOLD_S = 30.0
 _ONE_AT_A_TIME = threading.Lock()  # a worker may have several threads
 
 _READ: dict[str, str] = {}
-"""Path -> digest when this worker first read it: motions and configurations stay in memory."""
+"""Path -> digest at this worker's first read, because motions and configurations stay in memory."""
 
 Expected = tuple[tuple[str, str], ...]
 
 
 class Cluster(Workers):
-    """The workers of a Dask scheduler. Tasks of a lost worker run again on others."""
+    """The workers of a Dask scheduler. Tasks of a lost worker are repeated on others."""
 
     def __init__(self, address: str, reads: Sequence[Path] = ()) -> None:
         """Connect.
 
         Args:
-            address: of the scheduler, such as ``tcp://127.0.0.1:8786``.
+            address: address of the scheduler, such as ``tcp://127.0.0.1:8786``.
             reads: files that the tasks read.
 
         Raises:
@@ -94,7 +93,7 @@ class Cluster(Workers):
                 self._client.cancel(list(waiting))
 
     def _finished(self, futures: Sequence[Any]) -> list[Any]:
-        """Wait until some are done; report if no worker is left to do them."""
+        """Wait until some tasks are done; log a warning if no worker is left."""
         import distributed
 
         while True:
@@ -120,8 +119,8 @@ class Cluster(Workers):
             return future.result()
         except distributed.KilledWorker as error:
             raise ConfigError(
-                f"--cluster {self._address}: the same task ended several workers, perhaps for lack "
-                f"of memory; give the workers more, and use --resume if you gave --out"
+                f"--cluster {self._address}: the same task crashed several workers, possibly for "
+                "lack of memory; give the workers more, and use --resume if you used --out"
             ) from error
         except (ModuleNotFoundError, AttributeError) as error:
             if "hri_" not in str(error):
@@ -135,19 +134,19 @@ class Cluster(Workers):
 
     def _gone(self) -> ConfigError:
         return ConfigError(
-            f"--cluster {self._address}: the scheduler ended before the work did; start it and run "
-            f"again, with --resume if you gave --out"
+            f"--cluster {self._address}: the scheduler exited before the work was complete; start "
+            "it and run again, with --resume if you used --out"
         )
 
     def close(self) -> None:
-        """Leave the scheduler and its workers running."""
+        """Disconnect; the scheduler and its workers keep running."""
         self._client.close(timeout=CONNECT_S)
 
 
 def _done(
     function: Callable[..., R], arguments: tuple[Any, ...], expected: Expected, files: Expected
 ) -> R:
-    """Do a task on a worker, one at a time, if it would come out as with the others."""
+    """Run a task on a worker, one at a time, if the worker's software and files match."""
     with _ONE_AT_A_TIME:
         _demand_same(expected, files)
         with one_thread():
@@ -179,7 +178,8 @@ def _demand_same(expected: Expected, files: Expected) -> None:
             )
         if _READ.setdefault(path, wanted) != wanted:
             raise ConfigError(
-                f"--cluster: {_here()} has read an older {path}, and may remember it; restart it"
+                f"--cluster: {_here()} has already read an older {path}, and may have cached it; "
+                "restart the worker"
             )
 
 

@@ -1,4 +1,4 @@
-"""The code, data and libraries that must match for two machines to compute the same."""
+"""Code, data and libraries that must match for two machines to compute identical results."""
 
 import hashlib
 import platform
@@ -17,7 +17,7 @@ _LIBRARIES = ("hri-predict", "numpy", "torch", "onnxruntime", "numba")
 
 @lru_cache(maxsize=1)
 def code_digest() -> str:
-    """SHA-256 of the code, weights, calibrations and robots that are installed."""
+    """Return the SHA-256 of the installed code, weights, calibrations and robots."""
     digest = hashlib.sha256()
     found = [util.find_spec(package) for package in _PACKAGES]
     folders = [

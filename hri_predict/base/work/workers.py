@@ -1,8 +1,8 @@
 """Workers for offline work: this process, several processes, or a cluster's workers.
 
 A task is a function of a module and plain arguments, such as one recording or one episode. Tasks
-know nothing of each other, and each computes with one thread: the results do not depend on the
-worker or the order.
+are independent, and each computes with one thread, so results do not depend on the worker or the
+order.
 """
 
 import contextlib
@@ -24,13 +24,15 @@ log = logging.getLogger(__name__)
 R = TypeVar("R")
 
 MOST_DEATHS = 3
-"""Processes that may end early before the work is given up: a task may be what ends them."""
+"""Number of crashed processes after which the work is abandoned, because a task may be the
+cause.
+"""
 _ONE_THREAD = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _SAID_BEFORE = "hri_predict.recording.unused"  # its warnings: the starting process gave them
 
 
 class Workers(ABC):
-    """A worker for tasks. Use it in a ``with`` block, which ends what it started.
+    """A worker for tasks. Use it in a ``with`` block, which stops everything it started.
 
     Attributes:
         count: number of tasks done at a time.
@@ -42,14 +44,14 @@ class Workers(ABC):
     def each(
         self, function: Callable[..., R], tasks: Sequence[tuple[Any, ...]]
     ) -> Iterator[tuple[int, R]]:
-        """Yield (place, result) of each task when it is done, in any order.
+        """Yield (index, result) of each task when it is done, in any order.
 
         Args:
-            function: of a module, so that another process finds it by its name.
+            function: defined in a module, so that another process finds it by name.
             tasks: the arguments of each call.
 
         Raises:
-            HriPredictError: the error of a task, or no worker is left to do the tasks.
+            HriPredictError: the error of a task, or no worker is left.
         """
 
     def in_order(
@@ -58,7 +60,7 @@ class Workers(ABC):
         tasks: Sequence[tuple[Any, ...]],
         on_done: Callable[[], None] = lambda: None,
     ) -> list[R]:
-        """The results in the tasks' order; ``on_done`` is called when each is done.
+        """Return the results in the tasks' order; ``on_done`` is called after each task.
 
         Raises:
             HriPredictError: see ``each``.
@@ -77,12 +79,14 @@ class Workers(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """End what was started. Safe to call twice."""
+        """Stop everything that was started. Safe to call twice."""
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Compute with one thread meanwhile: sums of several threads depend on their number."""
+    """Compute with one thread in this context, because sums over several threads depend on their
+    number.
+    """
     import torch
 
     before = torch.get_num_threads()
@@ -94,7 +98,7 @@ def one_thread() -> Iterator[None]:
 
 
 class ThisProcess(Workers):
-    """Does one task after the other, here."""
+    """Runs the tasks in this process, one after the other."""
 
     def each(
         self, function: Callable[..., R], tasks: Sequence[tuple[Any, ...]]
@@ -106,13 +110,13 @@ class ThisProcess(Workers):
             yield place, result
 
     def close(self) -> None:
-        """Nothing was started."""
+        """Do nothing: no process was started."""
 
 
 class Processes(Workers):
-    """Several processes of this machine, started when they are first needed.
+    """Several processes on this machine, started when first needed.
 
-    The tasks of a process that was ended (for lack of memory, say) run again, in new processes.
+    Tasks of a killed process (for example for lack of memory) are repeated in new processes.
     """
 
     def __init__(self, count: int) -> None:
@@ -133,15 +137,15 @@ class Processes(Workers):
                 deaths += 1
                 if deaths == MOST_DEATHS:
                     raise ConfigError(
-                        f"--jobs: a process ended too early, {deaths} times, perhaps for lack of "
-                        "memory; run again with fewer jobs, and with --resume if you gave --out"
+                        f"--jobs: a process exited early, {deaths} times, possibly for lack of "
+                        "memory; run again with fewer jobs, and with --resume if you used --out"
                     ) from error
-                log.warning("a process ended too early; %d tasks run again", len(left))
+                log.warning("a process exited early; repeating %d tasks", len(left))
 
     def _those_done(
         self, function: Callable[..., R], left: dict[int, tuple[Any, ...]]
     ) -> Iterator[tuple[int, R]]:
-        """Yield what is done, and take it from ``left``."""
+        """Yield finished tasks, and remove them from ``left``."""
         pool = self._pool or self._started()
         waiting = {pool.submit(function, *task): place for place, task in left.items()}
         try:
@@ -163,14 +167,14 @@ class Processes(Workers):
         return self._pool
 
     def close(self) -> None:
-        """End the processes; tasks that have not begun never do."""
+        """Stop the processes; tasks not yet started are dropped."""
         if self._pool is not None:
             self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = None
 
 
 def _begin() -> None:
-    """Set up a process: one thread, a quiet end, and an end with the process that started it."""
+    """Set up a process: one thread, a quiet exit, and an exit together with the parent process."""
     import torch
 
     torch.set_num_threads(1)

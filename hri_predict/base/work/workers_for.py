@@ -1,4 +1,4 @@
-"""The workers for a command's offline work: see ``workers``."""
+"""Workers for a command's offline work; see ``workers``."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,12 +8,12 @@ from hri_predict.base.work.workers import Processes, ThisProcess, Workers
 
 
 def workers_for(jobs: int, cluster: str | None = None, reads: Sequence[Path] = ()) -> Workers:
-    """Return the workers that do the work.
+    """Return the workers.
 
     Args:
         jobs: number of processes; 1: this one.
-        cluster: address of a Dask scheduler, whose workers do it instead.
-        reads: files that the tasks read. A cluster's workers must find the same there.
+        cluster: address of a Dask scheduler whose workers are used instead.
+        reads: files that the tasks read. A cluster's workers must have the same files.
 
     Raises:
         ConfigError: no scheduler answers at the address, or the extra is missing.

@@ -1,4 +1,4 @@
-"""An explanation as a picture: the plan of the room, and below it the seconds around."""
+"""An explanation as a picture: a plan of the room, and below it the surrounding seconds."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from hri_predict.recording.mcap.well_known import DAMAGED, capsules_of
 # -- content of a plan view of a moment: bodies, zones and the robot as capsules seen from above
 
 AHEAD_S = 0.4
-"""The zones drawn: so far ahead."""
+"""Horizon of the drawn zones."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -32,8 +32,8 @@ class FloorPlan:
     Attributes:
         bodies, zones: by person, as captured, and ``ahead_s`` later.
         robots: by name.
-        lost: who is not tracked.
-        line: the two ends of the separation; ``None``: not known.
+        lost: untracked people.
+        line: the two ends of the separation; ``None`` if unknown.
     """
 
     bodies: dict[int, Floats]
@@ -45,7 +45,7 @@ class FloorPlan:
 
 
 def plan(about: Situation) -> FloorPlan:
-    """The newest picture before a moment; what was not recorded is left out."""
+    """Return the newest picture before a moment; unrecorded parts are left out."""
     zones = newest(about.window.zones, about.advice.utc_ns, 1.0)
     bodies: dict[int, Floats] = {}
     ahead: dict[int, Floats] = {}
@@ -80,7 +80,7 @@ def _capsules(zones: Told, person: int, step: int) -> Floats:
 
 
 def _robots(view: Told | None) -> dict[str, Floats]:
-    """Return each robot's capsules, from the cylinders and balls that a 3D view shows."""
+    """Return each robot's capsules, from the cylinders and balls of the 3D view."""
     found = {}
     for entity in map(mapped, listed(None if view is None else view.data.get("entities"))):
         name = text(entity.get("id"))
@@ -152,7 +152,7 @@ def _broken(answer: str) -> str:
 
 
 def outline(capsule: Floats) -> Floats:
-    """(N, 2) the edge of a capsule (7,) seen from above."""
+    """Return the outline (N, 2) of a capsule (7,) seen from above."""
     a, b, radius = capsule[:2], capsule[3:5], capsule[6]
     heading = np.arctan2(*(b - a)[::-1])
     ahead = b + radius * np.column_stack([np.cos(heading + _ROUND), np.sin(heading + _ROUND)])
@@ -216,7 +216,7 @@ def _distance(about: Situation) -> str:
 
 
 def _timeline(middle: Axes, below: Axes, about: Situation) -> Floats:
-    """The deciding pair's distance against what was needed, and the speed against its limit."""
+    """Draw the deciding pair's distance and the required one, and the speed and its limit."""
     now_ns = about.advice.utc_ns
     around = [
         told

@@ -1,4 +1,4 @@
-"""Forecasts and zones of a shift against what then happened, a sample each second."""
+"""Forecasts and zones of a shift compared with the actual motion, one sample per second."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -18,14 +18,16 @@ from hri_predict.recording import RecordingInfo, Told
 _EVERY_NS = NS
 _KEPT_SCENES = 64
 _ROUNDED_M = 0.002
-"""Zones and joints are recorded to 1 mm: a joint at the edge may seem to lie outside by both."""
+"""Tolerance: zones and joints are rounded to 1 mm, so a joint at the edge may appear outside by
+both.
+"""
 _NEAR_S = 0.021
 _SEGMENTS = {segment.name: segment for segment in CANONICAL.segments}
 
 
 @dataclass(slots=True)
 class _Check:
-    """Something to compare when the source's clock has passed ``due_ns``."""
+    """A comparison to make when the source's clock has passed ``due_ns``."""
 
     ahead_s: float
     person: int
@@ -36,7 +38,8 @@ class _Check:
 
 class Foresight:
     """Attributes: ``errors``: metres of joints by horizon; ``inside``: joints in their zones, and
-    all that were compared, by horizon."""
+    all compared joints, by horizon.
+    """
 
     def __init__(self) -> None:
         self.errors = {horizon: Spread(0.005) for horizon in HORIZONS_S}
@@ -47,7 +50,7 @@ class Foresight:
         self._forecast_ns = self._zones_ns = 0
 
     def scene(self, told: Told, info: RecordingInfo) -> None:
-        """Take the next scene, and compare what is due."""
+        """Process the next scene, and make the comparisons that are due."""
         stamp_ns = whole(told.data.get("capture_ns"))
         if stamp_ns is None:
             return
@@ -60,7 +63,7 @@ class Foresight:
                 self._compare(check, tracks.get(check.person, []))
 
     def forecast(self, told: Told, info: RecordingInfo) -> None:
-        """Take a forecast: one a second is compared."""
+        """Add a forecast; one per second is compared."""
         if told.utc_ns - self._forecast_ns < _EVERY_NS or not self._scenes:
             return
         self._forecast_ns = told.utc_ns
@@ -96,7 +99,7 @@ class Foresight:
                     self._later(now_ns - offset_ns, _Check(ahead_s, person, zone=zone))
 
     def _later(self, begin_ns: int, check: _Check) -> None:
-        """Compare it later, if it is at one of the horizons."""
+        """Schedule a comparison, if it is at one of the horizons."""
         horizon = next((h for h in HORIZONS_S if abs(h - check.ahead_s) <= _NEAR_S), None)
         if horizon is not None:
             check.due_ns = begin_ns + round(check.ahead_s * NS)
@@ -133,7 +136,7 @@ class Foresight:
 
 
 def _holds(capsule: Floats, joint: Floats, radius_m: float) -> bool:
-    """Whether a zone holds a joint with the body around it."""
+    """Whether a zone contains a joint with the surrounding body."""
     a, axis = capsule[:3], capsule[3:6] - capsule[:3]
     square = float(axis @ axis)
     share = min(1.0, max(0.0, float((joint - a) @ axis) / square)) if square > 0 else 0.0

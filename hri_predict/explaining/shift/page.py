@@ -1,4 +1,4 @@
-"""The report of a shift as one page of HTML that loads nothing and runs nothing."""
+"""The report of a shift as one HTML page without scripts or external resources."""
 
 import shlex
 from collections.abc import Callable, Mapping, Sequence
@@ -16,11 +16,11 @@ from hri_predict.protocol.messages import LEVELS
 
 
 def page(shift: Mapping[str, Any], recordings: Sequence[str]) -> str:
-    """The page.
+    """Return the page.
 
     Args:
-        shift: of ``tally``.
-        recordings: the files and folders as the user named them, for the commands to type.
+        shift: result of ``tally``.
+        recordings: files and folders as named by the user, for the shown commands.
     """
     return render(
         "explaining/shift/page.html",

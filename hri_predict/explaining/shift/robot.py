@@ -21,14 +21,16 @@ from hri_predict.recording import RecordingInfo, Told
 LONGEST = 10
 HOUR_NS = 3600 * NS
 _NOT_RECORDED_S = 1.0
-"""Advice arrives each tick: after a longer pause nothing is known until the next one."""
+"""Maximum interval between advices: after a longer pause the state is unknown until the next
+one.
+"""
 _NEAR_SHARE, _MOVING_M_S = 0.2, 0.01
-"""As the node counts near misses (``risk/levels/near_miss.py``)."""
+"""The same as in the node (``risk/levels/near_miss.py``)."""
 
 
 @dataclass(slots=True)
 class Hour:
-    """Seconds at each level, sum of limit x seconds, and stops that began."""
+    """Seconds at each level, sum of limit x seconds, and number of stops started."""
 
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(LEVEL_NAMES, 0.0))
     limit_s: float = 0.0
@@ -37,7 +39,7 @@ class Hour:
 
 @dataclass(slots=True)
 class Kind:
-    """Slowdowns or stops of one reason."""
+    """Slowdowns or stops with the same reason."""
 
     count: int = 0
     seconds: float = 0.0
@@ -50,7 +52,7 @@ class Kind:
 
 
 class RobotShift:
-    """Counts of one robot; memory does not grow with time, but by hours and kinds."""
+    """Counts of one robot; memory grows only with the number of hours and kinds."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -70,7 +72,7 @@ class RobotShift:
         self._made = 0
 
     def add(self, told: Told, info: RecordingInfo) -> None:
-        """Take the next advice."""
+        """Process the next advice."""
         if (ended := self._finder.add(told)) is not None:
             self._ended(ended, info)
         last, self._last = self._last, told
@@ -86,7 +88,7 @@ class RobotShift:
         self._near_miss(told, info)
 
     def finish(self, info: RecordingInfo) -> None:
-        """No more advice comes."""
+        """Finish: there is no more advice."""
         for episode in self._finder.rest():
             self._ended(episode, info)
 
@@ -139,7 +141,7 @@ class RobotShift:
             heapq.heappop(self._longest)
 
     def _near_miss(self, told: Told, info: RecordingInfo) -> None:
-        """Several ticks within a second are one near miss."""
+        """Count a near miss; several ticks within a second are one."""
         grounds = mapped(told.data.get("grounds"))
         speed, slack = number(told.data.get("speed_m_s")), number(grounds.get("slack_m"))
         separation = number(grounds.get("separation_m"))

@@ -3,11 +3,11 @@
 import math
 
 LARGEST = 1e6
-"""No distance, speed or age of a cell is larger: what is comes from a damaged file."""
+"""Maximum plausible distance, speed or age in a cell; larger values come from a damaged file."""
 
 
 class Spread:
-    """Args: ``step``: width of a bin, in the values' unit; percentiles are right to this."""
+    """Args: ``step``: width of a bin, in the values' unit; the accuracy of percentiles."""
 
     def __init__(self, step: float) -> None:
         self.step = step
@@ -16,7 +16,9 @@ class Spread:
         self._weights: dict[int, float] = {}
 
     def add(self, value: float, weight: float = 1.0) -> None:
-        """Count a finite value of 0 or more; one beyond ``LARGEST`` counts as that."""
+        """Count a finite value of 0 or more; values above ``LARGEST`` are counted as
+        ``LARGEST``.
+        """
         value = min(value, LARGEST)
         k = math.floor(value / self.step)
         self._weights[k] = self._weights.get(k, 0.0) + weight
@@ -29,7 +31,7 @@ class Spread:
         return self._sum / self.weight if self.weight else None
 
     def percentile(self, share: float) -> float | None:
-        """The upper edge of the bin below which ``share`` of all values lie."""
+        """Return the upper edge of the bin up to which ``share`` of all values lie."""
         left = share * self.weight
         for k in sorted(self._weights):
             left -= self._weights[k]
@@ -38,14 +40,16 @@ class Spread:
         return None
 
     def rows(self, most: int) -> list[tuple[float, float]]:
-        """(lower edge, weight) of the first ``most`` bins; the last one holds all beyond."""
+        """Return (lower edge, weight) of the first ``most`` bins; the last one includes all values
+        beyond.
+        """
         found = [0.0] * most
         for k, weight in self._weights.items():
             found[min(max(k, 0), most - 1)] += weight
         return [(k * self.step, weight) for k, weight in enumerate(found)]
 
     def share_at_least(self, value: float) -> float | None:
-        """The share of values in bins that begin at ``value`` or more."""
+        """Return the share of values in bins that start at ``value`` or above."""
         if not self.weight:
             return None
         least = math.floor(value / self.step + 1e-9)

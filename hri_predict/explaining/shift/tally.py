@@ -18,11 +18,11 @@ TOPICS = ("/advice", "/status", "/scene", "/forecast", "/zones", "/node", "/cloc
 BINS = 40
 """Number of bins of the separation's histogram, 0.1 m each; the last one holds all beyond."""
 _MOST_ROBOTS = 64
-"""More than the node advises; a made-up file must not fill the memory."""
+"""Above the node's maximum of robots; a forged file must not fill the memory."""
 
 
 class Tally:
-    """Counts message by message; ``result`` gives everything as plain data."""
+    """Counts message by message; ``result`` returns everything as plain data."""
 
     def __init__(self) -> None:
         self.robots: dict[str, RobotShift] = {}
@@ -37,7 +37,7 @@ class Tally:
         self._last_ns = 0
 
     def add(self, told: Told, info: RecordingInfo) -> None:
-        """Take the next message."""
+        """Process the next message."""
         if self._first_ns is None:
             self._first_ns = told.utc_ns
         self._last_ns = max(self._last_ns, told.utc_ns)
@@ -67,7 +67,7 @@ class Tally:
                 self.conditions[reason] = self.conditions.get(reason, 0.0) + lasted_s
 
     def _counted(self, told: Told) -> None:
-        """Counters begin at 0 again with each start of the node."""
+        """Add increases of the counters, which restart at 0 with the node."""
         last, self._node = self._node, told
         own = mapped(told.data.get("node")).get("scenes_in")
         was = None if last is None else mapped(last.data.get("node")).get("scenes_in")
@@ -77,12 +77,12 @@ class Tally:
             self.counters[each.where, each.name, each.is_link] += each.by
 
     def finish(self, info: RecordingInfo) -> None:
-        """No more messages arrive."""
+        """Finish: there are no more messages."""
         for robot in self.robots.values():
             robot.finish(info)
 
     def result(self, recordings: Recordings) -> dict[str, Any]:
-        """Lengths in metres, times in seconds, shares of 1."""
+        """Return lengths in metres, times in seconds, shares from 0 to 1."""
         first_ns = self._first_ns or recordings.start_ns
         longest = [row for robot in self.robots.values() for row in robot.longest]
         longest.sort(key=lambda row: -row["seconds"])

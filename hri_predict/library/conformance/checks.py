@@ -1,4 +1,4 @@
-"""Runs checks: functions that say in a line what they found, or how the contract is broken."""
+"""Runs checks: functions that return a one-line finding, or raise a violation of the contract."""
 
 import logging
 from collections.abc import Callable, Iterable, Sequence
@@ -16,15 +16,15 @@ SOON_S = 0.05
 
 
 NOTHING_CAME = "no scene arrived"
-"""Prefix of a check's reason when a source gave nothing to check."""
+"""Prefix of a check's reason if a source delivered no scene."""
 
 
 class Broken(Exception):
-    """The part breaks its contract; the text says how."""
+    """The part violates its contract; the text has the details."""
 
 
 class Skipped(Exception):
-    """This cannot be checked here, or not on this part; the text says why."""
+    """The check is not possible here, or not on this part; the text has the reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class CheckResult:
 
     Attributes:
         check: requirement of the contract, in a few words.
-        verdict: of the check.
+        verdict: result of the check.
         detail: the findings, the violation of the contract, or why it was not checked.
     """
 
@@ -46,9 +46,9 @@ Check = Callable[[T], str]
 
 
 def run_checks(checks: Sequence[Check[T]], part: T) -> list[CheckResult]:
-    """Run all checks on one part; one that raises has failed, and the next one runs.
+    """Run all checks on one part; a check that raises has failed, and the next one runs.
 
-    Nothing is logged meanwhile: the checks make the trouble that parts would warn of.
+    Logging is suppressed, because the checks provoke errors that parts would log.
     """
     logging.disable(logging.WARNING)
     try:
@@ -71,20 +71,20 @@ def _judged(check: Check[T], part: T) -> CheckResult:
 
 
 def demand(holds: bool, otherwise: str) -> None:
-    """Go on only if this holds.
+    """Continue only if the condition is true.
 
     Raises:
-        Broken: it does not.
+        Broken: it is false.
     """
     if not holds:
         raise Broken(otherwise)
 
 
 def demand_soon(seconds: Sequence[float], what: str) -> str:
-    """Go on only if none of these calls blocked; returns how long the longest took.
+    """Continue only if none of these calls blocked; return the maximum duration.
 
     Raises:
-        Broken: more than one in a hundred, and more than one, took longer than ``SOON_S``.
+        Broken: more than one in a hundred, and more than one call, took longer than ``SOON_S``.
     """
     slow = sum(s > SOON_S for s in seconds)
     longest_ms = 1e3 * max(seconds, default=0.0)
@@ -99,15 +99,15 @@ def demand_soon(seconds: Sequence[float], what: str) -> str:
 def refuses_nonsense(
     model: type[Settings], data: dict[str, Any], wrong: Iterable[dict[str, Any]]
 ) -> str:
-    """Check that settings that make no sense are refused, each by one line.
+    """Check that invalid settings are refused, each with one line.
 
     Args:
-        model: the part's.
-        data: settings that are right.
-        wrong: changes that each make them wrong, whatever the part.
+        model: the part's settings model.
+        data: valid settings.
+        wrong: changes that each make them invalid, for any part.
 
     Raises:
-        Broken: some are accepted, or refused by anything but a ``ConfigError``.
+        Broken: some are accepted, or refused with an error other than ``ConfigError``.
     """
     required = [name for name, field in model.model_fields.items() if field.is_required()]
     tried = [data | change for change in ({"no_such_key_anywhere": 1}, *wrong)]
@@ -126,4 +126,4 @@ def refuses_nonsense(
                 f"raise ValueError"
             ) from error
         raise Broken(f"{where}: is accepted; derive the settings from hri_predict's")
-    return f"{len(tried)} kinds of nonsense refused"
+    return f"{len(tried)} kinds of invalid settings refused"

@@ -20,7 +20,7 @@ class LinkPart:
     clock: VirtualClock = field(default_factory=lambda: VirtualClock(1_000_000_000))
 
     def make(self) -> tuple[Link, Wire]:
-        """A fresh link for two robots, not yet started, and its wire."""
+        """Return a new link for two robots, not yet started, and its wire."""
         wire = Wire()
         return self.cls(self.settings, self.clock, wire, rate_hz=RATE_HZ, robots=(0, 1)), wire
 
@@ -31,10 +31,10 @@ class LinkPart:
             link.service(self.clock.now_ns())
 
     def decoded(self, units: list[object]) -> list[Message]:
-        """Return what a listener decodes from these units."""
+        """Return the messages that a listener decodes from these units."""
         receiver = self.cls.receiver(self.settings)
         return [message for unit in units for message in receiver.feed(unit)]
 
     def units(self, message: Message) -> list[object]:
-        """Return what a fresh link writes of a message."""
+        """Return the units that a new link writes for a message."""
         return units_of(self.cls, self.settings, self.clock, message)

@@ -79,13 +79,13 @@ def knows_its_load(part: LinkPart) -> str:
     demand(
         one.spare <= spare + 1e-9, f"spare is {one.spare:.3f}; 1 - load - reserved is {spare:.3f}"
     )
-    demand(two.load >= one.load, "two robots make less load than one")
+    demand(two.load >= one.load, "two robots cause less load than one")
     check_load(one)
     return f"{one.load:.2%} at {RATE_HZ:g} Hz with one robot, {two.load:.2%} with two"
 
 
 def opens_nothing_until_started(part: LinkPart) -> str:
-    """Making a link opens nothing; its attributes are there."""
+    """Creating a link opens nothing; its attributes exist."""
     link, wire = part.make()
     demand(wire.opened == 0, "it opens its device when it is made")
     demand(link.name == part.settings.name, f"name is {link.name!r}")
@@ -98,7 +98,7 @@ def opens_nothing_until_started(part: LinkPart) -> str:
 
 
 def never_blocks_in_post(part: LinkPart) -> str:
-    """``post`` and ``take`` return at once in real time, though the wire takes 0.2 s a write."""
+    """``post`` and ``take`` return immediately in real time, even if each write takes 0.2 s."""
     wire = Wire()
     wire.write_s = 0.2
     link = part.cls(part.settings, MonotonicClock(), wire, rate_hz=RATE_HZ, robots=(0, 1))
@@ -116,7 +116,7 @@ def never_blocks_in_post(part: LinkPart) -> str:
 
 
 def sends_the_newest(part: LinkPart) -> str:
-    """The newest of what waits for the wire is sent, once: for each robot its own Advice."""
+    """The newest message waiting for the wire is sent once: for each robot its own Advice."""
     link, wire = part.make()
     wire.lost = True
     for cycle in range(10):
@@ -130,7 +130,7 @@ def sends_the_newest(part: LinkPart) -> str:
     cycles = [m.cycle for m in got if isinstance(m, Status)]
     robots = sorted(m.robot for m in got if isinstance(m, Advice))
     if not cycles and not robots:
-        raise Skipped("this link writes no Status or Advice, as it is set")
+        raise Skipped("not written with these settings: Status, Advice")
     demand(cycles == [9], f"Status of cycles {cycles}: the newest alone, 9, must go")
     demand(robots == [0, 1], f"Advice of robots {robots}: one of each must go")
     dropped = link.counters.superseded
@@ -139,7 +139,7 @@ def sends_the_newest(part: LinkPart) -> str:
 
 
 def accounts_for_every_message(part: LinkPart) -> str:
-    """Everything posted is sent, superseded, decimated, or failed: nothing vanishes uncounted."""
+    """Every posted message is counted as sent, superseded, decimated, or failed."""
     link, wire = part.make()
     posted = 0
     for cycle in range(50):
@@ -158,7 +158,7 @@ def accounts_for_every_message(part: LinkPart) -> str:
 
 
 def says_how_old_it_is(part: LinkPart) -> str:
-    """The age is filled when a message goes out: from its capture until then."""
+    """The age is set when a message is sent: the time since its capture."""
     _needs_our_frames(part)
     link, wire = part.make()
     capture_ns = part.clock.now_ns() - round(AGE_S * 1e9)
@@ -172,7 +172,7 @@ def says_how_old_it_is(part: LinkPart) -> str:
 
 
 def hears_the_controller(part: LinkPart) -> str:
-    """RobotState and Acknowledge come in, in order, with the time of receipt; Advice echoes."""
+    """RobotState and Acknowledge arrive in order, with the time of receipt; Advice echoes."""
     _needs_our_frames(part)
     node, wire = part.make()
     far, far_wire = part.make()
@@ -195,18 +195,18 @@ def hears_the_controller(part: LinkPart) -> str:
 
 
 def does_not_hear_itself(part: LinkPart) -> str:
-    """Its own messages that come back are counted, not handed on, and not taken for another's."""
+    """Its own messages received back are counted, not passed on, and not taken as foreign."""
     _needs_our_frames(part)
     link, wire = part.make()
     wire.incoming.extend(units_from(link, wire, part.clock, status(1)))
     part.run(link, 0.04)
     demand(link.take() == [] and _refused(link.counters) > 0, "its own Status is not counted")
     demand(link.counters.foreign == 0, "its own Status is taken for a second sender's")
-    return "Status heard back: counted"
+    return "own Status received: counted"
 
 
 def tells_a_second_sender(part: LinkPart) -> str:
-    """A frame of another sender with this node's ids is counted, timed, and not handed on."""
+    """A frame from another sender with this node's ids is counted and timed, but not passed on."""
     _needs_our_frames(part)
     link, wire = part.make()
     for cycle in (2, 3):  # the CRC of one may be right by chance
@@ -219,7 +219,7 @@ def tells_a_second_sender(part: LinkPart) -> str:
 
 
 def finds_messages_in_a_stream(part: LinkPart) -> str:
-    """Two messages in one piece are two; one byte at a time they are two as well."""
+    """Two messages are decoded as two, whether they arrive in one piece or byte by byte."""
     _needs_our_frames(part)
     far, wire = part.make()
     pieces = []
@@ -255,7 +255,7 @@ def believes_nothing_damaged(part: LinkPart) -> str:
         tried += 1
         believed += sum(len(receiver.feed(unit)) for unit in units)
     if not tried:
-        raise Skipped("this link writes nothing, as it is set")
+        raise Skipped("this link writes nothing with these settings")
     demand(believed == 0, f"{believed} of {tried} damaged messages were believed; add a CRC")
     counted = _refused(receiver.counters)
     demand(counted > 0, "what is refused is not counted")
@@ -263,7 +263,9 @@ def believes_nothing_damaged(part: LinkPart) -> str:
 
 
 def survives_noise(part: LinkPart) -> str:
-    """Random bytes never raise, next to none are believed, and what is sound is heard after it."""
+    """Random bytes never raise and are almost never accepted; valid messages after them are
+    received.
+    """
     _needs_our_frames(part)
     rng = np.random.default_rng(1)
     receiver = part.cls.receiver(part.settings)
@@ -300,20 +302,20 @@ def counts_what_it_refuses(part: LinkPart) -> str:
 
 
 def comes_back_after_a_loss(part: LinkPart) -> str:
-    """A device that is lost is counted, said, and opened again; nothing is raised."""
+    """A lost device is counted, reported, and reopened; nothing is raised."""
     link, wire = part.make()
     units_from(link, wire, part.clock, status(0))
     demand(link.connected, "a link that is serviced does not open its device")
     wire.lost = True
     link.post(status(1))
     part.run(link, 0.2)
-    demand(not link.connected, "connected, though the device is lost")
+    demand(not link.connected, "connected, although the device is lost")
     demand(link.counters.disconnects == 1, f"disconnects is {link.counters.disconnects}, not 1")
-    demand(bool(link.last_error), "last_error says nothing of the loss")
+    demand(bool(link.last_error), "last_error does not mention the loss")
     wire.lost = False
     wire.written.clear()
     part.run(link, REOPENS_S)
-    demand(link.connected and link.counters.reconnects == 1, "it does not come back")
+    demand(link.connected and link.counters.reconnects == 1, "it does not reconnect")
     link.post(status(2))
     part.run(link, 0.04)
     cycles = [m.cycle for m in part.decoded(wire.written) if isinstance(m, Status)]
@@ -336,7 +338,7 @@ def tells_the_recorder(part: LinkPart) -> str:
 
 
 def stops_twice(part: LinkPart) -> str:
-    """``stop`` writes what is posted, closes, and is harmless twice and without a start."""
+    """``stop`` writes posted messages and closes; it may be called twice or without a start."""
     idle, _ = part.make()
     idle.stop()
     idle.stop()
@@ -375,7 +377,7 @@ CHECKS: tuple[Callable[[LinkPart], str], ...] = (
 
 
 def _needs_our_frames(part: LinkPart) -> None:
-    """Skip a check of what only this node's own frames can do.
+    """Skip a check that requires this node's own frames.
 
     Raises:
         Skipped: the link speaks a third-party protocol.

@@ -17,7 +17,7 @@ from hri_predict.protocol.reception import OURS
 
 
 def status(cycle: int) -> Status:
-    """The Status of a node that runs."""
+    """Status of a running node."""
     return Status(
         node_state=NodeState.RUNNING,
         reason=Reason.NONE,
@@ -57,5 +57,5 @@ def zone(person: int) -> Zone:
 
 
 def singles() -> list[Message]:
-    """One message of each kind that stands for itself: a Zone or Pose comes in several."""
+    """One message of each self-contained kind; a Zone or Pose is sent as several messages."""
     return [status(5), advice(0, 0.5), OURS, state(7), Acknowledge(3, 9)]

@@ -1,8 +1,8 @@
 """Requirements of the contract on a predictor; see ``hri_predict.contracts.predictor``.
 
-A predictor is given bodies with bones of 25 cm that sway, each at a place of its own. They resemble
-no person, and no person's shape may be relied on; how good forecasts are, ``hri-predict evaluate``
-says.
+A predictor receives swaying bodies with bones of 25 cm, each at its own position. They do not
+resemble people, because a predictor must not rely on a person's shape; ``hri-predict evaluate``
+measures the quality of forecasts.
 """
 
 import time
@@ -41,7 +41,7 @@ START_NS = 10_000_000_000
 
 @dataclass(frozen=True)
 class PredictorPart:
-    """A predictor to check, what it was made of, and what it is given."""
+    """A predictor to check, its settings, and its input."""
 
     cls: AnyPredictorClass
     settings: PredictorSettings
@@ -59,7 +59,7 @@ class PredictorPart:
         return place + body + sway, rng.random((count, steps, joints)) < seen
 
     def predict(self, history: Floats, observed: Bools) -> Forecast:
-        """Return its forecast, in the right shape and finite."""
+        """Return its forecast, with the right shape and finite values."""
         return checked(self.predictor.predict(history, observed), len(history), self.predictor)
 
 
@@ -114,7 +114,7 @@ def gives_the_right_shapes(part: PredictorPart) -> str:
 
 
 def gives_metres(part: PredictorPart) -> str:
-    """Forecasts of people a few metres from the origin are in the cell."""
+    """Forecasts of people a few metres from the origin lie within the cell."""
     far = float(np.abs(part.predict(*part.people(3)).positions).max())
     demand(far <= MAX_COORDINATE_M, f"a joint is {far:.3g} m from the origin; which units?")
     return f"at most {far:.1f} m from the origin"
@@ -136,7 +136,7 @@ def is_finite_whatever_is_unobserved(part: PredictorPart) -> str:
 
 
 def ignores_what_is_not_observed(part: PredictorPart) -> str:
-    """The history's value means nothing where ``observed`` is false."""
+    """The history's value is ignored where ``observed`` is false."""
     history, observed = part.people(4, seen=0.5)
     elsewhere = np.where(observed[..., np.newaxis], history, 1e6)
     _demand_same(
@@ -160,7 +160,7 @@ def gives_the_same_bytes_again(part: PredictorPart) -> str:
 
 
 def does_not_depend_on_the_batch(part: PredictorPart) -> str:
-    """Each person's forecast alone is that among others, to 1e-5 m."""
+    """A person's forecast is the same alone and among others, to 1e-5 m."""
     history, observed = part.people(5, seen=0.9)
     together = part.predict(history, observed).positions
     alone = [part.predict(history[i : i + 1], observed[i : i + 1]).positions for i in range(5)]
@@ -170,7 +170,7 @@ def does_not_depend_on_the_batch(part: PredictorPart) -> str:
 
 
 def leaves_its_input_alone(part: PredictorPart) -> str:
-    """History and mask are as they were; both may be read-only."""
+    """History and mask are not changed; both may be read-only."""
     history, observed = part.people(3, seen=0.7)
     before = history.tobytes(), observed.tobytes()
     part.predict(history, observed)
@@ -183,8 +183,8 @@ def leaves_its_input_alone(part: PredictorPart) -> str:
 def knows_nothing_of_the_future(part: PredictorPart) -> str:
     """A forecast depends on nothing captured after its window's end, nor interpolated across it.
 
-    Captures lie between the model's steps, so that the window is resampled. Then as many come that
-    lead elsewhere.
+    Captures lie between the model's steps, so that the window is resampled. Then the same number of
+    captures follows in a different direction.
     """
     p = part.predictor
     joints, gap_ns = len(p.skeleton.joints), round(0.7e9 / p.rate_hz)
@@ -208,7 +208,9 @@ def knows_nothing_of_the_future(part: PredictorPart) -> str:
 
 
 def predicts_in_time(part: PredictorPart) -> str:
-    """Half a cycle is all the time there is; measured here, but not judged: machines differ."""
+    """Inference should take at most half a cycle; it is measured but not judged, because machines
+    differ.
+    """
     said = []
     for count in (1, 4):
         history, observed = part.people(count)
@@ -277,7 +279,7 @@ _UNOBSERVED = {
 
 
 def _body(skeleton: Skeleton, rng: np.random.Generator) -> Floats:
-    """(J, 3) a body of this tree: bones of one length in directions of their own."""
+    """Return a body (J, 3) with this tree: bones of equal length, each in its own direction."""
     bones = rng.normal(size=(len(skeleton.joints), 3))
     bones *= BONE_M / np.linalg.norm(bones, axis=1, keepdims=True)
     body: Floats = np.zeros_like(bones)

@@ -1,7 +1,7 @@
 """Requirements of the contract on a source; see ``hri_predict.contracts.source``.
 
-A source that foresees its scenes (a recording, a simulator) is asked for them one after the other;
-one that hears a sender is listened to for a while, and a sender must send meanwhile.
+A source that predicts its scenes (a recording, a simulator) is polled for one after the other. A
+source that receives from a sender is observed for a while, during which a sender must send.
 """
 
 import math
@@ -60,14 +60,14 @@ class Heard:
     early: int = 0  # scenes that came before ``next_ns`` had said
 
     def next_ns(self, source: Source) -> int | None:
-        """When the source says that it is worth asking."""
+        """Return the source's ``next_ns``."""
         began = time.perf_counter()
         due_ns = source.next_ns()
         self.next_s.append(time.perf_counter() - began)
         return due_ns
 
     def poll(self, source: Source, now_ns: int) -> Scene | None:
-        """Ask the source."""
+        """Poll the source."""
         began = time.perf_counter()
         scene = source.poll(now_ns)
         self.poll_s.append(time.perf_counter() - began)
@@ -78,10 +78,10 @@ class Heard:
 
 @dataclass
 class SourcePart:
-    """A source to check, and what it is made of.
+    """A source to check, and its settings.
 
     Attributes:
-        seconds: time to listen, where it hears a sender.
+        seconds: time to listen if it receives from a sender.
     """
 
     cls: AnySourceClass
@@ -90,33 +90,33 @@ class SourcePart:
     seconds: float
 
     def make(self, settings: SourceSettings | None = None) -> Source:
-        """A fresh source."""
+        """Return a new source."""
         return self.cls(settings or self.settings, self.base_dir)
 
     @cached_property
     def live(self) -> bool:
-        """Whether it hears a sender."""
+        """Whether it receives from a sender."""
         return live_part(self.make()) is not None
 
     @cached_property
     def heard(self) -> Heard:
-        """Scenes of the source; listened to once, for all checks.
+        """Return the source's scenes, received once for all checks.
 
         Raises:
             Skipped: it gave nothing.
-            Broken: there was a sender, and it made no scene of that.
+            Broken: a sender was sending, but the source produced no scene.
         """
         if not self.live:
             return _not_empty(self.foreseen(), "give a longer one")
         source = self.make()
         found, live = _listened(source, self.seconds), live_part(source)
         if not found.scenes and live is not None and live.counters.packets:
-            why = live.counters.last_error or "its counters do not say why"
+            why = live.counters.last_error or "its counters do not show the reason"
             raise Broken(f"made no scene of {live.counters.packets} packets: {why}")
         return _not_empty(found, "send to it meanwhile")
 
     def foreseen(self, settings: SourceSettings | None = None) -> Heard:
-        """Return the scenes of a source that foresees them, as fast as possible."""
+        """Return the scenes of a source that predicts them, as fast as possible."""
         source, found = self.make(settings), Heard()
         with _opened(source, START_NS):
             while len(found.scenes) < MAX_SCENES and (due_ns := found.next_ns(source)) is not None:
@@ -168,7 +168,7 @@ def says_what_it_gives(part: SourcePart) -> str:
 
 
 def is_quiet_until_opened(part: SourcePart) -> str:
-    """Making a source opens nothing: it has no scene, and two can be made at once."""
+    """Creating a source opens nothing: it has no scene, and two can exist at the same time."""
     first, second = part.make(), part.make()
     for source in (first, second):
         demand(source.next_ns() in (None, NOT_KNOWN_NS), "it names a time before it is opened")
@@ -178,7 +178,7 @@ def is_quiet_until_opened(part: SourcePart) -> str:
 
 
 def never_blocks(part: SourcePart) -> str:
-    """``next_ns`` and ``poll`` return at once, whether or not there is a scene."""
+    """``next_ns`` and ``poll`` return immediately, with or without a scene."""
     if part.live:
         source, idle = part.make(), Heard()
         with _opened(source, time.monotonic_ns()):
@@ -191,15 +191,15 @@ def never_blocks(part: SourcePart) -> str:
 
 
 def comes_when_it_said(part: SourcePart) -> str:
-    """A scene arrives at the time that ``next_ns`` named, not before."""
+    """A scene arrives at the time given by ``next_ns``, not before."""
     if part.live:
-        raise Skipped("who hears a sender cannot foresee")
+        raise Skipped("a source that receives from a sender cannot predict scenes")
     demand(part.heard.early == 0, f"{part.heard.early} scenes came before next_ns")
     return f"{len(part.heard.scenes)} scenes, none early"
 
 
 def gives_sound_scenes(part: SourcePart) -> str:
-    """Whole numbers for stamp and sequence; ids of their own; shapes of the source's joints."""
+    """Stamp and sequence are integers, ids are unique, and arrays match the source's joints."""
     joints = len(part.make().joint_map.source_joints)
     for scene in part.heard.scenes:
         for name, value in (("stamp_ns", scene.stamp_ns), ("sequence", scene.sequence)):
@@ -235,7 +235,7 @@ def marks_what_it_did_not_see(part: SourcePart) -> str:
 
 
 def gives_metres(part: SourcePart) -> str:
-    """All people are of a human size, and in the cell."""
+    """All people have human size and are in the cell."""
     longest = 0.0
     for scene in part.heard.scenes:
         for person in scene.people:
@@ -252,9 +252,9 @@ def gives_metres(part: SourcePart) -> str:
 
 
 def stands_in_the_room(part: SourcePart) -> str:
-    """``room_from_source`` moves what it gives, as a rigid pose does."""
+    """``room_from_source`` transforms the source's positions as a rigid pose."""
     if part.live:
-        raise Skipped("needs the same scenes twice, which no sender gives")
+        raise Skipped("needs the same scenes twice, which a sender cannot provide")
     moved = part.settings.model_copy(update={"room_from_source": ELSEWHERE})
     here, there = part.settings.room_from_source.matrix(), ELSEWHERE.matrix()
     step = there @ np.linalg.inv(here)
@@ -272,7 +272,7 @@ def stands_in_the_room(part: SourcePart) -> str:
 
 
 def counts_up(part: SourcePart) -> str:
-    """The sequence rises from scene to scene, and stamps do not go back."""
+    """The sequence increases from scene to scene, and stamps do not go back."""
     scenes = part.heard.scenes
     for before, after in pairwise(scenes):
         demand(
@@ -285,9 +285,11 @@ def counts_up(part: SourcePart) -> str:
 
 
 def gives_the_same_again(part: SourcePart) -> str:
-    """Made again, a source that foresees its scenes gives the same ones: replays are exact."""
+    """A second instance of a source that predicts its scenes gives the same ones, so replays are
+    exact.
+    """
     if part.live:
-        raise Skipped("a sender says what it likes")
+        raise Skipped("a sender's values are not controlled by the source")
     scenes, again = part.heard.scenes, part.foreseen().scenes
     demand(len(scenes) == len(again), f"{len(scenes)} scenes, then {len(again)}")
     demand(all(map(_equal, scenes, again)), "made a second time, it gives other scenes")
@@ -295,7 +297,7 @@ def gives_the_same_again(part: SourcePart) -> str:
 
 
 def closes_twice(part: SourcePart) -> str:
-    """``close`` ends within two seconds, releases what it held, and is harmless twice."""
+    """``close`` returns within two seconds, releases all resources, and may be called twice."""
     taken = []
     for _ in range(2):  # the second finds everything free again
         source = part.make()
@@ -334,7 +336,9 @@ def _opened(source: Source, start_ns: int) -> Iterator[None]:
 
 
 def _listened(source: Source, seconds: float) -> Heard:
-    """Return what a source hears within some time, asked as the node's own thread would."""
+    """Return the scenes that a source receives within some time, polled as in the node's own
+    thread.
+    """
     clock, found = MonotonicClock(), Heard()
     end_ns = clock.now_ns() + round(seconds * 1e9)
     with _opened(source, clock.now_ns()):
@@ -355,7 +359,7 @@ def _not_empty(found: Heard, hint: str) -> Heard:
 
 
 def _apart(first: Floats, second: Floats) -> float:
-    """Largest difference of two bodies; infinite where one is NaN and the other is not."""
+    """Return the maximum difference of two bodies; infinite if only one of two values is NaN."""
     both = np.isfinite(first) & np.isfinite(second)
     if (np.isfinite(first) != np.isfinite(second)).any():
         return float("inf")

@@ -1,4 +1,4 @@
-"""A wire in memory at the far end of a link: what is checked, is what comes out of it."""
+"""An in-memory wire at the far end of a link, whose output is checked."""
 
 import dataclasses
 import threading
@@ -18,13 +18,13 @@ LONGEST_NOISE = 80
 
 
 class Wire:
-    """A ``Transport`` whose other end is the check.
+    """A ``Transport`` connected to the check.
 
     Attributes:
         written: units that the link wrote.
         incoming: units that it will read.
         opened: number of times it was opened.
-        is_open: whether it is now.
+        is_open: whether it is open now.
         lost: whether the device is gone: every call fails.
         write_s: duration of a write.
     """
@@ -46,13 +46,13 @@ class Wire:
         self._closed.clear()
 
     def write(self, unit: object) -> None:
-        """Take a unit, in its time."""
+        """Write a unit, taking the time of the wire."""
         self._check()
         self._closed.wait(self.write_s)
         self.written.append(unit)
 
     def read(self, timeout_s: float) -> list[object]:
-        """Return what is there; a wire that is idle waits."""
+        """Return waiting units; an idle wire waits."""
         self._check()
         if not self.incoming and timeout_s > 0:
             time.sleep(min(timeout_s, 0.01))
@@ -73,7 +73,7 @@ class Wire:
 def units_of(
     cls: AnyLinkClass, settings: LinkSettings, clock: Clock, message: Message
 ) -> list[object]:
-    """The units that a link of this kind makes of one message.
+    """Return the units that a link of this kind creates for one message.
 
     Raises:
         Skipped: it does not carry such a message.
@@ -84,7 +84,7 @@ def units_of(
 
 
 def units_from(link: Link, wire: Wire, clock: Clock, message: Message) -> list[object]:
-    """The units that a link writes of one more message; its counters continue.
+    """Return the units that a link writes for one more message; its counters continue.
 
     Raises:
         Skipped: it does not carry such a message.
@@ -98,10 +98,10 @@ def units_from(link: Link, wire: Wire, clock: Clock, message: Message) -> list[o
 
 
 def damaged(unit: object, rng: np.random.Generator) -> object:
-    """The unit with one to three wrong bits.
+    """Return the unit with one to three wrong bits.
 
     Raises:
-        Skipped: nothing is known of such a unit.
+        Skipped: the type of the unit is unknown.
     """
     data = bytearray(_data(unit))
     for place in rng.choice(8 * len(data), int(rng.integers(1, MAX_FLIPS + 1)), replace=False):
@@ -110,7 +110,9 @@ def damaged(unit: object, rng: np.random.Generator) -> object:
 
 
 def noise(unit: object, rng: np.random.Generator) -> object:
-    """Random bytes in place of the unit: of a stream of any number, else of as many."""
+    """Return random bytes instead of the unit: any number for a stream, otherwise the same
+    number.
+    """
     count = int(rng.integers(1, LONGEST_NOISE)) if isinstance(unit, bytes) else len(_data(unit))
     return _with_data(unit, rng.bytes(count))
 

@@ -1,1 +1,1 @@
-"""Receivers of alerts: command, webhook, MQTT broker, e-mail, syslog; each in its own thread."""
+"""Alert receivers: command, webhook, MQTT broker, e-mail, syslog; each in its own thread."""

@@ -7,7 +7,9 @@ from hri_predict.operation.alerting.text import one_line
 
 
 def _when(at: str | None, time_s: float) -> str:
-    """``[14:03:07.123Z]``, as ``explain --at`` takes it; seconds since the start without UTC."""
+    """``[14:03:07.123Z]``, as accepted by ``explain --at``; without UTC, seconds since the
+    start.
+    """
     return f"[{time_s:8.2f} s]" if at is None else f"[{at[11:23]}Z]"
 
 
@@ -15,9 +17,9 @@ def _when(at: str | None, time_s: float) -> str:
 class Alert:
     """One change of a robot's level, or of the reason for *unknown* or *fault*.
 
-    ``at`` is the time of the wall clock (UTC), ``None`` on the virtual clock; ``time_s`` is the
-    node's time since the start. ``held_back`` is the number of changes of the same robot that were
-    not reported since the last one that was: it alternates.
+    ``at`` is the wall-clock time (UTC), ``None`` on the virtual clock; ``time_s`` is the node's
+    time since the start. ``held_back`` counts the changes of the same robot since the last reported
+    one, left out because the level alternates.
     """
 
     at: str | None
@@ -80,11 +82,11 @@ class ZoneAlert:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trial:
-    """Alert that ``hri-predict alerts CELL --test`` sends: it says nothing about any robot."""
+    """Alert sent by ``hri-predict alerts CELL --test``; it does not concern any robot."""
 
     at: str | None
     test: bool = True
-    text: str = "a test of this alert hook; no robot changed its level"
+    text: str = "test of this alert hook; no robot's level changed"
     subject = "test"
     held_back = 0
 
@@ -101,7 +103,7 @@ AnyAlert = Alert | ZoneAlert | Trial
 
 
 def as_data(alert: AnyAlert) -> dict[str, Any]:
-    """The change alone, as plain data."""
+    """Return the change without the cell, as plain data."""
     data = asdict(alert)
     data.pop("held_back", None)
     return data
@@ -119,7 +121,7 @@ def payload(alert: AnyAlert, cell: str, more_changes: int) -> dict[str, Any]:
 
 
 def more(count: int) -> str:
-    """``"; 3 more changes"``, or nothing."""
+    """Return ``"; 3 more changes"``, or an empty string."""
     if not count:
         return ""
     return f"; {count} more change{'s' if count != 1 else ''} before"

@@ -1,4 +1,4 @@
-"""Alerts by a program of the user, which reads each as JSON from standard input."""
+"""Alerts through a user's program, which reads each alert as JSON from standard input."""
 
 import contextlib
 import json
@@ -15,18 +15,20 @@ from hri_predict.operation.alerting.sender import HookContext, Sender, SendError
 from hri_predict.operation.alerting.settings import HookSettings
 
 LONGEST_STOP_S = 5.0
-"""The end of the node waits no longer than this for a program, whatever its time limit."""
+"""Maximum time for which a stopping node waits for a program, whatever its time limit."""
 
 
 class CommandHook(HookSettings):
-    """``kind: command``. What failed is not run again: the program may have done a part."""
+    """``kind: command``. A failed program is not run again, because it may have done part of its
+    work.
+    """
 
-    kind: Literal["command"] = Field(description="a program of the user's")
+    kind: Literal["command"] = Field(description="a user's program")
     command: list[str] = Field(min_length=1, description="program and arguments")
     retry_s: float = Field(
-        0.0, ge=0, le=3600, description="seconds for which it is run again if it fails"
+        0.0, ge=0, le=3600, description="seconds for which a failed program is run again"
     )
-    timeout_s: float = Field(5.0, ge=0.1, le=600, description="end the program after this time")
+    timeout_s: float = Field(5.0, ge=0.1, le=600, description="kill the program after this time")
 
     def create_sender(self, place: HookContext) -> Sender:
         """See the base class."""
@@ -34,12 +36,12 @@ class CommandHook(HookSettings):
 
     @property
     def where(self) -> str:
-        """The program's name; its arguments may hold anything."""
+        """Return the program's name only, because its arguments may contain a secret."""
         return PurePath(self.command[0]).name
 
     @property
     def stop_s(self) -> float:
-        """A program that still runs may use its time limit, up to five seconds."""
+        """Return the program's time limit, at most five seconds."""
         return min(self.timeout_s, LONGEST_STOP_S) + 1.0
 
 
@@ -51,7 +53,7 @@ class CommandSender(Sender):
         self._process: subprocess.Popen[bytes] | None = None
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
-        """Run the program; it must end with status 0 in time."""
+        """Run the program; it must exit with status 0 in time."""
         data = json.dumps(payload(alert, self._place.cell, more_changes)).encode()
         try:
             self._process = subprocess.Popen(
@@ -69,14 +71,14 @@ class CommandSender(Sender):
             self.abort()
             self._process.wait()
             raise SendError(
-                f"took longer than {self._settings.timeout_s:g} s and was ended"
+                f"took longer than {self._settings.timeout_s:g} s and was killed"
             ) from None
         if self._process.returncode != 0:
             raise SendError(f"exited with status {self._process.returncode}")
         return "exited with status 0"
 
     def abort(self) -> None:
-        """End the program and what it started."""
+        """Kill the program and its child processes."""
         process = self._process
         if process is not None and process.poll() is None:
             with contextlib.suppress(OSError):

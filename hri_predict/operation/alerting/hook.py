@@ -1,4 +1,4 @@
-"""A hook at work: a thread of its own, so that a slow receiver delays nothing else."""
+"""A running hook: each has its own thread, so a slow receiver delays nothing else."""
 
 import logging
 import threading
@@ -15,11 +15,11 @@ from hri_predict.operation.alerting.text import one_line
 log = logging.getLogger(__name__)
 
 TELL_EVERY_S = 60.0
-"""Minimum time between two lines of one hook in the log."""
+"""Minimum time between two log lines of one hook."""
 
 
 class Hook:
-    """Takes alerts at any time, at once; its thread delivers them."""
+    """Queues alerts without waiting; its thread delivers them."""
 
     def __init__(self, settings: HookSettings, sender: Sender, clock: Clock | None = None) -> None:
         self.settings = settings
@@ -34,7 +34,7 @@ class Hook:
         self._thread = threading.Thread(target=self._work, name="alert hook", daemon=True)
 
     def start(self) -> None:
-        """Start the thread, if it did not start yet."""
+        """Start the thread unless it is already running."""
         if self._thread.ident is None:
             self._thread.start()
 
@@ -45,13 +45,13 @@ class Hook:
                 self._changed.notify()
 
     def stop(self) -> None:
-        """Ask the thread to try what waits once more and to end; returns at once."""
+        """Ask the thread to try each queued alert once more and to stop; does not wait."""
         with self._changed:
             self._stopping = True
             self._changed.notify()
 
     def join(self, timeout_s: float) -> None:
-        """Wait for the end of the thread, no longer than this; what is not out by then is lost.
+        """Wait for the thread to stop, no longer than this; alerts not sent by then are lost.
 
         Safe to call twice.
         """
@@ -65,7 +65,7 @@ class Hook:
 
     @property
     def failures(self) -> int:
-        """Attempts that failed, until now."""
+        """Number of failed attempts."""
         return self._outbox.failures
 
     def report(self) -> dict[str, Any]:
@@ -100,7 +100,9 @@ class Hook:
             self._failed(error)
 
     def _next(self) -> Entry | None:
-        """The alert to send now; waits until there is one, or it is time to tend the connection."""
+        """Wait for an alert that is due, and return it; ``None`` if the connection needs attention
+        first.
+        """
         entry = self._outbox.next(self._now_s(), hurry=self._stopping)
         if entry is None and not self._stopping:
             limits = (self._outbox.wait_s(self._now_s()), self._sender.tend_s)
@@ -140,7 +142,7 @@ class Hook:
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        """Keep the newest error, and report it in the log, once in a while."""
+        """Keep the newest error, and log it at a limited rate."""
         self.last_error = without(self._sender.secrets, failure_text(error))
         self._untold_failures += 1
         now_s = self._now_s()
@@ -156,12 +158,12 @@ class Hook:
 
 
 def failure_text(error: Exception) -> str:
-    """Return the failure, in one line."""
+    """Return the failure as one line."""
     return one_line(str(error) if isinstance(error, SendError) else said(error), 200)
 
 
 def without(secrets: Iterable[str], text: str) -> str:
-    """``text`` without a secret: a server may send back what it was given."""
+    """Return ``text`` without secrets, because a server may echo them."""
     for secret in secrets:
         text = text.replace(secret, "***")
     return text

@@ -1,4 +1,4 @@
-"""All hooks of a node, which may be exchanged while it runs."""
+"""All hooks of a node; they can be replaced while the node runs."""
 
 import threading
 import time
@@ -14,7 +14,7 @@ from hri_predict.operation.alerting.settings import HookSettings
 
 
 class Hooks:
-    """Hands each alert to every hook. What was counted stays, whichever hooks end.
+    """Passes each alert to every hook. Counters are kept when a hook is removed.
 
     Raises:
         ConfigError: a hook cannot be used.
@@ -35,17 +35,16 @@ class Hooks:
                 hook.start()
 
     def put(self, alert: AnyAlert) -> None:
-        """Queue an alert for each hook; waits for no receiver."""
+        """Queue an alert for each hook; does not wait for receivers."""
         with self._lock:
             for hook in self._live:
                 hook.put(alert)
 
     def exchange(self, settings: Sequence[HookSettings]) -> Callable[[], None]:
-        """Make the hooks of new settings, and return what puts them in force.
+        """Create the hooks for new settings, and return a function that applies them.
 
-        A hook with the same settings as before continues, with all that waits in it. New ones start
-        before those that are left out end; these try once more what waits in them, and nothing
-        waits for that.
+        A hook with unchanged settings continues and keeps its queued alerts. New hooks start before
+        removed hooks stop; a removed hook tries its queued alerts once more in the background.
 
         Raises:
             ConfigError: a hook cannot be used; nothing has changed.
@@ -62,7 +61,7 @@ class Hooks:
         return partial(self._put_in_force, wanted, left)
 
     def stop(self) -> None:
-        """Ask all to try once more what waits and to end; returns at once."""
+        """Ask all hooks to try their queued alerts once more and to stop; does not wait."""
         with self._lock:
             self._stopping = True
             hooks = [*self._live, *self._ending]
@@ -70,18 +69,20 @@ class Hooks:
             hook.stop()
 
     def join(self, begun_s: float) -> None:
-        """Wait for their end, each within its bound since ``begun_s`` (``time.monotonic``)."""
+        """Wait for all hooks to stop, each within its time limit since ``begun_s``
+        (``time.monotonic``).
+        """
         with self._lock:
             hooks = [*self._live, *self._ending]
         _join(hooks, begun_s)
 
     @property
     def failures(self) -> int:
-        """Attempts that failed, until now."""
+        """Number of failed attempts."""
         return sum(row["failures"] for row in self.report())
 
     def report(self) -> list[dict[str, Any]]:
-        """A row for each hook that works, and for each name that had one."""
+        """Return a row for each running hook, and for each name that had one before."""
         with self._lock:
             rows = [hook.report() for hook in self._live]
             before = dict(self._ended)
@@ -102,11 +103,11 @@ class Hooks:
             self._ending += left
         for hook in left:
             hook.stop()
-        name = "alert hooks ending"  # a command may take long
+        name = "stopping alert hooks"  # a command may take long
         threading.Thread(target=self._see_off, args=(left,), name=name, daemon=True).start()
 
     def _see_off(self, left: list[Hook]) -> None:
-        """Wait for the end of hooks that were left out, and keep what they counted."""
+        """Wait for removed hooks to stop, and keep their counters."""
         _join(left, time.monotonic())
         with self._lock:
             for hook in left:
@@ -125,5 +126,5 @@ def _with(rows: dict[str, dict[str, Any]], row: dict[str, Any]) -> dict[str, dic
 
 
 def _sum(old: dict[str, Any], new: dict[str, Any]) -> dict[str, Any]:
-    """Counts added; of texts the newer one, unless it is empty."""
+    """Return the sums of the counters, and the newer of two texts unless it is empty."""
     return {k: old[k] + v if isinstance(v, int) else v or old[k] for k, v in new.items()}

@@ -1,4 +1,4 @@
-"""The kinds of hooks, a row each."""
+"""The kinds of hooks, one row each."""
 
 from collections.abc import Sequence
 from typing import Annotated, get_args
@@ -28,7 +28,7 @@ KINDS = tuple(get_args(hook.model_fields["kind"].annotation)[0] for hook in get_
 
 
 def sender_of(settings: HookSettings, place: HookContext) -> Sender:
-    """Return the sender of a hook's alerts; open no connection.
+    """Return the sender of a hook's alerts without opening a connection.
 
     Raises:
         ConfigError: a secret, a certificate or a package is missing.

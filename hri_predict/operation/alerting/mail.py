@@ -38,7 +38,7 @@ from hri_predict.operation.alerting.text import one_line
 Address = Annotated[
     str, Field(max_length=254, pattern=r"^[A-Za-z0-9.!#$%&'*+/=?^_`{|}~-]+@[A-Za-z0-9.-]+$")
 ]
-"""As in HTML's own rule for addresses: plain ASCII, no name, no quotes."""
+"""Follows HTML's rule for e-mail addresses: plain ASCII, no name, no quotes."""
 _PORTS = {"starttls": 587, "tls": 465, "none": 25}
 
 
@@ -47,7 +47,7 @@ class MailHook(HookSettings):
 
     secrets: ClassVar[tuple[str, ...]] = ("password",)
 
-    kind: Literal["email"] = Field(description="e-mail by SMTP")
+    kind: Literal["email"] = Field(description="e-mail over SMTP")
     host: Host = Field(description="the mail server's name or address")
     port: int | None = Field(None, ge=1, le=65535, description="default: 587, with tls 465")
     security: Literal["starttls", "tls", "none"] = Field(
@@ -55,9 +55,9 @@ class MailHook(HookSettings):
         description="encryption; with none no password is sent, except to this machine",
     )
     ca_file: CaFile = None
-    sender: Address = Field(description="address that the mail comes from")
+    sender: Address = Field(description="sender address")
     recipients: list[Address] = Field(
-        min_length=1, max_length=20, description="addresses that the mail goes to"
+        min_length=1, max_length=20, description="recipient addresses"
     )
     username: Text | None = Field(
         None, description="user name to log in with; the password comes from a file or a variable"
@@ -74,7 +74,7 @@ class MailHook(HookSettings):
         6,
         ge=1,
         le=6000,
-        description="maximum mails per minute; the next one says how many changes were left out",
+        description="maximum mails per minute; the next mail gives the number of changes left out",
     )
     timeout_s: float = Field(10.0, ge=0.1, le=60, description="give up one attempt after this time")
 
@@ -84,7 +84,9 @@ class MailHook(HookSettings):
         if (password is None) != (self.username is None):
             raise ValueError("username and password_file (or password_env) go together")
         if password and self.security == "none" and not is_loopback(self.host):
-            raise ValueError("security: none would send the password in clear; use starttls or tls")
+            raise ValueError(
+                "security: none would send the password unencrypted; use starttls or tls"
+            )
         return self
 
     def create_sender(self, place: HookContext) -> Sender:
@@ -107,13 +109,13 @@ class MailHook(HookSettings):
         if self.security != "none" or is_loopback(self.host):
             return []
         return [
-            f"e-mail without TLS to {self.host}: anyone on the way can read and change alerts; "
-            "use security: starttls"
+            f"e-mail without TLS to {self.host}: anyone on the network path can read and change "
+            "alerts; use security: starttls"
         ]
 
 
 class _Bounded(smtplib.SMTP):
-    """Reads answers of bounded length."""
+    """SMTP client that limits the length of answers."""
 
     def getreply(self) -> tuple[int, bytes]:
         if self.file is None and self.sock is not None:  # new after connecting, and after STARTTLS
@@ -122,7 +124,7 @@ class _Bounded(smtplib.SMTP):
 
 
 class _TlsClient(_Bounded, smtplib.SMTP_SSL):
-    """With TLS from the first byte."""
+    """SMTP client with TLS from the first byte."""
 
 
 class MailSender(Sender):
@@ -135,7 +137,7 @@ class MailSender(Sender):
         self._tls = tls_context(settings.ca_file, place.base_dir)
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
-        """Hand it to the server, which must take it for every recipient."""
+        """Send the alert to the server, which must accept it for every recipient."""
         letter = message(self._settings, self._place.cell, alert, more_changes)
         client = self._client()
         try:
@@ -162,10 +164,10 @@ class MailSender(Sender):
         if refused:  # another attempt would reach the others twice
             names = ", ".join(refused)
             raise SendError(f"the server refuses for {names}", permanent=True)
-        return "taken by the server"
+        return "accepted by the server"
 
     def _client(self) -> smtplib.SMTP:
-        """A client that is not connected yet, so that its socket can be cut from the start."""
+        """Return an unconnected client, so that its socket can be shut down from the start."""
         timeout = self._settings.timeout_s
         client: Callable[..., smtplib.SMTP] = _Bounded
         if self._settings.security == "tls":
@@ -194,11 +196,13 @@ def message(settings: MailHook, cell: str, alert: AnyAlert, more_changes: int) -
 
 
 def _own_name() -> str:
-    """This machine's name for the server; the library's own way may wait for a name server."""
+    """Return this machine's name for the server; the library's default may wait for a name
+    server.
+    """
     return re.sub(r"[^A-Za-z0-9.-]", "-", socket.gethostname()) or "localhost"
 
 
 def _answer(code: int) -> str:
-    """Return a server's answer, by its code: its text might repeat what was sent."""
-    known = {535: "user name or password are wrong", 530: "it wants a user name and a password"}
+    """Describe a server's answer using its code alone: its text might repeat a secret."""
+    known = {535: "user name or password is wrong", 530: "it requires a user name and a password"}
     return f"SMTP status {code}" + (f": {known[code]}" if code in known else "")

@@ -1,9 +1,9 @@
-"""Alerts by MQTT: the broker keeps the newest of each robot and zone, and says if the node is gone.
+"""Alerts over MQTT: the broker retains the newest per robot and zone, and reports a lost node.
 
 Topics, below ``topic`` (``hri-predict/CELL`` by default):
 
 - ``robots/NAME``, ``zones/NAME``: the newest alert as JSON, retained;
-- ``status``: ``online`` or ``offline``, retained; the broker itself says offline after a loss.
+- ``status``: ``online`` or ``offline``, retained; after a loss the broker itself sends ``offline``.
 """
 
 import contextlib
@@ -42,7 +42,9 @@ if TYPE_CHECKING:
     from paho.mqtt.client import Client
 
 KEEPALIVE_S = 15
-"""The broker says offline after one and a half times this without a word (MQTT 3.1.1, 3.1.2.10)."""
+"""Keep-alive interval; the broker sends ``offline`` after 1.5 times this without a packet (MQTT
+3.1.1, 3.1.2.10).
+"""
 _CONNACK = b"\x20\x02"
 _REFUSALS = {
     1: "Unacceptable protocol version; use a broker that speaks MQTT 3.1.1",
@@ -72,7 +74,7 @@ class MqttHook(HookSettings):
         description="prefix of all topics; default: hri-predict/CELL",
     )
     username: Text | None = Field(
-        None, description="to log in as; the password comes from a file or a variable"
+        None, description="user name to log in with; the password comes from a file or a variable"
     )
     password_file: SecretFile = None
     password_env: SecretVariable = None
@@ -88,8 +90,8 @@ class MqttHook(HookSettings):
     def _fits(self) -> Self:
         if self.levels is not None:
             raise ValueError(
-                "levels: has no place in kind mqtt: the broker would keep a level that no longer "
-                "holds; leave it out, and let the subscribers choose"
+                "levels: not allowed with kind mqtt: the broker would retain an outdated level; "
+                "remove it, and let subscribers filter"
             )
         if (self.password_file or self.password_env) and self.username is None:
             raise ValueError("a password needs 'username'")
@@ -116,16 +118,17 @@ class MqttHook(HookSettings):
             return []
         password = ", and the password" if self.username else ""
         return [
-            f"MQTT without TLS to {self.host}: anyone on the way can read and change alerts"
+            f"MQTT without TLS to {self.host}: anyone on the network path can read and change "
+            "alerts"
             f"{password}; use tls: true"
         ]
 
 
 class MqttSender(Sender):
-    """Holds a connection and publishes with QoS 1.
+    """Keeps a connection open and publishes with QoS 1.
 
-    Each connection is a new client: one that connects again by itself would first send what was
-    under way, and the broker would keep an old level after a newer one.
+    Each connection uses a new client: a client that reconnected by itself would first resend
+    unacknowledged messages, and the broker could retain an old level instead of a newer one.
     """
 
     tend_s = 5.0
@@ -143,7 +146,7 @@ class MqttSender(Sender):
         self._budget: _Budget
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
-        """Publish it; the broker must acknowledge."""
+        """Publish the alert; the broker must acknowledge it."""
         data = json.dumps(payload(alert, self._place.cell, more_changes))
         topic = self._topic(alert)
         if topic is None:  # a trial
@@ -156,14 +159,16 @@ class MqttSender(Sender):
         return "acknowledged by the broker"
 
     def tend(self) -> None:
-        """Connect again after a loss, so that the broker says online, and keeps what holds now."""
+        """Reconnect after a loss, so that the broker shows ``online`` and retains the current
+        state.
+        """
         if self._client is not None:
             self._budget.left = ANSWER_BYTES
         if self._kept:
             self._connect()
 
     def close(self) -> None:
-        """Say offline and disconnect."""
+        """Publish ``offline`` and disconnect."""
         if self._client is not None and self._client.is_connected() and self._place.live:
             self._publish(f"{self._base}/status", "offline")
         if self._client is not None:
@@ -178,7 +183,9 @@ class MqttSender(Sender):
         return None
 
     def _connect(self) -> bool:
-        """Connect if there is no connection, and publish what is kept; return whether it did."""
+        """Connect if there is no connection, and publish the retained messages; return whether it
+        connected.
+        """
         if self._client is not None and self._client.is_connected():
             return False
         self._drop()
@@ -243,7 +250,7 @@ class MqttSender(Sender):
             raise SendError("the broker does not acknowledge")
 
     def _drop(self) -> None:
-        """Let go of the connection without a word, so that the broker says offline for us."""
+        """Drop the connection without DISCONNECT, so that the broker sends ``offline`` for us."""
         client, self._client = self._client, None
         if client is None:
             return
@@ -255,9 +262,9 @@ class MqttSender(Sender):
 
 
 class _Budget:
-    """Bounds what a broker sends within ``tend_s``: nothing was subscribed to.
+    """Limits the data that a broker may send within ``tend_s``; the client has no subscriptions.
 
-    Reading takes the time of the interpreter that the loop runs in, and a packet may have 256 MB.
+    Reading uses the interpreter that also runs the loop, and a packet may have 256 MB.
     """
 
     def __init__(self, read: Callable[[int], bytes]) -> None:
@@ -269,18 +276,18 @@ class _Budget:
     def connack(self) -> int | None:
         """Return code of the broker's CONNACK; ``None`` if it has sent none.
 
-        The library keeps some codes to itself.
+        The library does not pass on every code.
         """
         whole = len(self._first) == 4 and self._first.startswith(_CONNACK)
         return self._first[3] if whole else None
 
     @property
     def heard_another(self) -> bool:
-        """Whether something came that is not a CONNACK."""
+        """Whether the first packet was not a CONNACK."""
         return not _CONNACK.startswith(self._first[:2])
 
     def read(self, size: int) -> bytes:
-        """Read from the connection, or break it off."""
+        """Read from the connection, or close it if the limit is exceeded."""
         data = self._read(min(size, ANSWER_BYTES))  # as much as is asked for is allocated
         self.left -= len(data)
         self._first += data[: 4 - len(self._first)]
@@ -290,22 +297,23 @@ class _Budget:
 
 
 def client_id(cell: str) -> str:
-    """A client id that every broker accepts: 23 letters and digits at most (MQTT 3.1.1, 3.1.3.1).
+    """Return a client id that every broker accepts: at most 23 letters and digits (MQTT 3.1.1,
+    3.1.3.1).
 
-    Two clients with one id disconnect each other, so part of it is chance.
+    Two clients with the same id disconnect each other, so part of the id is random.
     """
     name = "".join(c for c in cell if c.isascii() and c.isalnum())[:12]
     return f"hri{name}{secrets.token_hex(4)}"
 
 
 def _refusal(code: int | None, in_time: bool, heard: bool) -> str:
-    """Why there is no connection, in words."""
+    """Describe why there is no connection."""
     if code:
         return f"the broker refuses: {_REFUSALS.get(code, 'an unknown reason')} (CONNACK {code})"
     if heard:
-        return "what answers is not an MQTT broker; correct 'port' and 'tls'"
+        return "the server is not an MQTT broker; correct 'port' and 'tls'"
     if in_time:
-        return "the broker ends the connection without an answer; correct 'port' and 'tls'"
+        return "the broker closes the connection without an answer; correct 'port' and 'tls'"
     return "the broker does not answer"
 
 

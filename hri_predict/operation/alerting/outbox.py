@@ -1,7 +1,7 @@
-"""Which alert goes out next, and when: debounce, rate limit, retry, and the count of each.
+"""Queue of one hook: debounce, rate limit, retry, and counters.
 
-Per robot and zone at most one alert waits, the newest: so the memory is bounded, and a receiver
-that hears from us late hears what holds now. What was left out is reported with the next alert.
+At most one alert waits per robot and zone, the newest, so memory is bounded and a delayed alert is
+still current. The next alert gives the number of changes left out.
 """
 
 from collections import deque
@@ -12,17 +12,19 @@ from hri_predict.operation.alerting.settings import HookSettings
 
 BACK_OFF_S, LONGEST_BACK_OFF_S = 1.0, 30.0
 LONGEST_ASKED_S = 300.0
-"""Longest pause that a receiver may ask for (``Retry-After``): it must not switch alerts off."""
+"""Longest pause that a receiver may request (``Retry-After``), so that it cannot switch alerts
+off.
+"""
 
 
 @dataclass(slots=True, kw_only=True)
 class Entry:
-    """An alert that waits, or is on its way.
+    """An alert that is waiting or being sent.
 
     Attributes:
         alert: the alert to send.
-        more_changes: changes that were left out, to be reported with it.
-        first_try_s: when it was first tried; ``None`` before.
+        more_changes: number of changes left out, reported with this alert.
+        first_try_s: time of the first attempt; ``None`` before it.
     """
 
     alert: AnyAlert
@@ -31,13 +33,12 @@ class Entry:
 
 
 class Outbox:
-    """The waiting alerts of one hook. All times are seconds of one clock that only rises.
+    """The waiting alerts of one hook. All times are seconds of one monotonic clock.
 
     Attributes:
-        delivered: alerts that arrived, as far as is known.
-        left_out: changes that a newer one of the same robot or zone replaced, here or before they
-            came here.
-        dropped: alerts that were given up.
+        delivered: alerts that are known to have arrived.
+        left_out: changes replaced by a newer one of the same robot or zone, here or earlier.
+        dropped: alerts that were abandoned.
         retried: further attempts.
         failures: attempts that failed.
     """
@@ -53,7 +54,7 @@ class Outbox:
         self.delivered = self.left_out = self.dropped = self.retried = self.failures = 0
 
     def put(self, alert: AnyAlert) -> bool:
-        """Take an alert, instead of an older one of the same subject.
+        """Queue an alert; it replaces an older one of the same subject.
 
         Returns:
             Whether ``wait_s`` may be shorter than before.
@@ -69,7 +70,7 @@ class Outbox:
         return not replaced
 
     def next(self, now_s: float, *, hurry: bool = False) -> Entry | None:
-        """Take out the alert to try now, if there is one; in a ``hurry`` nothing has to wait."""
+        """Remove and return the alert to try now, if any; with ``hurry`` no alert has to wait."""
         for subject, entry in self._waiting.items():
             if hurry or self._due_s(subject, entry, now_s) <= now_s:
                 del self._waiting[subject]
@@ -96,10 +97,10 @@ class Outbox:
     def failed(
         self, entry: Entry, now_s: float, *, again: bool, again_s: float | None = None
     ) -> None:
-        """Count a failed attempt; keep the alert unless it is too old or not to be tried ``again``.
+        """Count a failed attempt; keep the alert unless it is too old or ``again`` is false.
 
-        The next attempt, of any alert, waits: longer after each failure, and as long as the
-        receiver asks (``again_s``).
+        The next attempt, for any alert, waits longer after each failure, and at least as long as
+        the receiver requests (``again_s``).
         """
         self.failures += 1
         pause = min(BACK_OFF_S * 2.0**self._failed_in_a_row, LONGEST_BACK_OFF_S)
@@ -118,7 +119,7 @@ class Outbox:
             self._retry_at_s = now_s + pause
 
     def give_up(self, under_way: int) -> None:
-        """Drop what waits, and what is ``under_way``: the node ends."""
+        """Drop the waiting alerts, and the one ``under_way``, because the node is stopping."""
         self.dropped += len(self._waiting) + under_way
         self._waiting.clear()
 
@@ -132,7 +133,7 @@ class Outbox:
         return due
 
     def _rate_s(self, now_s: float) -> float:
-        """From when on the rate allows one more."""
+        """Earliest time at which the rate limit allows another alert."""
         while self._minute and self._minute[0] <= now_s - 60.0:
             self._minute.popleft()
         over = len(self._minute) - self._settings.rate_per_minute

@@ -1,4 +1,4 @@
-"""Passwords and keys: in a file or an environment variable, never in the configuration's text.
+"""Passwords and keys, read from a file or an environment variable, never from the configuration.
 
 The configuration's text goes into every recording.
 """
@@ -17,17 +17,17 @@ MAX_BYTES = 4096
 
 
 def read_secret(key: str, *, file: str | None, env: str | None, base_dir: Path) -> str | None:
-    """The secret that ``KEY_file`` or ``KEY_env`` names, without white space at both ends.
+    """Return the secret named by ``KEY_file`` or ``KEY_env``, without surrounding white space.
 
     Args:
-        key: of the setting, without ``_file`` or ``_env``.
+        key: key of the setting, without ``_file`` or ``_env``.
         file: path, relative to ``base_dir``.
         env: name of an environment variable.
         base_dir: the configuration's folder.
 
     Raises:
-        ConfigError: it is missing, empty, too long, or no line of printable ASCII. The message
-            never has a part of it.
+        ConfigError: it is missing, empty, too long, or not one line of printable ASCII. The message
+            never contains any part of it.
     """
     if env is not None:
         where, found = f"{key}_env", os.environ.get(env)

@@ -1,4 +1,4 @@
-"""Interface of a kind of hook: sending one alert, within a time, or saying why not."""
+"""Interface of a kind of hook: send one alert within a time limit, or raise the reason."""
 
 import contextlib
 import os
@@ -17,11 +17,11 @@ ANSWER_BYTES = 65_536
 
 
 class SendError(Exception):
-    """An alert was not delivered; one line says why, without a secret.
+    """An alert was not delivered; the message is one line without secrets.
 
     Attributes:
         permanent: a further attempt would fail the same way.
-        again_s: no attempt is welcome sooner, as the receiver asked; ``None``: it did not ask.
+        again_s: minimum wait requested by the receiver; ``None`` if it did not request any.
     """
 
     def __init__(self, text: str, *, permanent: bool = False, again_s: float | None = None) -> None:
@@ -36,8 +36,8 @@ class HookContext:
 
     Attributes:
         base_dir: the configuration's folder.
-        cell: name of the cell, for those who receive from several.
-        live: whether a node runs; a test must not announce one.
+        cell: name of the cell, for receivers of alerts from several cells.
+        live: whether a node is running; a test must not announce a node.
     """
 
     base_dir: Path
@@ -57,7 +57,7 @@ class Sender:
     secrets: tuple[str, ...] = ()
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
-        """Deliver one alert; return what came back, in a few words.
+        """Deliver one alert; return the receiver's answer in a few words.
 
         Raises:
             SendError: it was not delivered.
@@ -68,25 +68,27 @@ class Sender:
         """Keep a connection up.
 
         Raises:
-            SendError: it is down, and cannot be made.
+            SendError: it is down and cannot be restored.
         """
 
     def close(self) -> None:
-        """End everything; the node stops."""
+        """Release everything; called when the node stops."""
 
     def abort(self) -> None:
-        """End what still runs; called from another thread when the node can wait no longer."""
+        """Abort an attempt in progress; called from another thread when the node can wait no
+        longer.
+        """
 
 
 @contextlib.contextmanager
 def cut_after(seconds: float, sock: Callable[[], socket.socket | None]) -> Iterator[None]:
     """Shut a connection down after ``seconds``.
 
-    A socket's own time limit begins again with every byte, so a server that sends one byte now and
-    then would hold the hook for ever.
+    A socket's own timeout restarts with every byte, so a server that sends a byte now and then
+    would block the hook forever.
 
     Raises:
-        TimeoutError: instead of the error that the cut led to.
+        TimeoutError: instead of the error that the shutdown caused.
     """
     was_cut = False
 
@@ -112,19 +114,19 @@ def cut_after(seconds: float, sock: Callable[[], socket.socket | None]) -> Itera
 
 
 class Answer:
-    """A receiver's answer, as a file, up to ``ANSWER_BYTES``: it may send without an end.
+    """A receiver's answer as a file, limited to ``ANSWER_BYTES`` because it may be endless.
 
-    Reading takes the time of the interpreter that the loop runs in, and memory.
+    Reading takes memory, and time of the interpreter that also runs the loop.
     """
 
     def __init__(self, file: Any) -> None:
         self._file, self._left = file, ANSWER_BYTES
 
     def readline(self, limit: int) -> bytes:
-        """The next line, or as much of it.
+        """Return the next line, or as much of it.
 
         Raises:
-            SendError: there is more than an answer can be.
+            SendError: the answer is too long.
         """
         line: bytes = self._file.readline(limit)
         self._left -= len(line)
@@ -137,7 +139,8 @@ class Answer:
 
 
 def tls_context(ca_file: str | None, base_dir: Path) -> ssl.SSLContext:
-    """TLS that checks the server's certificate and name, by the system's authorities or a file's.
+    """Return a TLS context that checks the server's certificate and name, using the system's
+    certificate authorities or those in a file.
 
     Raises:
         ConfigError: the file cannot be used.
@@ -155,13 +158,13 @@ def tls_context(ca_file: str | None, base_dir: Path) -> ssl.SSLContext:
 
 
 def said(error: BaseException) -> str:
-    """The failure of a connection in a few words."""
+    """Describe the failure of a connection in a few words."""
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"the server's certificate is not trusted: {error.verify_message}"
     if isinstance(error, TimeoutError):
         return "no answer in time"
     if isinstance(error, socket.gaierror):
-        return "the host's name is not known"
+        return "host name not found"
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return str(error) or type(error).__name__

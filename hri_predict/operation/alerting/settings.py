@@ -18,17 +18,19 @@ Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9._:-]{1,253}$")]
 
 
 class HookSettings(Settings):
-    """An entry of ``alerts.to``: which alerts go there, and how often at most."""
+    """An entry of ``alerts.to``: the alerts that are sent there, and their maximum rate."""
 
     secrets: ClassVar[tuple[str, ...]] = ()
-    """Keys ``KEY_file`` and ``KEY_env`` of this kind, without their ending."""
+    """Secrets of this kind: each ``KEY`` for which ``KEY_file`` and ``KEY_env`` exist."""
 
     kind: str
     name: Text | None = Field(
         None, description="name in log and summary; default: kind and address"
     )
     levels: list[LevelName] | None = Field(
-        None, min_length=1, description="only changes of a robot to one of these; default: all"
+        None,
+        min_length=1,
+        description="only changes of a robot to one of these levels; default: all",
     )
     robots: list[str] | None = Field(None, description="only these robots; default: all")
     zones: list[str] | None = Field(None, description="only these named zones; default: all")
@@ -36,16 +38,16 @@ class HookSettings(Settings):
         1.0,
         ge=0,
         le=3600,
-        description="minimum time between two alerts of one robot or zone; the newest waits",
+        description="minimum time between two alerts of one robot or zone; the newest alert waits",
     )
     rate_per_minute: int = Field(
-        30, ge=1, le=6000, description="maximum number of alerts in any minute; the newest wait"
+        30, ge=1, le=6000, description="maximum number of alerts in any minute; further alerts wait"
     )
     retry_s: float = Field(
         60.0,
         ge=0,
         le=3600,
-        description="maximum time to deliver an alert; then it is dropped and counted",
+        description="maximum time to deliver an alert; after that it is dropped and counted",
     )
     timeout_s: float = Field(5.0, ge=0.1, le=60, description="give up one attempt after this time")
 
@@ -55,7 +57,7 @@ class HookSettings(Settings):
         raise NotImplementedError
 
     def create_sender(self, place: HookContext) -> Sender:
-        """Create what sends the alerts of this hook; opens no connection.
+        """Create the sender of this hook; opens no connection.
 
         Raises:
             ConfigError: a secret, a certificate or a package is missing.
@@ -64,7 +66,7 @@ class HookSettings(Settings):
 
     @property
     def label(self) -> str:
-        """Its name in log and summary."""
+        """Name in log and summary."""
         return self.name or f"{self.kind} {self.where}"
 
     @property
@@ -74,11 +76,11 @@ class HookSettings(Settings):
 
     @property
     def stop_s(self) -> float:
-        """Longest time that the end of the node waits for this hook."""
+        """Maximum time for which a stopping node waits for this hook."""
         return min(self.timeout_s, 2.0) + 0.5
 
     def wants(self, alert: AnyAlert) -> bool:
-        """Whether this alert goes there."""
+        """Whether this alert is sent to this hook."""
         if isinstance(alert, Alert):
             chosen = self.robots is None or alert.robot in self.robots
             return chosen and (self.levels is None or alert.level in self.levels)
@@ -98,7 +100,9 @@ class HookSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _no_literal_secret(cls, data: Any) -> Any:
-        """Refuse it here, where the message shows the block's keys alone, not their values."""
+        """Refuse secrets here, where the message shows only the keys of the block, not their
+        values.
+        """
         for key in cls.secrets if isinstance(data, dict) else ():
             if key in data and key not in cls.model_fields:
                 raise ValueError(

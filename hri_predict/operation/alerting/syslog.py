@@ -1,8 +1,8 @@
-"""Alerts by syslog, as RFC 5424 writes them.
+"""Alerts over syslog, in the format of RFC 5424.
 
-Over UDP a datagram each (RFC 5426), over TCP and TLS with a count of octets before each
-(RFC 6587, RFC 5425), or to the machine's own socket. Syslog acknowledges nothing: *delivered* is
-what left the machine.
+Each alert is a UDP datagram (RFC 5426), a message with an octet count over TCP or TLS (RFC 6587,
+RFC 5425), or a message to the machine's own socket. Syslog does not acknowledge messages:
+*delivered* means that the alert left the machine.
 """
 
 import os
@@ -40,11 +40,13 @@ Facility = Literal[
 class SyslogHook(HookSettings):
     """``kind: syslog``."""
 
-    kind: Literal["syslog"] = Field(description="lines of RFC 5424")
+    kind: Literal["syslog"] = Field(description="syslog lines, RFC 5424")
     protocol: Literal["udp", "tcp", "tls", "unix"] = Field(
         "udp", description="transport of the lines; udp and unix do not acknowledge"
     )
-    host: Host | None = Field(None, description="the collector's name or address; with unix: none")
+    host: Host | None = Field(
+        None, description="the collector's name or address; not used with unix"
+    )
     port: int | None = Field(None, ge=1, le=65535, description="default: 514, tcp 601, tls 6514")
     path: str | None = Field(None, min_length=1, description="with unix: the socket, as /dev/log")
     facility: Facility = Field("local0", description="syslog facility of all lines")
@@ -53,7 +55,7 @@ class SyslogHook(HookSettings):
         60,
         ge=1,
         le=6000,
-        description="maximum lines per minute; the next one says how many changes were left out",
+        description="maximum lines per minute; the next line gives the number of changes left out",
     )
 
     @model_validator(mode="after")
@@ -87,8 +89,8 @@ class SyslogHook(HookSettings):
         if self.protocol in ("unix", "tls") or is_loopback(self.host or ""):
             return []
         return [
-            f"syslog without TLS to {self.host}: anyone on the way can read and change alerts; "
-            "use protocol: tls where the receiver has it"
+            f"syslog without TLS to {self.host}: anyone on the network path can read and change "
+            "alerts; use protocol: tls if the receiver supports it"
         ]
 
 
@@ -101,7 +103,7 @@ class SyslogSender(Sender):
         self._tls = tls_context(settings.ca_file, place.base_dir) if tls else None
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
-        """Hand it to the network or the socket."""
+        """Send the alert to the network or the socket."""
         data = message(self._settings, self._place.cell, alert, more_changes)
         try:
             if self._settings.protocol == "unix":
@@ -112,7 +114,7 @@ class SyslogSender(Sender):
                 self._to_stream(b"%d " % len(data) + data)
         except OSError as error:
             raise SendError(said(error)) from error
-        return "sent; syslog acknowledges nothing"
+        return "sent; syslog does not acknowledge messages"
 
     def _to_unix(self, data: bytes) -> None:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as out:
@@ -147,7 +149,7 @@ class SyslogSender(Sender):
 
 
 def _say_bye(out: ssl.SSLSocket) -> None:
-    """End TLS by its own word, else the receiver takes the end for a cut."""
+    """Send TLS's close notification; otherwise the receiver assumes a truncated connection."""
     try:
         out.unwrap()
     except OSError:

@@ -1,4 +1,4 @@
-"""Alerts by webhook: each is an HTTP POST of JSON.
+"""Alerts through a webhook: each is an HTTP POST of JSON.
 
 A redirect is not followed (it would carry the token elsewhere), and no proxy is used.
 """
@@ -34,7 +34,7 @@ from hri_predict.operation.alerting.settings import (
 )
 
 _LATER = (408, 425, 429)
-"""Refusals that say: try again (RFC 9110, RFC 8470, RFC 6585)."""
+"""HTTP status codes after which a retry makes sense (RFC 9110, RFC 8470, RFC 6585)."""
 
 Url = Annotated[str, Field(min_length=1, max_length=2000)]
 
@@ -57,7 +57,7 @@ class WebhookHook(HookSettings):
     @model_validator(mode="before")
     @classmethod
     def _url_is_right(cls, data: object) -> object:
-        """Checked before the fields: a message must not repeat what the address contains."""
+        """Check before the fields are validated: an error message must not repeat the address."""
         url = data.get("url") if isinstance(data, dict) else None
         if isinstance(url, str):
             address_of(url)
@@ -75,7 +75,7 @@ class WebhookHook(HookSettings):
 
     @property
     def where(self) -> str:
-        """The server; the path may be a secret."""
+        """Return the server only, because the path may be a secret."""
         if self.url is None:
             return self.url_file or f"${self.url_env}"
         return address_of(self.url).netloc
@@ -90,17 +90,16 @@ class WebhookHook(HookSettings):
             return []
         secret = self.token_file or self.token_env
         return [
-            f"http without TLS to {parts.hostname}: anyone on the way can read and change alerts"
-            + (", and the token" if secret else "")
-            + "; use https"
+            f"http without TLS to {parts.hostname}: anyone on the network path can read and "
+            "change alerts" + (", and the token" if secret else "") + "; use https"
         ]
 
 
 def address_of(url: str) -> SplitResult:
-    """The parts of a webhook's address.
+    """Return the parts of a webhook's address.
 
     Raises:
-        ValueError: it cannot be used; one line with the remedy, without the address.
+        ValueError: it cannot be used; the message is one line with the remedy, without the address.
     """
     try:
         parts = urlsplit(url)
@@ -108,7 +107,10 @@ def address_of(url: str) -> SplitResult:
     except ValueError:
         raise ValueError("url: not a valid address; expected https://HOST/PATH") from None
     if not (url.isascii() and url.isprintable()) or " " in url:
-        raise ValueError("url: only printable ASCII without spaces; write others as %20 and so on")
+        raise ValueError(
+            "url: only printable ASCII without spaces is allowed; percent-encode "
+            "other characters, such as %20"
+        )
     if parts.scheme not in ("http", "https"):
         raise ValueError("url: must begin with https:// or http://")
     if not parts.hostname or port == 0:
@@ -116,7 +118,7 @@ def address_of(url: str) -> SplitResult:
     if "@" in parts.netloc:
         raise ValueError(
             "url: user and password are not allowed in the configuration because recordings "
-            "contain it; take it out, and name a file with a token under token_file"
+            "contain it; remove them, and name a file with a token under token_file"
         )
     return parts
 
@@ -146,7 +148,7 @@ class WebhookSender(Sender):
         self._tls = tls_context(settings.ca_file, place.base_dir)
 
     def send(self, alert: AnyAlert, more_changes: int) -> str:
-        """Post it; the server must answer with a status of 200 to 299."""
+        """Post the alert; the server must answer with a status of 200 to 299."""
         body = json.dumps(payload(alert, self._place.cell, more_changes)).encode()
         connection = self._connection()
         path = (self._parts.path or "/") + (f"?{self._parts.query}" if self._parts.query else "")
@@ -169,7 +171,7 @@ class WebhookSender(Sender):
                 permanent=True,
             )
         again_s = retry_after_s(asked, time.time())
-        later = "" if again_s is None else f" (asks to wait {again_s:.0f} s)"
+        later = "" if again_s is None else f" (requests a wait of {again_s:.0f} s)"
         raise SendError(
             f"HTTP status {status}{later}",
             permanent=status < 500 and status not in _LATER,
@@ -200,7 +202,7 @@ class WebhookSender(Sender):
 
 
 def retry_after_s(text: str | None, unix_s: float) -> float | None:
-    """Seconds that ``Retry-After`` asks for: a number, or a date (RFC 9110, 10.2.3)."""
+    """Seconds requested by ``Retry-After``, which is a number or a date (RFC 9110, 10.2.3)."""
     if text is None:
         return None
     if text.isascii() and text.strip().isdigit():
@@ -215,7 +217,7 @@ def retry_after_s(text: str | None, unix_s: float) -> float | None:
 def signature(key: str, body: bytes, unix_s: int) -> str:
     """``t=SECONDS,v1=HEX``: HMAC-SHA256 of the seconds, a dot and the body.
 
-    With the time in it, the receiver can refuse a message that was recorded and sent again.
+    Because the time is signed, the receiver can refuse a replayed message.
     """
     tag = hmac.new(key.encode(), f"{unix_s}.".encode() + body, hashlib.sha256)
     return f"t={unix_s},v1={tag.hexdigest()}"

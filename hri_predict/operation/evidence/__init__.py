@@ -1,1 +1,1 @@
-"""Evidence: the seconds around each stop, near miss and fault, in files that are chained."""
+"""Evidence: the seconds around each stop, near miss and fault, in hash-chained files."""

@@ -1,12 +1,12 @@
-"""The log of all events, in which every line holds the hash of the line before.
+"""Log of all events, in which every line holds the hash of the previous line.
 
-A person who changes, removes or inserts a line, or changes a file that a line names, breaks the
-chain from there on. Lines cut off at the end leave a chain that is whole but shorter: so note the
-newest hash elsewhere, as the node does when it ends. The chain has no key: it shows damage and
-careless editing, not a forger who writes all of it again.
+Changing, removing or inserting a line, or changing a file named in a line, breaks the chain from
+there on. If lines at the end are removed, the remaining chain is still valid; so note the newest
+hash elsewhere, as the node does when it stops. The chain has no key: it reveals damage and careless
+editing, but not a forger who rewrites all of it.
 
-A log that is full gets a number, and the chain goes on in a new one, whose first line names it. So
-a node starts as fast after years as on its first day.
+A full log gets a number, and the chain continues in a new log whose first line names the full one.
+So a node starts as fast after years as on its first day.
 """
 
 import errno
@@ -24,10 +24,10 @@ from hri_predict.base.errors import RecordingError
 
 LOG = "evidence.jsonl"
 START = "0" * 64
-"""Value in the first line instead of the hash of a line before."""
+"""Value in the first line instead of a previous line's hash."""
 MAX_LINE = 100_000
 FULL_BYTES = 10_000_000
-"""Maximum size of a log, bytes; it takes no more lines then."""
+"""Size in bytes above which a log is full."""
 _CHUNK = 1 << 20
 _NUMBERED = re.compile(r"evidence-([0-9]{6,9})\.jsonl")
 _STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"
@@ -35,7 +35,9 @@ _STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line: its log, its number there from 1, its data, and what is wrong with it or its file."""
+    """A line: its log, its line number from 1, its data, and the fault of the line or its file, if
+    any.
+    """
 
     log: str
     number: int
@@ -64,7 +66,7 @@ def file_hash(path: Path) -> str:
 
 
 def append(folder: Path, entry: dict[str, Any], previous: str) -> str:
-    """Add an entry after the one with hash ``previous``; return its own hash.
+    """Append an entry after the entry with hash ``previous``; return the new entry's hash.
 
     Raises:
         OSError: the log cannot be written.
@@ -85,12 +87,12 @@ def append(folder: Path, entry: dict[str, Any], previous: str) -> str:
 
 
 def exists(folder: Path) -> bool:
-    """Whether the folder has a log."""
+    """Whether the folder contains a log."""
     return (folder / LOG).exists() or bool(_older(folder))
 
 
 def _continued(folder: Path) -> dict[str, str]:
-    """Number a full log; what the first line of a new one says about the log before it."""
+    """Give a full log its number; return the fields about it for the first line of the new log."""
     path, older = folder / LOG, _older(folder)
     if _bytes_of(path) >= FULL_BYTES:
         number = 1 + (_number(older[-1]) if older else 0)
@@ -99,12 +101,14 @@ def _continued(folder: Path) -> dict[str, str]:
 
 
 def _bytes_of(path: Path) -> int:
-    """0 without a file; an empty log is none: the node died, or the disk was full."""
+    """Return the size; 0 without a file. An empty log counts as missing: the node was killed, or
+    the disk was full.
+    """
     return path.stat().st_size if path.exists() else 0
 
 
 def _older(folder: Path) -> list[Path]:
-    """The logs that are full, the oldest first."""
+    """Return the full logs, oldest first."""
     found = (p for p in folder.glob("evidence-*.jsonl") if _NUMBERED.fullmatch(p.name))
     return sorted((p for p in found if p.is_file() and not p.is_symlink()), key=_number)
 
@@ -114,7 +118,7 @@ def _number(log: Path) -> int:
 
 
 def sizes(folder: Path, robots: Sequence[str]) -> dict[str, int]:
-    """Name -> bytes of each file that a node kept there of robots so named, the oldest first."""
+    """Name -> bytes of each file that a node kept there for these robots, oldest first."""
     named = "|".join(map(re.escape, robots))
     kept = re.compile(rf"{_STAMP}-({named})-(stop|near_miss|fault)(-[0-9]+)?\.mcap")
     paths = sorted(path for path in folder.glob("*.mcap") if kept.fullmatch(path.name))
@@ -122,12 +126,12 @@ def sizes(folder: Path, robots: Sequence[str]) -> dict[str, int]:
 
 
 def newest(folder: Path) -> str:
-    """The hash to continue with: that of the last line; ``START`` without a log.
+    """Return the hash to continue with, which is the last line's; ``START`` without a log.
 
-    Only the newest log is looked at.
+    Only the newest log is read.
 
     Raises:
-        RecordingError: it is broken; says where.
+        RecordingError: the log is broken; the message says where.
     """
     logs = [path for path in (*_older(folder), folder / LOG) if _bytes_of(path)]
     last = START
@@ -139,9 +143,9 @@ def newest(folder: Path) -> str:
 
 
 def set_aside(folder: Path, now: datetime) -> str:
-    """Give a broken log another name, which is returned, so that a new one can begin.
+    """Rename a broken log so that a new one can start; return its new name.
 
-    A full one keeps its name: the new log's first line then does not follow it, as it should show.
+    A full log keeps its name: the new log's first line then visibly does not follow it.
 
     Raises:
         OSError: it cannot be renamed.
@@ -154,9 +158,9 @@ def set_aside(folder: Path, now: datetime) -> str:
 
 
 def read(folder: Path) -> Iterator[Line]:
-    """All lines of all logs, each compared with the one before and with its file.
+    """Yield all lines of all logs, each checked against the previous line and its file.
 
-    A file that a later line says was removed to make room need not be there.
+    A file may be missing if a later line records that it was removed to make room.
 
     Raises:
         RecordingError: a log cannot be read.
@@ -173,12 +177,13 @@ def read(folder: Path) -> Iterator[Line]:
 
 
 def _lines(path: Path, expected: str | None = None, before: str | None = None) -> Iterator[Line]:
-    """The lines of one log.
+    """Yield the lines of one log.
 
     Args:
         path: the log.
-        expected: hash of the line before; ``None``: whatever the first line says.
-        before: name of the log before, "" if there is none; ``None``: whatever the first line says.
+        expected: hash of the previous line; ``None`` accepts the first line's value.
+        before: name of the previous log, "" if there is none; ``None`` accepts the first line's
+            value.
     """
     try:
         raw = path.read_bytes().split(b"\n")
@@ -200,7 +205,7 @@ def _lines(path: Path, expected: str | None = None, before: str | None = None) -
         wrong = _wrong(entry, expected)
         if number == 1 and before is not None and continues != before:
             wrong = (
-                f"continues {continues or 'no log'}, where {before or 'no log'} is the one before"
+                f"continues {continues or 'no log'}, where {before or 'no log'} is the previous log"
             )
         yield Line(path.name, number, entry, wrong)
         expected = str(entry.get("hash"))
@@ -229,7 +234,7 @@ def _wrong(entry: dict[str, Any], expected: str) -> str:
     if changed:
         return "was changed"
     if entry.get("previous") != expected:
-        return "does not follow the line before"
+        return "does not follow the previous line"
     return ""
 
 
@@ -242,7 +247,7 @@ def _wrong_file(folder: Path, entry: dict[str, Any], removed: set[str]) -> str:
     if name is None or (isinstance(name, str) and name in removed):
         return ""
     if not _is_plain(name):
-        return f"names no file of this folder, {name!r}"
+        return f"does not name a file of this folder, {name!r}"
     path = folder / name
     try:
         if path.is_symlink() or (path.exists() and not path.is_file()):

@@ -1,4 +1,4 @@
-"""Which ticks begin an event: a stop, a fault, or a near miss."""
+"""Detection of events: the ticks at which a stop, a fault or a near miss starts."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -22,9 +22,9 @@ class Event:
     Attributes:
         kind: see ``Kind``.
         robot: index of the robot.
-        now_ns: of the tick.
+        now_ns: time of the tick.
         advice: the robot's advice.
-        near_miss: of a near miss.
+        near_miss: details of a near miss; otherwise ``None``.
     """
 
     kind: Kind
@@ -44,7 +44,7 @@ class Events:
         self._near_ns: dict[int, int] = {}
 
     def of(self, tick: Tick) -> list[Event]:
-        """The events that begin with this tick."""
+        """Return the events that start with this tick."""
         found = [event for advice in tick.advices for event in self._level(tick, advice)]
         advices = {advice.robot: advice for advice in tick.advices}
         for miss in tick.assessment.near_misses if tick.assessment is not None else ():
@@ -80,7 +80,9 @@ class Events:
         return [Event(kind=kind, robot=advice.robot, now_ns=tick.now_ns, advice=advice)]
 
     def report(self, robots: list[str], links: list[tuple[str, ...]]) -> dict[str, Any]:
-        """Counts by kind, and near misses by robot, body part and link; the most first."""
+        """Return counts by kind, and near misses by robot, body part and link, most frequent
+        first.
+        """
         return {
             "events": dict(self.count),
             "near_misses": [

@@ -1,8 +1,9 @@
-"""Keeps the seconds around each event in a file of its own, next to the chained log.
+"""Keeps the seconds around each event in a separate file, next to the chained log.
 
-The loop's thread holds the newest items in a ring, and hands them over when an event begins. A
-thread of its own encodes, writes and chains, and pauses between items: a burst must not take the
-interpreter from the loop. Nothing in here can delay a tick, and what could not be kept is counted.
+The loop's thread holds the newest items in a ring buffer, and hands them over when an event starts.
+A separate thread encodes, writes and chains them, pausing between items so that a burst does not
+take the interpreter from the loop. No code here can delay a tick, and items that could not be kept
+are counted.
 """
 
 import errno
@@ -35,11 +36,11 @@ from hri_predict.recording.mcap.items import Item, Items, Rates
 log = logging.getLogger(__name__)
 
 LONGEST_NS = 60_000_000_000
-"""An event that keeps going ends here; the next one begins a new file."""
+"""Maximum length of one event; a longer one continues in a new file."""
 MOST_ALSO = 50
-"""Events of one file that are described; more are counted."""
+"""Maximum number of events described per file; further events are only counted."""
 EVERY_TICK_HZ = 1000.0
-"""Forecasts around an event are kept of each tick."""
+"""Around an event, the forecast of every tick is kept."""
 RING_ITEMS = 20_000
 QUEUE_ITEMS = 20_000
 CLOSE_TIMEOUT_S = 10.0
@@ -61,13 +62,16 @@ class _Open:
 
 
 _Job = Item | tuple[_Open, list[Item]] | _Open | None
-"""For the thread: an item, an event with what was before it, its end, or the end of all."""
+"""Message to the thread: an item, an event with the preceding items, an event's end, or a stop
+request.
+"""
 
 
 class Evidence(Items):
     """The evidence of one run, as a listener of the node.
 
-    ``dropped`` counts items that no file could take, ``failures`` events that could not be kept.
+    ``dropped`` counts items that could not be written to a file; ``failures`` counts events that
+    could not be kept.
     """
 
     def __init__(
@@ -82,16 +86,16 @@ class Evidence(Items):
         wall: Callable[[], datetime] = lambda: datetime.now(UTC),
         clocks: Clocks | None = None,
     ) -> None:
-        """Continue the log of the folder, or begin it.
+        """Continue the log of the folder, or start one.
 
         Args:
             settings: see ``EvidenceSettings``.
             base_dir: base of a relative folder.
             info: facts that a replay of a file needs.
-            robots: names of the robots; ``links``: of their capsules.
-            threaded: write in a thread (real time) or at once (virtual clock).
+            robots: names of the robots; ``links`` has those of their capsules.
+            threaded: write in a thread (real time) or synchronously (virtual clock).
             wall: the wall clock, UTC.
-            clocks: source of each message's UTC; see ``Recorder``.
+            clocks: gives the UTC of each message; see ``Recorder``.
 
         Raises:
             ConfigError: the folder cannot be used, or another node uses it.
@@ -119,7 +123,7 @@ class Evidence(Items):
             self._thread.start()
 
     def take(self, item: Item) -> None:
-        """Hold the item for as long as an event may need it."""
+        """Keep the item for as long as an event may need it."""
         with self._lock:
             if self._closed:
                 return
@@ -130,7 +134,7 @@ class Evidence(Items):
                 self._hand(item)
 
     def on_tick(self, tick: Tick) -> None:
-        """Hold the tick's results; begin and end events."""
+        """Keep the tick's results; start and end events."""
         super().on_tick(tick)
         for event in self._events.of(tick):
             if event.kind in self._settings.of:
@@ -141,7 +145,7 @@ class Evidence(Items):
                 self._open = None
 
     def close(self) -> None:
-        """End the event that is open, write what waits, and end the log. Safe to call twice."""
+        """End the open event, write the queued items, and close the log. Safe to call twice."""
         with self._lock:
             if self._closed:
                 return
@@ -181,7 +185,7 @@ class Evidence(Items):
                 last = chain.newest(self.folder)
             except RecordingError as error:  # as after a power failure: nothing of it is lost
                 start["broken"] = chain.set_aside(self.folder, self._wall())
-                log.warning("%s; it is kept as %s", error, start["broken"])
+                log.warning("%s; the broken log is kept as %s", error, start["broken"])
                 last = _newest_left(self.folder)
             self._sizes = chain.sizes(self.folder, [_plain(name) for name in self._robots])
             return chain.append(self.folder, start, last)
@@ -311,7 +315,7 @@ class Evidence(Items):
             log.error("evidence %s: cannot be written: %s", self.folder, error.strerror)
 
     def _make_room(self) -> None:
-        """Remove the oldest of the log's own files where these are larger than permitted."""
+        """Remove the log's oldest files while their total size exceeds the limit."""
         removed = []
         while sum(self._sizes.values()) > self._settings.max_mb * 1e6 and len(self._sizes) > 1:
             name = next(iter(self._sizes))
@@ -331,7 +335,7 @@ def _plain(robot: str) -> str:
 
 
 def _newest_left(folder: Path) -> str:
-    """The hash to continue with after a broken log was set aside."""
+    """Set a broken log aside, and return the hash to continue with."""
     try:
         return chain.newest(folder)
     except RecordingError:  # the log before it is broken, too
@@ -339,10 +343,10 @@ def _newest_left(folder: Path) -> str:
 
 
 def _alone(folder: Path) -> IO[str]:
-    """The folder's lock, held until it is closed.
+    """Return the folder's lock, held until closed.
 
     Raises:
-        OSError: another node has it, or the folder cannot be written.
+        OSError: another node holds it, or the folder is not writable.
     """
     file = os.fdopen(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644), "w")
     try:

@@ -1,1 +1,1 @@
-"""The node as Foxglove shows it while it runs."""
+"""Live view of the node in Foxglove."""

@@ -1,8 +1,8 @@
-"""A limit for connections to a server that has none of its own, as that of foxglove-sdk.
+"""Connection limit for a server without one, such as foxglove-sdk's.
 
-Without one, clients that open connections and never close them take all files that the node's
-process may open. The server's sockets are the process's own: each is asked for its address, and
-those above the limit are shut down, which the server takes for the client's end.
+Without a limit, clients that never close their connections would use up the file descriptors of the
+node's process. The server's sockets belong to this process: they are found by their address, and
+connections above the limit are shut down, which the server treats as closed by the client.
 """
 
 import os
@@ -12,20 +12,20 @@ import stat
 from collections.abc import Callable, Iterable
 
 MOST_FILES = 4096
-"""Descriptors that are looked at where the system does not list them."""
+"""Number of descriptors to try if the system does not list the open ones."""
 IDLE_S, INTERVAL_S, PROBES = 20, 5, 3
-"""A client that lost its power is found after 35 s (tcp(7), TCP_KEEPIDLE and the others)."""
+"""A client without power is detected after 35 s (tcp(7), TCP_KEEPIDLE and related options)."""
 
 
 class Crowd:
     """The connections to one port of this process.
 
     Args:
-        port: the server's.
-        most: connections that may be open at once; those that came last are ended.
+        port: the server's port.
+        most: maximum number of open connections; the latest ones above it are closed.
 
     Attributes:
-        ended: number of connections that were ended.
+        ended: number of connections closed.
     """
 
     def __init__(self, port: int, most: int) -> None:
@@ -34,7 +34,7 @@ class Crowd:
         self._known: set[tuple[int, int]] = set()  # descriptor and inode of those that may stay
 
     def shed(self) -> int:
-        """End what is above the limit; return how many that were. Opens no file itself."""
+        """Close the connections above the limit; return their number. Does not open any file."""
         found = self._connections()
         self._known &= set(found)
         fresh = [each for each in found if each not in self._known]
@@ -53,7 +53,7 @@ class Crowd:
             opened.shutdown(socket.SHUT_RDWR)
 
     def _connections(self) -> list[tuple[int, int]]:
-        """Descriptor and inode of each connection to the port."""
+        """Return descriptor and inode of each connection to the port."""
         found = []
         for descriptor in _descriptors():
             try:
@@ -72,7 +72,7 @@ class Crowd:
 
 
 def _descriptors() -> Iterable[int]:
-    """Open descriptors, and perhaps others."""
+    """Return all open descriptors, and perhaps some that are not open."""
     try:
         return [int(name) for name in os.listdir("/proc/self/fd")]
     except (OSError, ValueError):  # no such folder, or no file may be opened any more
@@ -81,7 +81,7 @@ def _descriptors() -> Iterable[int]:
 
 
 def _on(descriptor: int, act: Callable[[socket.socket], object]) -> bool:
-    """Do something with a descriptor's socket, which stays open; ``False`` if it failed."""
+    """Call ``act`` with a descriptor's socket, which stays open; return ``False`` if it failed."""
     try:
         opened = socket.socket(fileno=descriptor)
     except OSError:  # closed in between, or not a socket any more

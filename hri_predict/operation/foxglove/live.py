@@ -1,9 +1,9 @@
 """Sends the topics of a recording to Foxglove while the node runs.
 
-The loop's thread makes items, as for a recording, and only while a client has subscribed. A thread
-of its own encodes them and hands them to Foxglove's server, which has threads outside of Python.
-If the thread is slow, the oldest items are dropped and counted; if a client is slow, the server
-drops the oldest of its messages. Clients cannot send anything that the node reads.
+The loop's thread creates items, as for a recording, but only while a client has subscribed. A
+separate thread encodes them and passes them to Foxglove's server, whose own threads run outside
+Python. If the thread is slow, the oldest items are dropped and counted; if a client is slow, the
+server drops its oldest messages. The node reads nothing from clients.
 """
 
 import logging
@@ -27,16 +27,16 @@ from hri_predict.recording.mcap.schemas import schemas
 log = logging.getLogger(__name__)
 
 LEFT_OUT = ("/sent", "/clock")
-"""Topics of recordings alone."""
+"""Topics that exist only in recordings."""
 QUEUE_ITEMS = 256
-"""Items that wait for the thread: about a second."""
+"""Maximum number of items queued for the thread: about one second."""
 CLIENT_MESSAGES = 64
-"""Messages that wait for one client."""
+"""Maximum number of messages queued for one client."""
 LOOK_NS = 1_000_000_000
 """Interval at which UTC is compared with the node's clock."""
 END_S = 2.0
 SHED_S, SAY_S = 0.25, 10.0
-"""Intervals at which connections are counted, and at which the log may say that there are too many.
+"""Intervals of counting connections, and of logging that there are too many.
 """
 
 
@@ -61,21 +61,21 @@ def foxglove_sdk() -> Any:
 
 
 class FoxgloveLive(Items):
-    """The server; it listens from the start on.
+    """The server; listens as soon as it is constructed.
 
     Args:
         settings: address, and rates of bulky data.
         info: names of the robots and of their capsules, and the frames of their bases.
-        clocks: source of each message's UTC.
-        counters: asked once a second.
+        clocks: gives the UTC of each message.
+        counters: called once a second.
 
     Attributes:
-        dropped: items that the thread did not take in time.
+        dropped: items that the thread did not process in time.
         failed: items that could not be encoded.
 
     Raises:
-        ConfigError: foxglove-sdk is not installed, the port is in use, or the address is not this
-            machine's.
+        ConfigError: foxglove-sdk is not installed, the port is in use, or the address does not
+            belong to this machine.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class FoxgloveLive(Items):
 
     @property
     def port(self) -> int:
-        """Port on which it listens."""
+        """Port on which the server listens."""
         return int(self._server.port)
 
     @property
@@ -121,22 +121,22 @@ class FoxgloveLive(Items):
         return channel is not None and bool(channel.has_sinks())
 
     def on_scene(self, scene: Scene, receipt_ns: int) -> None:
-        """A scene was received."""
+        """Send a received scene."""
         if self.is_watched:
             super().on_scene(scene, receipt_ns)
 
     def on_received(self, link: str, received: Received) -> None:
-        """A controller's message was received on ``link``."""
+        """Send a controller's message received on ``link``."""
         if self.is_watched:
             super().on_received(link, received)
 
     def on_tick(self, tick: Tick) -> None:
-        """A tick is over; without a client nothing is made of it."""
+        """Send the results of a tick; do nothing without a client."""
         if self.is_watched:
             super().on_tick(tick)
 
     def take(self, item: Item) -> None:
-        """Let the item wait for the thread, in place of the oldest if too many do."""
+        """Queue the item for the thread; if the queue is full, drop the oldest."""
         if not self.wants(item.topic):
             return
         with self._change:
@@ -149,7 +149,7 @@ class FoxgloveLive(Items):
             self._change.notify()
 
     def counts(self) -> dict[str, int]:
-        """Return the counters, by their names in the summary."""
+        """Return the counters, keyed by their names in the summary."""
         return {
             "foxglove_dropped": self.dropped,
             "foxglove_failed": self.failed,
@@ -157,7 +157,7 @@ class FoxgloveLive(Items):
         }
 
     def close(self) -> None:
-        """End all connections; safe to call twice."""
+        """Close all connections; safe to call twice."""
         with self._change:
             if self._closed:
                 return
@@ -189,7 +189,7 @@ class FoxgloveLive(Items):
                 self.failed += 1
 
     def _shed(self) -> None:
-        """End connections above the limit, and say so once in a while."""
+        """Close connections above the limit, and log it at a limited rate."""
         now_s = time.monotonic()
         if now_s - self._shed_s < SHED_S:
             return
@@ -197,8 +197,8 @@ class FoxgloveLive(Items):
         if self._crowd.shed() and now_s - self._said_s >= SAY_S:
             self._said_s = now_s
             log.warning(
-                "foxglove: more than max_clients connections: %d ended since the start; close some,"
-                " or raise foxglove.max_clients",
+                "foxglove: more than max_clients connections: %d closed since the start; close "
+                "some clients, or increase foxglove.max_clients",
                 self._crowd.ended,
             )
 

@@ -7,7 +7,7 @@ from hri_predict.recording.mcap.items import Rates
 
 
 class FoxgloveSettings(Settings):
-    """Address at which Foxglove sees the node live, over a WebSocket."""
+    """Address at which Foxglove connects to the live node, over a WebSocket."""
 
     port: int = Field(8765, ge=1, le=65535, description="TCP port")
     host: str = Field(
@@ -28,7 +28,7 @@ class FoxgloveSettings(Settings):
 
     @property
     def rates(self) -> Rates:
-        """Rates of bulky data; what links wrote is left out."""
+        """Rates of bulky data; messages sent on links are left out."""
         return Rates(
             zones_hz=self.zones_hz, poses_hz=self.poses_hz, view_hz=self.view_hz, sent=False
         )

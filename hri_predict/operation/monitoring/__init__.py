@@ -1,1 +1,1 @@
-"""Reports for people while and after the node runs: alerts, summary, fleet."""
+"""Reports for operators during and after a run: alerts, summary, fleet."""

@@ -1,7 +1,7 @@
-"""Alerts when a robot's level or a named zone changes: a line, JSON, and hooks to elsewhere.
+"""Alerts when a robot's level or a named zone changes: a log line, JSON, and hooks.
 
-The node's loop only queues a change. A thread writes the line and the file; each hook has a thread
-of its own (``hri_predict.operation.alerting``).
+The node's loop only queues a change. A thread writes the line and the file; each hook has its own
+thread (``hri_predict.operation.alerting``).
 """
 
 import errno
@@ -35,7 +35,7 @@ from hri_predict.protocol.reasons import Reason
 from hri_predict.risk.types import NamedZoneState
 
 _WRITE_S = 1.0
-"""Time to write what is queued when the node stops."""
+"""Maximum time to write the queue when the node stops."""
 
 
 class AlertSettings(Settings):
@@ -50,14 +50,14 @@ class AlertSettings(Settings):
     debounce_s: float = Field(
         1.0, ge=0, le=60, description="minimum time between two runs of the command for one robot"
     )
-    timeout_s: float = Field(5.0, ge=0.1, le=600, description="end a command that runs longer")
+    timeout_s: float = Field(5.0, ge=0.1, le=600, description="kill a command that runs longer")
     to: list[AnyHook] = Field(
         [], max_length=16, description=f"further receivers: {', '.join(KINDS)}"
     )
 
     @property
     def hooks(self) -> list[HookSettings]:
-        """All receivers beside terminal and file, ``command`` first."""
+        """All receivers besides terminal and file, ``command`` first."""
         if not self.command:
             return list(self.to)
         first = CommandHook(
@@ -73,15 +73,14 @@ class AlertSettings(Settings):
 class Alerts:
     """Watches levels and named zones, and raises an alert when one changes.
 
-    What alternates is reported with the number of its changes (``Flapping``); the file has all.
+    An alternating level is reported with the number of its changes (``Flapping``); the file
+    contains every change. A robot far from all observed people also raises one alert (``Remote``).
 
-    It also raises one, once, for a robot that is far from all people who are seen (``Remote``).
-
-    On the virtual clock there is no thread: alerts are written at once and no hook sends.
+    On the virtual clock there is no thread: alerts are written synchronously and hooks do not send.
 
     ``dropped`` counts alerts that were not written because the thread could not keep up.
-    ``failures`` counts lines that could not be written to file or terminal, and attempts of hooks
-    that failed.
+    ``failures`` counts lines that could not be written to file or terminal, and failed attempts of
+    hooks.
 
     Raises:
         ConfigError: the alert file cannot be written, or a hook cannot be used.
@@ -119,18 +118,18 @@ class Alerts:
 
     @property
     def failures(self) -> int:
-        """Counts of failed writes, and of failed attempts of hooks."""
+        """Number of failed writes and failed attempts of hooks."""
         return self._write_failures + self._hooks.failures
 
     def report(self) -> list[dict[str, Any]]:
-        """The hooks' rows in the summary."""
+        """Return the hooks' rows in the summary."""
         return self._hooks.report()
 
     def take(self, settings: AlertSettings) -> Callable[[], None]:
-        """Check new settings, and return what puts them in force while the node runs.
+        """Check new settings, and return a function that applies them while the node runs.
 
         Raises:
-            ConfigError: as the constructor; nothing has changed.
+            ConfigError: as for the constructor; nothing has changed.
         """
         file = alert_file(settings, self._base_dir)
         exchange = self._hooks.exchange(settings.hooks)
@@ -148,9 +147,10 @@ class Alerts:
         self._hooks.start()
 
     def observe(self, advices: tuple[Advice, ...], reasons: Sequence[Reason] = ()) -> None:
-        """Take the advice of one tick; queue an alert for each changed level. Never blocks.
+        """Process the advice of one tick; queue an alert for each changed level.
 
-        ``reasons`` are those of Status; one with ``is_news`` is news at any level.
+        Never blocks. ``reasons`` are those of Status; a reason with ``is_news`` raises an alert at
+        any level.
         """
         for held in self._flapping.due(self._now_s()):
             self._hand_over(None, held)
@@ -187,7 +187,7 @@ class Alerts:
             )
 
     def _watch_distance(self, advice: Advice) -> None:
-        """Report a robot that is far from every person who is seen."""
+        """Report a robot that is far from every observed person."""
         away_m = self._remote.observe(advice, self._now_s())
         if away_m is None:
             return
@@ -201,7 +201,8 @@ class Alerts:
                 was=level,
                 reason="no person was seen near it",
                 detail=f"{robot}: no person was seen nearer than {away_m:.1f} m within "
-                f"{WATCH_S:g} s; are its place and the source's in metres, and of one room?",
+                f"{WATCH_S:g} s; check that its position and the source's are in metres and in "
+                "the same room frame",
                 clears_when="",
                 separation_m=advice.separation_m,
                 speed_limit_m_s=advice.speed_limit_m_s,
@@ -209,7 +210,9 @@ class Alerts:
         )
 
     def observe_zones(self, zones: Sequence[NamedZoneState]) -> None:
-        """Take the named zones of one tick; queue an alert for each that changed. Never blocks."""
+        """Process the named zones of one tick; queue an alert for each changed zone. Never
+        blocks.
+        """
         for zone in zones:
             if zone.occupied:
                 state = "occupied"
@@ -240,7 +243,7 @@ class Alerts:
         self._hand_over(change, self._flapping.take(change))
 
     def _hand_over(self, change: Change | None, reported: Change | None) -> None:
-        """Write a change to the file, and report one to terminal and hooks."""
+        """Write every change to the file, and pass the reported ones to terminal and hooks."""
         if not self._threaded:
             self._tell(change, reported)
             return
@@ -252,7 +255,7 @@ class Alerts:
             self.dropped += 1
 
     def stop(self) -> None:
-        """Write the queued alerts and let each hook try once more, within its bound."""
+        """Write the queued alerts and let each hook try once more, within its time limit."""
         for held in self._flapping.rest():
             self._hand_over(None, held)
         if self._thread is None:
@@ -282,7 +285,7 @@ class Alerts:
             self._print(reported.line() + more(reported.held_back), self._terminal)
 
     def _print(self, line: str, stream: TextIO) -> None:
-        """Print, or count: a log on a full disk must not end the alerts."""
+        """Print a line, or count the failure: a full disk must not stop the alerts."""
         try:
             print(line, file=stream, flush=True)
         except (OSError, ValueError):  # ValueError: it was closed
@@ -290,7 +293,7 @@ class Alerts:
 
 
 def _append(path: Path, line: bytes) -> None:
-    """Append a line, whole or not at all, on a line of its own: a kill may have cut the last one.
+    """Append a line completely or not at all, after ending a last line cut short by a kill.
 
     Raises:
         OSError: it cannot be written.
@@ -309,7 +312,7 @@ def alert_file(settings: AlertSettings, base_dir: Path) -> Path | None:
     """Return the file to append to, or ``None`` if none is configured.
 
     Raises:
-        ConfigError: the path is something else than a file, or its folder does not exist.
+        ConfigError: the path is not a file, or its folder does not exist.
     """
     if settings.file is None:
         return None

@@ -1,8 +1,8 @@
-"""Which changes are reported at once while a robot's level or a zone alternates.
+"""Decides which changes to report immediately while a robot's level or a zone alternates.
 
 A sensor at its limit can make a level alternate several times a second. Each change is still sent
-to the controllers and written to the alert file; a person needs to know that it alternates, how
-often, and the most severe level of it.
+to the controllers and written to the alert file; an operator needs only the fact, the number of
+changes, and the most severe level.
 """
 
 from collections import deque
@@ -14,11 +14,14 @@ from hri_predict.protocol.messages import Level
 
 WINDOW_S = 15.0
 REPEATS = 3
-"""A change to the same state that came this often within ``WINDOW_S`` is a repetition."""
+"""Number of changes to the same state within ``WINDOW_S`` from which on a change is a
+repetition.
+"""
 HOLDS_S = 5.0
 """A repetition is reported when its state has held for this long,"""
 FIRST_S, AGAIN_S = 10.0, 60.0
-"""or at the latest after the first of these, and of the second while the state continues to change.
+"""or at the latest after the first of these times, then at the second interval while changes
+continue.
 """
 _ZONES = {"empty": 0, "entry predicted": 1, "occupied": 2}
 
@@ -30,9 +33,9 @@ class _Subject:
 
     Attributes:
         came: times of the newest changes, by state.
-        reported: urgency of what was reported last; the state is never more severe than this.
-        held: newest change, if it waits.
-        held_back: number of changes since the last report that were not reported.
+        reported: urgency of the last report; the state is never more severe than this.
+        held: newest change, if its report is delayed.
+        held_back: number of unreported changes since the last report.
     """
 
     def __init__(self) -> None:
@@ -45,13 +48,15 @@ class _Subject:
 
 
 class Flapping:
-    """Reports a change at once unless it repeats and is no more severe than the last report."""
+    """Reports a change immediately unless it is a repetition and no more severe than the last
+    report.
+    """
 
     def __init__(self) -> None:
         self._subjects: dict[str, _Subject] = {}
 
     def take(self, change: Change) -> Change | None:
-        """Return the change to report now; ``None``: it waits."""
+        """Return the change to report now; ``None`` if its report is delayed."""
         subject = self._subjects.setdefault(change.subject, _Subject())
         came = subject.came.setdefault(_state(change), deque(maxlen=REPEATS))
         repeats = len(came) == REPEATS and came[0] > change.time_s - WINDOW_S
@@ -65,7 +70,7 @@ class Flapping:
         return None
 
     def due(self, now_s: float) -> Iterator[Change]:
-        """The changes that have waited long enough."""
+        """Return the delayed changes that are now due."""
         for subject in self._subjects.values():
             held = subject.held
             if held is None:
@@ -79,7 +84,7 @@ class Flapping:
             yield self._report(subject, held, now_s)
 
     def rest(self) -> Iterator[Change]:
-        """All that still waits."""
+        """Return all delayed changes."""
         for subject in self._subjects.values():
             if subject.held is not None:
                 yield self._report(subject, subject.held, subject.held.time_s)

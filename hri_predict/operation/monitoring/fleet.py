@@ -1,7 +1,7 @@
-"""All cells at a glance: the last report of each node, and whether it is still valid.
+"""Overview of all cells: the last report of each node, and whether it is still valid.
 
-The view gives no permission: no robot may move because of it. Nevertheless it must never show more
-than is known. A level is shown only if it is fresh by our own clock, its capture is not too old,
+The view does not permit motion: no robot may move because of it. Still, it must never claim more
+than is known. A level is shown only if it is recent by our own clock, its capture is not too old,
 the node uses our schema, and only one node sends under the cell's key.
 """
 
@@ -28,7 +28,7 @@ NO_SCHEMA = "no schema received yet"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotRow:
-    """The state of a robot: ``level`` is a level's name in lower case, or *silent*."""
+    """State of a robot; ``level`` is a level's name in lower case, or *silent*."""
 
     robot: int
     level: str
@@ -39,18 +39,18 @@ class RobotRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellRow:
-    """The state of a cell.
+    """State of a cell.
 
     Attributes:
-        site, cell: its key.
+        site, cell: the cell's key.
         state: the node's state in lower case, or *silent*, or *unknown*.
         why: one line if something is wrong, otherwise empty.
         people: number of people in the cell; ``None`` if it is not known.
-        age_s: age of the newest capture, now.
+        age_s: current age of the newest capture.
         heard_s: seconds since the last Status; ``None`` before the first.
         robots: one row for each robot.
         lost: messages that never arrived.
-        refused: messages that were wrong, repeated or out of order.
+        refused: messages that were invalid, repeated or out of order.
     """
 
     site: str
@@ -122,7 +122,7 @@ class _Cell:
 
 
 class Fleet:
-    """All cells that sent messages. One thread may call ``take`` while another calls ``rows``.
+    """All cells that sent messages. ``take`` and ``rows`` may be called from different threads.
 
     Args:
         silent_s: a cell, or the advice for a robot, is *silent* after this long without a message.
@@ -138,7 +138,8 @@ class Fleet:
         self._lock = threading.Lock()
 
     def take(self, unit: Keyed, now_ns: int) -> bool:
-        """Take a payload with its full key, received at ``now_ns``; no payload makes it fail.
+        """Process a payload with its full key, received at ``now_ns``; never raises for any
+        payload.
 
         Returns:
             Whether a level or the state of a node changed.
@@ -157,7 +158,7 @@ class Fleet:
             return [self._row(*name, cell, now_ns) for name, cell in sorted(self._cells.items())]
 
     def row(self, site: str, cell: str, now_ns: int) -> CellRow:
-        """Return the row of a cell that sent something, at ``now_ns``."""
+        """Return the row at ``now_ns`` of a cell that has sent a message."""
         with self._lock:
             return self._row(site, cell, self._cells[site, cell], now_ns)
 
@@ -183,7 +184,7 @@ class Fleet:
         )
 
     def _trouble(self, cell: _Cell, silent: bool, now_ns: int) -> str:
-        """Return why the cell's report may not be shown as true; empty if it may."""
+        """Return why the cell's report is not trusted; empty if it is."""
         if silent:
             stopped = cell.status is not None and cell.status.node_state is NodeState.STOPPING
             return "the node was stopped" if stopped else "no messages"

@@ -1,4 +1,4 @@
-"""Changes of level in all cells: the alerts of a page that shows many."""
+"""Changes of level in all cells, for the alerts of the fleet page."""
 
 import threading
 import time
@@ -10,18 +10,22 @@ from hri_predict.operation.monitoring.fleet import NO_SCHEMA, CellRow, Fleet
 from hri_predict.operation.monitoring.fleet_levels import findings
 
 KEPT = 512
-"""Changes that wait for a page; a page that takes none for longer counts what it missed."""
+"""Maximum number of changes kept for a page; a page that fetches them too late counts the missed
+ones.
+"""
 JOINS_S = 2.0
-"""A cell that joins, or comes again, sends all messages within a second: till then no alert."""
+"""Time without alerts after a cell joins or rejoins, since it sends all messages within a
+second.
+"""
 
 
 class FleetChanges:
     """Numbers each change of a level as it is found. Any thread may call any method.
 
     Args:
-        fleet: whose cells are looked at.
+        fleet: source of the cells' states.
         now_ns: the clock of ``fleet``.
-        utc_s: when people say it was.
+        utc_s: wall clock, UTC.
 
     Attributes:
         newest: number of the newest change; 0 before the first.
@@ -42,7 +46,7 @@ class FleetChanges:
         self._lock = threading.Lock()
 
     def look(self) -> list[CellRow]:
-        """Find what changed until now; return the rows of all cells."""
+        """Record all changes up to now; return the rows of all cells."""
         with self._lock:
             now_ns = self._now_ns()
             rows = self._fleet.rows(now_ns)
@@ -51,13 +55,13 @@ class FleetChanges:
             return rows
 
     def look_at(self, site: str, cell: str) -> None:
-        """Find what changed in a cell that sent something: a short stop is seen, too."""
+        """Record the changes of a cell after its message, so that a short stop is not missed."""
         with self._lock:
             now_ns = self._now_ns()
             self._look_at(self._fleet.row(site, cell, now_ns), now_ns)
 
     def after(self, number: int) -> list[dict[str, Any]]:
-        """The changes after the one with this number, oldest first, as plain data."""
+        """Return the changes after this number, oldest first, as plain data."""
         with self._lock:
             return [change for change in self._kept if change["number"] > number]
 

@@ -1,4 +1,4 @@
-"""State of a cell on a page: one level, the worst of what is known, and why."""
+"""State of a cell on a page: its worst known level, and the reason."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from hri_predict.operation.monitoring.fleet import SILENT, UNKNOWN, CellRow, Rob
 from hri_predict.protocol.messages import LEVELS
 
 GONE = "GONE"
-"""No messages: the level is not known, and no message says so."""
+"""Level shown for a cell without messages: its actual level is unknown."""
 WORST_FIRST = [level.name for level in reversed(LEVELS)]
 WORST_FIRST.insert(WORST_FIRST.index("UNKNOWN"), GONE)
 _LIVE = ("running", "degraded")
@@ -17,7 +17,7 @@ _WHY = {SILENT: "no advice for this robot", UNKNOWN: "its capture is too old"}
 
 @dataclass(frozen=True, slots=True)
 class CellLevel:
-    """A level and its reason; ``robot`` is ``None`` if it is of the whole cell."""
+    """A level and its reason; ``robot`` is ``None`` for the whole cell."""
 
     robot: int | None
     level: str
@@ -28,7 +28,8 @@ class CellLevel:
 def findings(row: CellRow) -> list[CellLevel]:
     """Return the known state of a cell and each of its robots; at least one.
 
-    Of a cell whose report is not trusted, only that: its robots' levels are not known.
+    For a cell with an untrusted report, only this fact is returned, because its robots' levels are
+    unknown.
     """
     if row.state == SILENT:
         return [CellLevel(None, GONE, row.why)]
@@ -43,12 +44,12 @@ def findings(row: CellRow) -> list[CellLevel]:
 
 
 def worst(found: Sequence[CellLevel]) -> CellLevel:
-    """The finding that asks most; the first of several."""
+    """Return the most severe finding; the first if several are equal."""
     return min(found, key=lambda each: WORST_FIRST.index(each.level))
 
 
 def tile(row: CellRow) -> dict[str, Any]:
-    """Plain data of a cell for a page; a page shows its level, its reason and its limit first."""
+    """Return plain data of a cell for a page, which shows level, reason and limit first."""
     found = findings(row)
     shown = worst(found)
     which = f"robot {shown.robot}: " if shown.robot is not None and len(row.robots) > 1 else ""

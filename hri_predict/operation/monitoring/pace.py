@@ -1,4 +1,4 @@
-"""The loop's deadlines: how many ticks were late, and how long they took."""
+"""Statistics of the loop's deadlines: number of late ticks, and their durations."""
 
 from bisect import bisect_left
 from collections import deque
@@ -11,9 +11,9 @@ class Pace:
     """Statistics of the loop's deadlines, and the links' state at the end of the run.
 
     ``tick_ms`` holds the durations of the newest ticks in wall-clock milliseconds. ``within``
-    counts all ticks, by the first of ``TICK_BOUNDS_S`` that they kept (the last number: none), and
-    ``total_s`` is the sum of their durations. ``connected`` maps each link's name to whether its
-    device was open when the run ended.
+    counts all ticks, by the smallest of ``TICK_BOUNDS_S`` that they met (the last number: none of
+    them), and ``total_s`` is the sum of their durations. ``connected`` maps each link's name to
+    whether its device was open when the run ended.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class Pace:
         self.connected: dict[str, bool] = {}
 
     def note(self, seconds: float) -> None:
-        """Note one tick's duration."""
+        """Record the duration of one tick."""
         self.tick_ms.append(seconds * 1e3)
         self.within[bisect_left(TICK_BOUNDS_S, seconds)] += 1
         self.total_s += seconds

@@ -1,20 +1,20 @@
-"""Whether any person was ever seen near a robot.
+"""Detects a robot that no observed person ever comes near.
 
-A robot whose place is wrong (another unit, another room) is far from every person, and its advice
-is always *clear*. Where people are seen for a while and none of them near it, that is reported.
+A robot with a wrong position (another unit, another room) is far from every person, and its advice
+is always *clear*. It is reported if people are observed for a while, but none near it.
 """
 
 from hri_predict.protocol.messages import Advice
 
 FAR_M = 8.0
-"""A robot at a work place has people nearer than this within a minute in which people are seen."""
+"""Near a robot at a workplace, a person comes nearer than this within a minute of observation."""
 WATCH_S = 60.0
 
 
 class Remote:
-    """Reports a robot, once, if all people seen in ``WATCH_S`` were farther than ``FAR_M``.
+    """Reports a robot once if all people observed in ``WATCH_S`` were farther than ``FAR_M``.
 
-    Once a person was nearer, the robot is where people are, and is not watched any more.
+    After a person was nearer, the robot's position is plausible and is no longer watched.
     """
 
     def __init__(self) -> None:
@@ -24,11 +24,11 @@ class Remote:
         self._done: set[int] = set()
 
     def observe(self, advice: Advice, now_s: float) -> float | None:
-        """Take an advice; return the minimum distance, metres, if its robot is to be reported.
+        """Process an advice; return the minimum distance in metres if its robot is to be reported.
 
         Args:
-            advice: of one tick; without a person its separation is ``None``.
-            now_s: time of the node.
+            advice: advice of one tick; its separation is ``None`` without a person.
+            now_s: the node's time.
         """
         robot, away_m = advice.robot, advice.separation_m
         since_s = now_s - self._last_s.get(robot, now_s)

@@ -1,4 +1,4 @@
-"""The report on a run's source: its clock and, if it is live, what was received and lost."""
+"""Report on a run's source: its clock and, for a live source, messages received and lost."""
 
 import time
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from hri_predict.people.clock.clock_alignment import ClockEstimate
 from hri_predict.people.clock.offset_line import LOCK_NS
 
 UTC_WITHIN_S = 86_400.0
-"""A clock that is further off was never set; then only its offset is meaningful."""
+"""A clock with a larger offset was never set; then only its offset is meaningful."""
 LATE_S = LOCK_NS * 1e-9
 _COUNTS = ("packets", "bytes_received", "scenes")  # all other counters count trouble
 
@@ -31,9 +31,9 @@ def source_report(
     Returns:
         ``kind``; ``clock`` (``None`` if no scene arrived): ``offset_s``, ``drift_ppm``, ``jumps``,
         ``spikes``, ``rise_s``, ``wandered_s``, ``late_s`` as in ``ClockEstimate``, and
-        ``ahead_of_utc_s``, the time by which the sender's clock is ahead of this machine's, less
-        the minimum latency (``None`` if it is not UTC);
-        ``live`` (``None`` if the source is not live): all of ``SourceCounters``.
+        ``ahead_of_utc_s``, the sender's lead over this machine's clock, less the minimum latency
+        (``None`` if it is not UTC); ``live`` (``None`` if the source is not live): all of
+        ``SourceCounters``.
     """
     live = live_part(source)
     return {
@@ -57,7 +57,7 @@ def source_report(
 
 
 def source_table(report: Mapping[str, Any]) -> Table:
-    """Return the report of a live source as a table; counters of trouble at 0 are left out."""
+    """Return the report of a live source as a table; error counters at 0 are left out."""
     table = Table(title=f"Source: {report['kind']}", title_justify="left", show_header=False)
     clock, live = report["clock"], report["live"]
     if clock is not None:
@@ -80,11 +80,12 @@ def _clock(clock: Mapping[str, Any]) -> str:
         ahead_ms = clock["ahead_of_utc_s"] * 1e3
         offset = f"ahead of our UTC by {ahead_ms:.1f} ms (if min_latency_s is right)"
     else:
-        offset = f"of its own, not UTC: behind the node's clock by {clock['offset_s']:.3f} s"
+        offset = f"not UTC; behind the node's clock by {clock['offset_s']:.3f} s"
     drift = clock["drift_ppm"]
     fast = "drift not yet known" if drift is None else f"fast by {drift:.1f} ppm"
     believed = (
-        f"{clock['rise_s'] * 1e3:.1f} ms put down to drift, {clock['wandered_s'] * 1e3:.1f} ms to "
+        f"{clock['rise_s'] * 1e3:.1f} ms attributed to drift, {clock['wandered_s'] * 1e3:.1f} ms "
+        "to "
         f"wander"
     )
     late = f", scenes late by {clock['late_s'] * 1e3:.0f} ms" if clock["late_s"] > LATE_S else ""

@@ -21,11 +21,11 @@ from hri_predict.protocol.messages import LEVELS, Advice, Level
 
 
 class LevelCounter(Listener):
-    """Counts changes to *slow* and *stop*, per robot, and keeps the smallest separation advised.
+    """Counts changes to *slow* and *stop* per robot, and keeps the minimum separation.
 
     Attributes:
-        ticks_at, seconds_at: by the level's name, of all robots together. An advice holds until
-            the next tick; ticks need not be of one length.
+        ticks_at, seconds_at: by the level's name, for all robots together. An advice is valid until
+            the next tick; ticks may differ in length.
         unknown_because: ticks by the reason's name.
     """
 
@@ -72,12 +72,14 @@ class LevelCounter(Listener):
 
 
 LATE_TICKS, LATE_SHARE = 5, 0.01
-"""More ticks that are late or left out than either, and the summary says that it was too slow."""
+"""If the late and skipped ticks exceed both limits, the summary reports that the machine was too
+slow.
+"""
 
 
 @dataclass(kw_only=True)
 class Summary:
-    """The results of a run. ``as_dict`` returns the data for JSON."""
+    """The results of a run. ``as_dict`` returns them for JSON."""
 
     frames_in: int
     ticks: int
@@ -125,7 +127,7 @@ class Summary:
 
     @property
     def too_slow(self) -> str:
-        """One line if the machine could not keep the rate; empty if it could."""
+        """Return one line if the machine could not keep the rate; otherwise empty."""
         missed = self.counted.get("missed_ticks", 0)
         wanted = self.ticks + missed
         if self.late_ticks + missed <= max(LATE_TICKS, LATE_SHARE * wanted):
@@ -162,7 +164,7 @@ class Summary:
         if self.publish_phase_ms is not None:
             rows.insert(3, ("messages after deadline", f"{self.publish_phase_ms:.2f} ms"))
         if self.shadow:
-            rows.insert(0, ("shadow mode", "the links said unknown"))
+            rows.insert(0, ("shadow mode", "links sent unknown"))
         if self.recording is not None:
             rows.insert(-1, ("recording", _recording(self.recording)))
         if self.evidence is not None:
@@ -277,7 +279,7 @@ _QUIET = {*_LINK_COLUMNS, "bytes_received", "connected"}
 
 
 def _link_trouble(link: dict[str, Any]) -> str:
-    """Return one line with a link's other counters and its last error; empty if there are none."""
+    """Return one line with a link's other counters and last error; empty if there are none."""
     counts = {n: c for n, c in link.items() if isinstance(c, int) and c and n not in _QUIET}
     parts = [] if link["connected"] else ["not connected at the end"]
     parts += [_counts(counts)] if counts else []
@@ -304,7 +306,7 @@ def _evidence(report: dict[str, Any]) -> str:
 
 
 def _alerts(hook: dict[str, Any]) -> str:
-    """Return what one alert hook did, in one line."""
+    """Return one line about an alert hook."""
     counts = {name.replace("_", " "): n for name, n in hook.items() if isinstance(n, int)}
     told = {name: n for name, n in counts.items() if n or name == "delivered"}
     last = f"; last error: {hook['last_error']}" if hook["last_error"] else ""
@@ -332,7 +334,7 @@ def _held(check: dict[str, Any]) -> str:
     covered = check["covered"]
     held = "-" if covered is None else f"{100 * covered:.1f} %"
     drift = check["drift"]
-    fits = "; the calibration does not fit any more" if drift["drifting"] else ""
+    fits = "; the calibration no longer fits" if drift["drifting"] else ""
     fits = fits or ("; for a time the calibration did not fit" if drift["raised"] else "")
     return f"{held} of {check['judged_in_use']}; {widened}, {outside}{fits}"
 

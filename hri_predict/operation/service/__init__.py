@@ -1,1 +1,1 @@
-"""The node as a service: its reports to systemd, monitoring, and the log."""
+"""Running the node as a service: reports to systemd, metrics, and the log."""

@@ -1,4 +1,4 @@
-"""Metrics as text, in Prometheus's exposition format, version 0.0.4."""
+"""Metrics as text in Prometheus's exposition format, version 0.0.4."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -28,7 +28,7 @@ class Family:
 
 
 def as_text(families: Iterable[Family]) -> str:
-    """The exposition; a family without samples has its two comment lines alone."""
+    """Return the exposition; a family without samples consists of its two comment lines."""
     lines: list[str] = []
     for family in families:
         lines.append(f"# HELP {family.name} {_escaped(family.help)}")

@@ -1,8 +1,8 @@
-"""The node's figures, for monitoring: what a tick said, and what was counted.
+"""Metrics of the node: results of the newest tick, and counters.
 
-The loop's thread only keeps the newest tick and, once a second, the counters; the server's thread
-makes the metrics from them. Figures of a loop that stands still are not figures of the room: then
-the level is *unknown* whatever the last tick said.
+The loop's thread only stores the newest tick and, once a second, the counters; the server's thread
+builds the metrics from them. If the loop has stopped, its values no longer describe the room: the
+level is then *unknown*, whatever the last tick reported.
 """
 
 import time
@@ -20,19 +20,19 @@ from hri_predict.operation.service.exposition import Family, Sample
 from hri_predict.protocol.messages import Advice, Level, NodeState
 
 COUNT_S = 1.0
-"""Time between two looks at the counters."""
+"""Interval at which the counters are read."""
 
 
 class Figures(Listener):
     """Metrics and health of one run.
 
     Args:
-        node, source, links, pace: the parts that count.
-        robots: names.
-        version: of hri-predict.
+        node, source, links, pace: the parts that have counters.
+        robots: names of the robots.
+        version: version of hri-predict.
         healthy_s: maximum age of the last tick of a healthy loop, seconds.
-        others: asked once a second, in the loop's thread, for counters of further parts.
-        monotonic_s: the machine's time.
+        others: returns the counters of further parts; called once a second in the loop's thread.
+        monotonic_s: the machine's monotonic clock.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Figures(Listener):
         self._counted_s: float | None = None
 
     def on_tick(self, tick: Tick) -> None:
-        """Keep a tick."""
+        """Store a tick."""
         now_s = self._monotonic_s()
         self._newest = (tick, now_s)
         if self._counted_s is None or now_s - self._counted_s >= COUNT_S:
@@ -76,7 +76,7 @@ class Figures(Listener):
             self._events = {**self._node.robot_counters, **people, **self._others(), **own}
 
     def health(self) -> tuple[bool, dict[str, Any]]:
-        """Whether the loop ticks, and what there is to say of it, as JSON can hold it."""
+        """Return whether the loop is running, and details as JSON-compatible data."""
         if self._newest is None:
             return False, {"ok": False, "why": "no tick yet"}
         tick, at_s = self._newest
@@ -94,21 +94,23 @@ class Figures(Listener):
         }
 
     def families(self) -> Iterator[Family]:
-        """All metrics, as they are now."""
-        yield _gauge("hri_build_info", "The version that runs.", [({"version": self._version}, 1)])
+        """Return all metrics with their current values."""
+        yield _gauge("hri_build_info", "The running version.", [({"version": self._version}, 1)])
         newest = self._newest
         is_well, _ = self.health()
-        yield _gauge("hri_healthy", "Whether the loop ticks, as /healthz says.", [({}, is_well)])
+        yield _gauge("hri_healthy", "Whether the loop is running, as in /healthz.", [({}, is_well)])
         if newest is not None:
             yield from self._of_tick(newest[0], self._monotonic_s() - newest[1], is_well)
         yield from self._of_loop()
         yield from self._of_links()
         yield _counters(
-            "hri_source_events_total", "What a live source heard and refused.", self._heard()
+            "hri_source_events_total",
+            "Messages that a live source received and refused.",
+            self._heard(),
         )
         yield _counters(
             "hri_events_total",
-            "What happened in the other parts; as in the summary of a run.",
+            "Counters of the other parts, as in the summary of a run.",
             [({"event": name}, count) for name, count in sorted(self._events.items())],
         )
 
@@ -116,12 +118,12 @@ class Figures(Listener):
         state = tick.status.node_state if is_well else NodeState.UNKNOWN
         yield _gauge(
             "hri_node_state",
-            "1 for the state that the node is in.",
+            "1 for the current state of the node.",
             [({"state": s.name.lower()}, s is state) for s in NodeState],
         )
         yield _gauge(
             "hri_robot_level",
-            "1 for the level that is advised.",
+            "1 for the advised level.",
             [
                 (self._robot(a) | {"level": level.name.lower()}, level is self._level(a, is_well))
                 for a in tick.advices
@@ -131,24 +133,27 @@ class Figures(Listener):
         advices = tick.advices if is_well else ()
         yield _gauge(
             "hri_robot_speed_limit_meters_per_second",
-            "How fast the robot may move; absent: no limit, or not known.",
+            "Speed limit of the robot; absent if there is no limit or it is unknown.",
             [(self._robot(a), a.speed_limit_m_s) for a in advices if a.speed_limit_m_s is not None],
         )
         yield _gauge(
             "hri_robot_separation_meters",
-            "From the robot to the nearest body; absent: no person, or not known.",
+            "Distance from the robot to the nearest body; absent if there is no person or it is "
+            "unknown.",
             [(self._robot(a), a.separation_m) for a in advices if a.separation_m is not None],
         )
         captured = tick.status.capture_ns
         age: _Values = [] if captured is None else [({}, (tick.now_ns - captured) * 1e-9 + since_s)]
-        yield _gauge("hri_input_age_seconds", "Since the newest scene was captured.", age)
+        yield _gauge("hri_input_age_seconds", "Time since the newest scene was captured.", age)
         seen = tick.snapshot if is_well else None
         yield _gauge(
-            "hri_people", "People who are seen.", [] if seen is None else [({}, len(seen.ids))]
+            "hri_people",
+            "Number of observed people.",
+            [] if seen is None else [({}, len(seen.ids))],
         )
         yield _gauge(
             "hri_people_lost",
-            "People who vanished and may still be here.",
+            "Number of people who are out of view and may still be in the cell.",
             [] if seen is None else [({}, len(seen.lost))],
         )
 
@@ -173,12 +178,10 @@ class Figures(Listener):
         yield _counters("hri_ticks_total", "Ticks.", [({}, pace.ticks)])
         yield _counters(
             "hri_ticks_late_total",
-            "Ticks that ended after the next was due.",
+            "Ticks that finished after the next tick was due.",
             [({}, pace.late_ticks)],
         )
-        yield _counters(
-            "hri_ticks_missed_total", "Ticks that were left out.", [({}, pace.missed_ticks)]
-        )
+        yield _counters("hri_ticks_missed_total", "Skipped ticks.", [({}, pace.missed_ticks)])
 
     def _of_links(self) -> Iterator[Family]:
         yield _gauge(
@@ -188,7 +191,7 @@ class Figures(Listener):
         )
         yield _counters(
             "hri_link_events_total",
-            "What a link sent, received, refused and lost, in messages or frames.",
+            "Messages or frames that a link sent, received, refused and lost.",
             [
                 ({"link": link.name, "event": name}, count)
                 for link in self._links

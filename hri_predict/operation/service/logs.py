@@ -1,6 +1,6 @@
-"""The log: lines of text or JSON on standard error, and no flood of one message.
+"""The log: rate-limited lines of text or JSON on standard error.
 
-This module imports nothing slow: every command begins with it.
+This module imports nothing slow, because every command starts with it.
 """
 
 import contextlib
@@ -24,14 +24,14 @@ from typing import Any, TextIO, cast
 # hand over; what does not fit is dropped and counted.
 
 MOST_BYTES = 1 << 20
-"""Maximum number of bytes that wait."""
+"""Maximum number of queued bytes."""
 FAREWELL_S = 1.0
-"""Time to write what waits when the run ends."""
+"""Maximum time to write the queue when the run ends."""
 RETRY_S = 0.2
 
 
 class Unhurried(io.TextIOBase):
-    """Takes text at once; a thread writes it to ``stream``'s file, in order.
+    """Accepts text without waiting; a thread writes it in order to the file of ``stream``.
 
     Attributes:
         lost: lines that were dropped, or could not be written.
@@ -52,11 +52,11 @@ class Unhurried(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """That of the stream."""
+        """The stream's encoding."""
         return self._stream.encoding or "utf-8"
 
     def writable(self) -> bool:
-        """It takes text."""
+        """Always true: the stream accepts text."""
         return True
 
     def isatty(self) -> bool:
@@ -68,7 +68,7 @@ class Unhurried(io.TextIOBase):
         return self._file
 
     def write(self, text: str) -> int:
-        """Take ``text``; never waits for its reader."""
+        """Queue ``text``; never waits for the reader."""
         data = text.encode(self.encoding, "backslashreplace")
         with self._changed:
             if self._bytes + len(data) > MOST_BYTES:
@@ -80,10 +80,10 @@ class Unhurried(io.TextIOBase):
         return len(text)
 
     def flush(self) -> None:
-        """Nothing: the thread writes as soon as it can."""
+        """Do nothing: the thread writes as soon as it can."""
 
     def end(self, timeout_s: float | None = None) -> bool:
-        """Write what waits, no longer than this (``FAREWELL_S``); return whether all is out."""
+        """Write the queue within ``FAREWELL_S``; return whether all of it was written."""
         with self._changed:
             self._ended = True
             self._changed.notify()
@@ -116,7 +116,7 @@ class Unhurried(io.TextIOBase):
                     self._untold = 0
 
     def _written(self, data: bytes) -> bytes:
-        """Write; return what the file refuses."""
+        """Write; return the part that the file did not accept."""
         while data:
             try:
                 data = data[os.write(self._file, data) :]
@@ -132,16 +132,16 @@ class Unhurried(io.TextIOBase):
 LINES_A_MINUTE = 30
 WINDOW_S = 60.0
 MOST_MESSAGES = 256
-"""Messages whose lines are counted at once; beyond, the oldest is forgotten."""
+"""Maximum number of different messages counted at a time; above it, the oldest is forgotten."""
 _SYSLOG = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 
 Key = tuple[str, int, str]
 
 
 class Line(logging.Formatter):
-    """``12:03:07.512Z warning: ...``: UTC, as alerts, recordings and ``explain --at`` have it.
+    """``12:03:07.512Z warning: ...``: UTC, as in alerts, recordings and ``explain --at``.
 
-    In the journal, which keeps the time, a line begins with the severity alone.
+    In the journal, which stores the time itself, a line starts with the severity.
     """
 
     def __init__(self, with_time: bool = True) -> None:
@@ -149,7 +149,7 @@ class Line(logging.Formatter):
         self._with_time = with_time
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        """The line, without what an exception adds."""
+        """Return the line without a traceback."""
         line = f"{record.levelname.lower()}: {record.message}"
         if not self._with_time:
             return line
@@ -158,10 +158,12 @@ class Line(logging.Formatter):
 
 
 class JsonLine(logging.Formatter):
-    """One JSON object: ``time`` (UTC), ``severity``, ``logger``, ``message``, maybe ``error``."""
+    """One JSON object: ``time`` (UTC), ``severity``, ``logger``, ``message``, optionally
+    ``error``.
+    """
 
     def format(self, record: logging.LogRecord) -> str:
-        """The object, in one line."""
+        """Return the object as one line."""
         at = datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds")
         said = {
             "time": at.replace("+00:00", "Z"),
@@ -175,10 +177,10 @@ class JsonLine(logging.Formatter):
 
 
 class RateLimit:
-    """Limits the lines of one message per minute; the others are counted.
+    """Limits the lines per message and minute; further lines are counted.
 
     Attributes:
-        left_out: lines since the start.
+        left_out: number of lines left out since the start.
     """
 
     def __init__(
@@ -196,7 +198,9 @@ class RateLimit:
         return window[1] <= self.lines
 
     def over(self, everything: bool = False) -> list[tuple[Key, int]]:
-        """Messages whose minute is over and of which lines were left out, with how many."""
+        """Return the messages whose minute is over and that had lines left out, with their
+        number.
+        """
         now_s = self._monotonic_s()
         ended = [
             key
@@ -212,10 +216,10 @@ class RateLimit:
 class Log(logging.StreamHandler[TextIO]):
     """Writes the log to a stream.
 
-    In systemd's journal each line begins with its severity, as ``<4>``.
+    In systemd's journal each line starts with its severity, such as ``<4>``.
 
     Attributes:
-        failures: lines that could not be written: the disk behind the stream is full, say.
+        failures: lines that could not be written, for example because the disk is full.
     """
 
     def __init__(
@@ -232,17 +236,17 @@ class Log(logging.StreamHandler[TextIO]):
         self.say_as("text")
 
     def say_as(self, form: str) -> None:
-        """Write ``text`` or ``json`` from now on."""
+        """Set the format: ``text`` or ``json``."""
         self.setFormatter(JsonLine() if form == "json" else Line(not self._in_journal))
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a record, and before it what was left out in minutes that are over."""
+        """Write a record, preceded by reports of lines left out in past minutes."""
         self._tell_left_out(self.limit.over())
         if self.limit.takes((record.name, record.levelno, str(record.msg))):
             super().emit(record)
 
     def format(self, record: logging.LogRecord) -> str:
-        """The record's lines, as the stream takes them."""
+        """Return the record's lines in the stream's format."""
         text = super().format(record)
         if not self._in_journal:
             return text
@@ -250,11 +254,11 @@ class Log(logging.StreamHandler[TextIO]):
         return "\n".join(prefix + line for line in text.splitlines())
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """Count a line that could not be written; there is nowhere to say so."""
+        """Count a line that could not be written, because it cannot be reported."""
         self.failures += 1
 
     def close(self) -> None:
-        """Report what was left out and not reported yet."""
+        """Report lines left out that were not reported yet."""
         self._tell_left_out(self.limit.over(everything=True))
         super().close()
 
@@ -266,12 +270,12 @@ class Log(logging.StreamHandler[TextIO]):
 
 
 def severity(level: int) -> int:
-    """A level's number in syslog and in the journal (RFC 5424, table 2)."""
+    """Return a level's number in syslog and the journal (RFC 5424, table 2)."""
     return next((number for least, number in _SYSLOG if level >= least), 7)
 
 
 def in_journal(stream: TextIO, environ: Mapping[str, str] = os.environ) -> bool:
-    """Whether this stream is the one that systemd connected to its journal."""
+    """Whether systemd connected this stream to its journal."""
     try:
         there = os.fstat(stream.fileno())
     except (OSError, ValueError, AttributeError):
@@ -284,7 +288,9 @@ _waiting_for_nobody: list[Unhurried] = []
 
 
 def set_up(stream: TextIO | None = None) -> Log:
-    """Write the log to ``stream`` (default: standard error), as text, from warnings on."""
+    """Write the log to ``stream`` (default: standard error) as text, starting at severity
+    warning.
+    """
     stream = stream or sys.stderr
     log = Log(stream, in_journal=in_journal(stream))
     logging.basicConfig(level=logging.WARNING, handlers=[log])
@@ -293,7 +299,7 @@ def set_up(stream: TextIO | None = None) -> Log:
 
 
 def use(settings: Any) -> None:
-    """Write the log as ``LogSettings`` say; without ``set_up`` (in a library) only its level."""
+    """Apply ``LogSettings`` to the log; without ``set_up`` (in a library), apply only the level."""
     usual = settings.level == "warning"  # the level of all loggers, other packages' too
     for name in ("hri_predict", "hri_drivers", "hri_sim"):
         level = logging.NOTSET if usual else logging.getLevelName(settings.level.upper())
@@ -305,9 +311,10 @@ def use(settings: Any) -> None:
 
 @contextlib.contextmanager
 def unhurried() -> Iterator[None]:
-    """Writing to the log and to ``sys.stderr`` never waits for the reader in this context.
+    """In this context, writing to the log and to ``sys.stderr`` never waits for the reader.
 
-    If the reader is still stuck at the end, this still holds: the program must be able to end.
+    If the reader is still stuck at the end, writing remains non-blocking so that the program can
+    exit.
     """
     before = sys.stderr
     try:
@@ -333,7 +340,7 @@ def _write_to(stream: TextIO, instead_of: TextIO) -> None:
 
 
 def counters() -> dict[str, int]:
-    """Lines that were left out, and that could not be written."""
+    """Return the numbers of lines that were left out and that could not be written."""
     lost = sum(log.failures for log in _current) + sum(each.lost for each in _waiting_for_nobody)
     left_out = sum(log.limit.left_out for log in _current)
     return {"log_lines_left_out": left_out, "log_lines_lost": lost}

@@ -1,6 +1,6 @@
-"""Reports of a service to systemd: datagrams to a socket that systemd names, as in sd_notify(3).
+"""Reports of a service to systemd: datagrams to the socket named by systemd, as in sd_notify(3).
 
-Sending never blocks, because the loop itself sends some messages.
+Sending never blocks, because the loop itself sends some of the messages.
 """
 
 import contextlib
@@ -18,10 +18,11 @@ class Notifier:
 
     Args:
         address: a path, or ``@`` and a name in Linux's abstract namespace.
-        watchdog_s: time without ``alive`` after which the node is taken for hung; ``None``: never.
+        watchdog_s: time without ``alive`` after which systemd assumes that the node hangs;
+            ``None``: never.
 
     Attributes:
-        lost: messages that were not taken.
+        lost: messages that were not accepted.
     """
 
     def __init__(self, address: str, watchdog_s: float | None = None) -> None:
@@ -33,10 +34,11 @@ class Notifier:
 
     @classmethod
     def from_environ(cls, environ: MutableMapping[str, str] = os.environ) -> Self | None:
-        """Return the notifier that systemd configured for this process; ``None`` if it did not
-        start it as ``Type=notify``.
+        """Return the notifier that systemd configured for this process; ``None`` if it was not
+        started as ``Type=notify``.
 
-        The variables are taken away, so that no command that the node runs speaks for the node.
+        The environment variables are removed, so that commands run by the node cannot report for
+        it.
         """
         address = environ.pop("NOTIFY_SOCKET", "")
         usec, pid = environ.pop("WATCHDOG_USEC", ""), environ.pop("WATCHDOG_PID", "")
@@ -47,23 +49,23 @@ class Notifier:
         return cls(address, watched * 1e-6 if watched else None)
 
     def ready(self, status: str) -> None:
-        """The node runs, or has done what it reloaded."""
+        """Report that the node is running, or has finished reloading."""
         self._send("READY=1", _status(status))
 
     def says(self, status: str) -> None:
-        """One line for people, which ``systemctl status`` shows."""
+        """Set the line that ``systemctl status`` shows."""
         self._send(_status(status))
 
     def alive(self) -> None:
-        """The loop continues."""
+        """Report that the loop is alive."""
         self._send("WATCHDOG=1")
 
     def reloading(self) -> None:
-        """The node reads its configuration; ``ready`` ends it."""
+        """Report that the node is reloading its configuration, until ``ready``."""
         self._send("RELOADING=1", f"MONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
     def stopping(self) -> None:
-        """The node ends."""
+        """Report that the node is stopping."""
         self._send("STOPPING=1", _status("stopping"))
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""Answers GET /metrics and GET /healthz over HTTP, in a thread of its own.
+"""Answers GET /metrics and GET /healthz over HTTP, in a separate thread.
 
-Clients are not trusted: a connection has one request of a bounded length and a bounded time, slow
-or not, and there are few at once. None of them can reach the loop.
+Clients are not trusted: each connection may send one request of limited length within a limited
+time, and the number of connections is limited. Clients cannot affect the loop.
 """
 
 import asyncio
@@ -23,27 +23,28 @@ log = logging.getLogger(__name__)
 CONNECTIONS = 16
 REQUEST_BYTES = 8192
 REQUEST_S = 2.0
-"""From the connection to the last byte of the answer."""
+"""Time limit from the connection to the last byte of the answer."""
 KEEP_S = 0.5
-"""Time within which further requests for metrics get the same text: to make it takes the time of
-the interpreter that the loop runs in, so a flood of requests must not make it often."""
+"""Time within which further requests for metrics get the same text. Building it uses the
+interpreter that also runs the loop, so a flood of requests must not rebuild it often.
+"""
 END_S = 2.0
 
 
 class MetricsServer:
-    """The server; it listens from the start on.
+    """The server; listens as soon as it is constructed.
 
     Args:
-        settings: address to serve at.
+        settings: address to listen on.
         figures: the figures to serve.
         request_s: see ``REQUEST_S``.
 
     Attributes:
-        answered, refused, failed: requests that had an answer; connections beyond the most at
-            once; connections that were too slow, too long, or broke.
+        answered, refused, failed: answered requests; connections above the maximum; connections
+            that were too slow, too long, or broken.
 
     Raises:
-        ConfigError: the port is in use, or the address is not this machine's.
+        ConfigError: the port is in use, or the address does not belong to this machine.
     """
 
     def __init__(
@@ -108,7 +109,7 @@ class MetricsServer:
     def _answer(self, request: bytes) -> bytes:
         words = request.split(b"\r\n", 1)[0].split(b" ")
         if len(words) != 3 or not words[2].startswith(b"HTTP/1."):
-            return _response("400 Bad Request", "this is not a request\n")
+            return _response("400 Bad Request", "not a valid request\n")
         method, path = words[0], words[1].split(b"?", 1)[0]
         if method not in (b"GET", b"HEAD"):
             return _response("405 Method Not Allowed", "only GET\n", "Allow: GET, HEAD\r\n")
@@ -117,7 +118,7 @@ class MetricsServer:
             b"/healthz": self._health,
         }
         if path not in pages:
-            return _response("404 Not Found", "there are /metrics and /healthz\n")
+            return _response("404 Not Found", "available: /metrics and /healthz\n")
         whole = pages[path]()
         return whole if method == b"GET" else whole.partition(b"\r\n\r\n")[0] + b"\r\n\r\n"
 

@@ -12,16 +12,16 @@ class LogSettings(Settings):
     """Settings of the node's log (standard error)."""
 
     format: Literal["text", "json"] = Field(
-        "text", description="text: lines for people; json: one object a line, with UTC"
+        "text", description="text: human-readable lines; json: one object per line, with UTC"
     )
     level: Literal["debug", "info", "warning", "error"] = Field(
-        "warning", description="minimum severity of the lines that are written"
+        "warning", description="minimum severity of the lines written"
     )
     rate: int = Field(
         LINES_A_MINUTE,
         ge=1,
         le=60_000,
-        description="lines of one message per minute; further ones are counted, and the count is "
+        description="lines per message and minute; further lines are counted, and the count is "
         "logged",
     )
 
@@ -40,6 +40,6 @@ class MetricsSettings(Settings):
         5.0,
         ge=2,
         le=1000,
-        description="/healthz says 503 when the last tick is older than this many periods of "
-        "rate_hz",
+        description="/healthz returns 503 when the last tick is older than this number of periods "
+        "of rate_hz",
     )

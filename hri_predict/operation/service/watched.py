@@ -1,8 +1,8 @@
 """Reports the node's state to systemd, from the loop's own thread.
 
-The ping of the watchdog must say that the loop publishes. So the loop itself sends it, after the
-tick's messages were published and after every other listener; no helper thread may. A loop that
-hangs anywhere sends none, and systemd kills and restarts the node.
+The watchdog ping must prove that the loop publishes. Therefore the loop itself sends it, after the
+tick's messages and after every other listener; a helper thread must not. A loop that hangs anywhere
+sends no ping, and systemd kills and restarts the node.
 """
 
 import time
@@ -13,16 +13,16 @@ from hri_predict.operation.service.notify import Notifier
 from hri_predict.protocol.messages import NodeState
 
 STATUS_S = 1.0
-"""Minimum time between two lines of status."""
+"""Minimum time between two status lines."""
 
 
 class Watched(Listener):
-    """The node's life, reported to ``notifier``; add it as the last listener.
+    """Reports the node's state to ``notifier``; add it as the last listener.
 
     Args:
         notifier: receiver of the reports.
-        robots: names.
-        monotonic_s: the machine's time, not the node's: that is what the watchdog counts.
+        robots: names of the robots.
+        monotonic_s: the machine's clock, not the node's, because the watchdog uses it.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class Watched(Listener):
         self._pinged_s: float | None = None
 
     def on_tick(self, tick: Tick) -> None:
-        """Say what is new; ping when half of the watchdog's time is over."""
+        """Report a changed state; ping after half of the watchdog's time."""
         state = tick.status.node_state
         if state is NodeState.STOPPING:
             self._notifier.stopping()

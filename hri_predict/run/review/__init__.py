@@ -1,1 +1,1 @@
-"""Whether what a configuration says can be meant: its places, and what is less safe by choice."""
+"""Plausibility of a configuration: its positions, and settings less safe than their defaults."""

@@ -1,4 +1,4 @@
-"""The settings of a cell that are less safe than their defaults, with what each permits."""
+"""Settings of a cell that are less safe than their defaults, with the effect of each."""
 
 from hri_predict.base.quantities.safe_side import LessSafeSetting, less_safe
 from hri_predict.risk.robot_constants import worst_distance
@@ -12,7 +12,7 @@ NEGLIGIBLE_S = 0.01 + 1e-9
 
 
 def less_safe_settings(config: Config) -> list[LessSafeSetting]:
-    """All that differ from their defaults in the less safe direction, in the order of the keys.
+    """Return all settings that are less safe than their defaults, in the order of the keys.
 
     Raises:
         HriPredictError: a part cannot be built; one line with the remedy.
@@ -30,7 +30,7 @@ def less_safe_settings(config: Config) -> list[LessSafeSetting]:
 
 
 def _computed(config: Config) -> dict[str, float]:
-    """The defaults that depend on other settings, by key."""
+    """Return the defaults that depend on other settings, by key."""
     source = build_source(config, with_faults=False)
     rate_hz, robots, budget = source.rate_hz, build_robots(config), build_budget(config, source)
     found = {

@@ -1,1 +1,3 @@
-"""Working distance: how near a person may work, and what each delay and margin costs of it."""
+"""Working distance: minimum distance for a person to work, and the share of each delay and
+margin.
+"""

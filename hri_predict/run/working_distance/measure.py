@@ -1,10 +1,10 @@
-"""Permitted speed over distance: how near a person may work while the robot runs.
+"""Permitted speed over distance: how close a person may work while the robot runs.
 
-The *working distance* is the distance from the robot's base to the person's mean place at which
-the robot may run at nine tenths of its highest speed, or faster, for nine tenths of the time. The
-robot works along its path at full speed; its states, zones, separation and levels pass through the
-node's own stages. The person stays the same, and is only moved and turned over the floor, so that
-the middle lies in front of where the robot works.
+The *working distance* is the distance from the robot's base to the person's mean position at which
+the robot may run at nine tenths of its maximum speed or faster for nine tenths of the time. The
+robot follows its path at full speed; its states, zones, separation and levels pass through the
+node's own stages. The person's motion is unchanged, only moved and turned on the floor so that the
+mean position is in the direction in which the robot works.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -34,11 +34,11 @@ from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.calibration import Calibration
 
 FAST = 0.9
-"""Share of the robot's highest speed that counts as working."""
+"""Share of the robot's maximum speed from which on it counts as working."""
 HELD = 0.9
 """Share of the time for which that speed must be permitted."""
 WARM_S = 2.5
-"""Time until levels and self-check have settled; it does not count."""
+"""Time for levels and self-check to settle; excluded from the measurement."""
 NEAREST_M, FARTHEST_M = 0.3, 6.0
 STEP_M = 0.02
 STATE_S = 0.02
@@ -50,15 +50,15 @@ _AHEAD_M = 0.05  # a robot whose parts are nearer to its axis than this on avera
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """A cell, without people.
+    """A cell without people.
 
     Attributes:
         config: the cell, see ``alone``.
         source: gives the rate of captures.
-        predictor: of its forecasts.
-        robot: index of the robot that is measured.
+        predictor: computes the forecasts.
+        robot: index of the measured robot.
         budget: the delays.
-        calibration: of the zones; ``None``: they have none.
+        calibration: calibration of the zones; ``None`` without one.
         stretch: factor of the robots' stopping times and distances.
         state_s: time between two RobotStates; 0: one at each tick.
     """
@@ -86,11 +86,11 @@ class Situation:
 
     @property
     def max_speed_m_s(self) -> float:
-        """Highest speed of the robot."""
+        """Maximum speed of the robot."""
         return self.config.node.robots[self.robot].max_speed_m_s
 
     def engine(self, trackers: Sequence[RobotTracker]) -> RiskEngine:
-        """A new risk stage."""
+        """Return a new risk stage."""
         return assemble.build_risk(
             self.config,
             self.source,
@@ -109,40 +109,40 @@ class Situation:
         return models
 
     def trackers(self, start_ns: int) -> list[RobotTracker]:
-        """New trackers of all robots."""
+        """Return new trackers of all robots."""
         return [
             RobotTracker(settings, model, self.config.base_dir, start_ns)
             for settings, model in zip(self.config.node.robots, self.models, strict=True)
         ]
 
     def zones(self, seen: Seen) -> list[BodyZones]:
-        """(K) where people may be, in their own frame."""
+        """Return the zones (K) of people, in their own frame."""
         engine = self.engine(self.trackers(seen.snapshots[0].now_ns))
         return [engine.zones(*tick) for tick in seen.ticks()]
 
     @cached_property
     def paths(self) -> list[Trajectory | None]:
-        """The path of each robot, if it is known."""
+        """Return the path of each robot, if it is known."""
         return [path_of(self.config, model, i) for i, model in enumerate(self.models)]
 
     @property
     def path(self) -> Trajectory:
-        """The path of the robot that is measured.
+        """Return the path of the measured robot.
 
         Raises:
-            ConfigError: it is not known.
+            ConfigError: the path is not known.
         """
         path = self.paths[self.robot]
         if path is None:
             raise ConfigError(
                 f"robots.{self.robot}: no path of robot {self.config.node.robots[self.robot].name} "
-                f"is known, so its speed beside people cannot be measured; give motion.plan, such "
-                f"as pick_and_place"
+                f"is known, so its permitted speed near people cannot be measured; give "
+                "motion.plan, such as pick_and_place"
             )
         return path
 
     def robots(self, seen: Seen) -> list[list[RobotNow]]:
-        """(K) all robots at each tick: they work at full speed, and report it."""
+        """Return all robots at each tick (K): they work at full speed and report it."""
         start_ns = seen.snapshots[0].now_ns
         trackers = self.trackers(start_ns)
         engine = self.engine(trackers)
@@ -161,10 +161,10 @@ class Situation:
 
 
 def alone(config: Config) -> Config:
-    """The cell without the rules that are not about distance.
+    """Return the cell without rules that do not depend on distance.
 
-    Doors, named zones and the sensor's field of view say where people are expected. Latches wait
-    for a person who presses a button.
+    Doors, named zones and the sensor's field of view define where people are expected, and latches
+    wait for a person to press a button.
     """
     node = config.node
     source: dict[str, Any] = {"field_of_view": None, "sees_free_space": False, "shadows": []}
@@ -178,7 +178,7 @@ def alone(config: Config) -> Config:
 
 
 def robot_of(config: Config, name: str | None) -> int:
-    """Index of the robot of this name; by default the first that moves.
+    """Return the index of the robot with this name; by default the first moving robot.
 
     Raises:
         ConfigError: the robot does not exist, or its base moves.
@@ -193,8 +193,8 @@ def robot_of(config: Config, name: str | None) -> int:
     robot = config.node.robots[names.index(chosen)]
     if robot.base is not None:
         raise ConfigError(
-            f"robot {chosen}: its base moves, and a working distance is measured from a base that "
-            f"stands; name another one with --robot"
+            f"robot {chosen}: its base moves, but a working distance is measured from a fixed "
+            "base; name another robot with --robot"
         )
     return names.index(chosen)
 
@@ -204,13 +204,13 @@ class Measure:
 
     Args:
         situation: the cell.
-        seen: people in a frame of their own.
-        zones: (K) of them, see ``Situation.zones``.
+        seen: people in their own frame.
+        zones: (K) zones, see ``Situation.zones``.
         robots: (K) all robots, see ``Situation.robots``.
-        middle: (2,) their mean place in that frame.
+        middle: (2,) mean position of the people in that frame.
 
     Attributes:
-        known: distance -> (N,) permitted speeds that were measured.
+        known: distance -> (N,) measured permitted speeds.
     """
 
     def __init__(
@@ -242,13 +242,15 @@ class Measure:
         self.known: dict[float, Floats] = {}
 
     def limits(self, distance_m: float) -> Floats:
-        """(N,) permitted speeds of the ticks that count, m/s; people are at this distance."""
+        """Return the permitted speeds (N,) in m/s of all counted ticks, with people at this
+        distance.
+        """
         if distance_m not in self.known:
             self.known[distance_m] = np.array(list(self._limits(self._ticks_at(distance_m))))
         return self.known[distance_m]
 
     def works(self, distance_m: float) -> bool:
-        """Whether the robot may work with people at this distance."""
+        """Return whether the robot may work with people at this distance."""
         fast_m_s = FAST * self._situation.max_speed_m_s - 1e-9
         ticks, there = np.flatnonzero(self._counts), self._ticks_at(distance_m)
         count, fast, slow = max(1, len(ticks)), 0, 0
@@ -274,9 +276,9 @@ class Measure:
     def distance_m(
         self, low: float = NEAREST_M, high: float = FARTHEST_M, step: float = STEP_M
     ) -> float | None:
-        """The working distance, metres, to ``step``; ``None``: it is above ``FARTHEST_M``.
+        """Return the working distance in metres, to ``step``; ``None`` if above ``FARTHEST_M``.
 
-        ``low`` and ``high`` are where to look first.
+        The search starts between ``low`` and ``high``.
         """
         while not self.works(high):
             if high >= FARTHEST_M:
@@ -290,7 +292,7 @@ class Measure:
         return high
 
     def _limits(self, there: "_Ticks") -> Iterator[float]:
-        """Yield the permitted speed of each tick that counts, m/s."""
+        """Yield the permitted speed of each counted tick, m/s."""
         levels, robot = self._engine.new_levels(), self._situation.robot
         for k, (snapshot, counts) in enumerate(
             zip(self._seen.snapshots, self._counts, strict=True)
@@ -300,7 +302,9 @@ class Measure:
                 yield limit_m_s
 
     def _ticks_at(self, distance_m: float) -> "_Ticks":
-        """Tick -> people at this distance and what the robots find; each is computed once."""
+        """Return a function: tick -> people at this distance and the robots' separations, computed
+        once each.
+        """
         to = self._turn @ (np.array([distance_m, 0.0]) - self._middle)
         by_m = np.append(self._base[:2] + to, 0.0)
 
@@ -318,7 +322,7 @@ _Ticks = Callable[[int], tuple[BodyZones, Findings]]
 def _report(
     tracker: RobotTracker, path: Trajectory | None, times_ns: tuple[int, int], counter: int
 ) -> None:
-    """Let a robot that works since the second of the times report its state at the first."""
+    """Report at the first time the state of a robot that started working at the second time."""
     motion = tracker.settings.motion
     if path is None or not isinstance(motion, StateMotion):
         return
@@ -334,7 +338,7 @@ def _report(
 
 
 def path_of(config: Config, model: RobotModel, index: int) -> Trajectory | None:
-    """The path that a robot follows: by its configuration, or by its simulated drive."""
+    """Return the path that a robot follows, from its configuration or its simulated drive."""
     robot = config.node.robots[index]
     file = getattr(robot.motion, "plan", None) or getattr(robot.motion, "file", None)
     for link in config.links:
@@ -345,7 +349,9 @@ def path_of(config: Config, model: RobotModel, index: int) -> Trajectory | None:
 
 
 def _ahead_rad(model: RobotModel, path: Trajectory) -> float:
-    """The direction from the base in which the robot works on average, by whole degrees."""
+    """Return the mean direction, from the base, in which the robot works, in steps of whole
+    degrees.
+    """
     assert model.base is not None
     times = np.arange(_PHASES) * path.duration_s / _PHASES
     capsules = model.capsules(path.at(times)[0])

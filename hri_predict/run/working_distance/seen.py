@@ -1,8 +1,8 @@
-"""People as the node knows them, tick by tick: computed once, then moved to each distance.
+"""Tracked people, tick by tick: computed once, then moved to each distance.
 
-Forecasts and zones depend on no robot, nor on a person's place on the floor: the stages are
-equivariant under turns about z and moves over the floor. So a person passes once through the real
-stages, and each distance moves the result.
+Forecasts and zones do not depend on robots or on a person's position on the floor: the stages are
+equivariant under rotations about z and translations on the floor. So a person passes through the
+real stages once, and the result is moved to each distance.
 """
 
 from collections.abc import Iterator
@@ -28,7 +28,7 @@ class Seen:
     """K ticks of people and their forecasts.
 
     Attributes:
-        snapshots: (K).
+        snapshots: (K) tracked people.
         forecasts: (K); ``None`` without a forecast.
         reasons: (K) why there is no forecast; empty if there is one.
     """
@@ -38,7 +38,7 @@ class Seen:
     reasons: list[tuple[Reason, ...]] = field(default_factory=list)
 
     def ticks(self) -> Iterator[tuple[PeopleSnapshot, Forecast | None, tuple[Reason, ...]]]:
-        """The arguments of ``RiskEngine.zones`` takes, tick by tick."""
+        """The arguments of ``RiskEngine.zones``, tick by tick."""
         return zip(self.snapshots, self.forecasts, self.reasons, strict=True)
 
 
@@ -47,7 +47,7 @@ def watch(
 ) -> Seen:
     """Run people and predictor over the scenes of a source, as the node would.
 
-    ``seconds``: how long; ``None``: until its end.
+    ``seconds``: duration; ``None``: until the source's end.
     """
     people = assemble.build_people(config, source, predictor)
     runner = PredictionRunner(predictor, deadline_s=None)
@@ -65,7 +65,9 @@ def watch(
 
 
 def _ticks(source: Source, people: People, ticks: Ticks) -> Iterator[int]:
-    """Yield the ticks up to the last scene; as in the node's loop, arrived scenes come first."""
+    """Yield the ticks up to the last scene; as in the node's loop, arrived scenes are processed
+    first.
+    """
     source.open(VIRTUAL_START_NS)
     now_ns = VIRTUAL_START_NS
     while (due_ns := source.next_ns()) is not None:
@@ -84,7 +86,7 @@ def _ticks(source: Source, people: People, ticks: Ticks) -> Iterator[int]:
 
 
 def moved_zones(bodies: BodyZones, matrix: Floats, person: int = 0) -> BodyZones:
-    """Return the zones after a rigid motion (4, 4), with every id raised by ``person``."""
+    """Return the zones after a rigid motion (4, 4), with ``person`` added to every id."""
     zones = bodies.zones
     capsules = _moved_capsules(zones.capsules, matrix)
     same = bodies.paths is zones.capsules
@@ -101,7 +103,7 @@ def _moved_capsules(capsules: Capsules, matrix: Floats) -> Capsules:
 
 
 def shifted_zones(bodies: BodyZones, by_m: Floats) -> BodyZones:
-    """Return the zones moved by (3,) metres; ``moved_zones`` in less time."""
+    """Return the zones moved by (3,) metres; faster than ``moved_zones``."""
     zones = bodies.zones
     capsules, toward = _shifted(zones.capsules, by_m), bodies.toward
     if toward is not None:

@@ -1,4 +1,4 @@
-"""A person who stands, as a source sees one: no recording is needed, and no time."""
+"""A standing person as observed by a source, computed without a recording."""
 
 from math import ceil
 
@@ -17,7 +17,9 @@ from hri_predict.run.working_distance.measure import WARM_S
 from hri_predict.run.working_distance.seen import Seen
 
 TICK_S = 0.4
-"""Between two ticks: a person who stands changes nothing meanwhile, and a robot little."""
+"""Interval between two ticks; between them a standing person does not change, and a robot changes
+little.
+"""
 _SETTLE = 2  # ticks before those that count
 _CAPTURES = 12  # of a source at 30 Hz in that time
 _FACING = np.array([-1.0, -1.0, 1.0])  # the robot, which is on the side of -x
@@ -34,15 +36,14 @@ def standing_snapshot(
     infers: bool = True,
     body: Floats | None = None,
 ) -> PeopleSnapshot:
-    """A standing body as a source sees it that delivers some joints (J,).
+    """Return a standing body as observed by a source that delivers only some joints (J,).
 
     Args:
-        delivered: (J,) the joints.
-        history_steps: T of the history, at ``rate_hz``.
-        rate_hz: of the history.
-        now_ns, age_s: the tick's time, and the age of the capture then.
+        delivered: (J,) whether each joint is delivered. history_steps: T of the history, at
+            ``rate_hz``. rate_hz: rate of the history.
+        now_ns, age_s: the tick's time, and the capture's age at that time.
         captures: number of captures so far.
-        infers: whether the other joints are inferred where that can be.
+        infers: whether other joints are inferred where possible.
         body: (J, 3) the body; by default ``standing_body``.
     """
     whole = standing_body() if body is None else body
@@ -69,13 +70,12 @@ def standing_snapshot(
 
 
 def standing(predictor: Predictor, delivered: Bools, *, age_s: float, seconds: float) -> Seen:
-    """A person who stands at the origin and faces -x.
+    """Return a person who stands at the origin and faces -x.
 
     Args:
-        predictor: of the forecasts.
-        delivered: (J,) the joints that the source delivers.
+        predictor: computes the forecasts. delivered: (J,) the joints that the source delivers.
         age_s: age of each capture at its tick.
-        seconds: time that counts, after ``WARM_S``.
+        seconds: measured time, after ``WARM_S``.
     """
     found, body = Seen(), standing_body() * _FACING
     for tick in range(_SETTLE + ceil(seconds / TICK_S)):

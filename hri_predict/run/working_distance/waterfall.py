@@ -1,9 +1,9 @@
 """The share of each delay, zone and margin in the working distance of one cell.
 
-Each term is taken away from the cell, and the working distance is measured again. What a term costs
-depends on what else is there: a second of delay costs more where zones grow fast. So the terms are
-taken away one after the other in this order and in the reverse, and each counts by its mean. The
-means and what is left add up to the working distance.
+Each term is removed from the cell, and the working distance is measured again. The cost of a term
+depends on the other terms: a second of delay costs more where zones grow fast. So the terms are
+removed one after the other in this order and in reverse order, and the cost of each is the mean of
+both. The means and the rest add up to the working distance.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,9 +25,9 @@ from hri_predict.zones.body_zones import BodyZones
 from hri_predict.zones.toward import Toward
 
 LEAST_STRETCH = 1e-6
-"""A robot whose stopping is taken away stops in a millionth of its time."""
+"""Factor of the stopping time that removes the robot's stopping."""
 NEXT_M = 0.2
-"""A term costs less than this more often than not: where to look first."""
+"""Initial search range: most terms cost less than this."""
 _SOON_M_S2 = 1e3  # the limit rises at once
 
 
@@ -36,9 +36,7 @@ class Term:
     """One term.
 
     Attributes:
-        key: its name for programs.
-        text: what it is.
-        remedy: what makes it smaller.
+        key: its name for programs. text: description. remedy: how to reduce it.
     """
 
     key: str
@@ -75,23 +73,23 @@ TERMS = (
     ),
     Term(
         key="unseen",
-        text="zones of joints that are not seen",
-        remedy="see more of the body: another camera, or a tracker with more joints; declare "
-        "people.absent_parts that are never there",
+        text="zones of unobserved joints",
+        remedy="observe more of the body: add a camera, or use a tracker with more joints; list "
+        "parts that are never present in people.absent_parts",
     ),
     Term(
         key="seen",
-        text="zones of joints that are seen",
+        text="zones of observed joints",
         remedy="calibrate for this site (calibrate --site), or choose another predictor",
     ),
     Term(
         key="margins",
         text="margins: C, Z_d, Z_r, slow_margin_m, band_m, region_margins_m",
-        remedy="set the risk's margins to what the sensor's and the robot's errors are",
+        remedy="set the risk margins to the actual errors of sensor and robot",
     ),
     Term(
         key="place",
-        text="the error of people's places that the tracker states",
+        text="the position error reported by the tracker",
         remedy="use a depth camera, or two cameras",
     ),
     Term(
@@ -102,12 +100,12 @@ TERMS = (
     Term(
         key="robot_state",
         text="the age of the robot's state",
-        remedy="have RobotState sent more often, and measure motion.acceleration_m_s2",
+        remedy="send RobotState more often, and measure motion.acceleration_m_s2",
     ),
 )
-"""In the order in which they are taken away."""
+"""All terms, in the order in which they are removed."""
 
-REST = "what is left: the robot's reach and the body itself"
+REST = "rest: the robot's reach and the body itself"
 
 Watch = Callable[[bool, bool], tuple[Situation, Seen]]
 """(whether all joints are seen, whether captures are fresh) -> the cell and the person in it."""
@@ -119,8 +117,8 @@ class Waterfall:
 
     Attributes:
         total_m: the working distance; ``None``: above ``FARTHEST_M``, so its parts are unknown.
-        costs_m: by ``Term.key``.
-        rest_m: what is left without any term: the robot's reach and the body itself.
+        costs_m: cost of each term, by ``Term.key``.
+        rest_m: the rest without any term: the robot's reach and the body itself.
     """
 
     total_m: float | None
@@ -134,10 +132,10 @@ def waterfall(
     """Measure the waterfall of one person in one cell.
 
     Args:
-        watch: shows the person to the cell's node.
+        watch: observes the person as the cell's node would.
         middle: (2,) see ``Measure``.
-        step: of the distances, metres.
-        leaves: keys of terms that are not taken away.
+        step: resolution of the distances, metres.
+        leaves: keys of terms that are not removed.
     """
     cells = _Cells(watch, middle)
     total_m = cells.measure(()).distance_m(step=step)
@@ -161,7 +159,7 @@ def waterfall(
 
 
 class _Cells:
-    """The cell without some of its terms."""
+    """The cell without some terms."""
 
     def __init__(self, watch: Watch, middle: Floats) -> None:
         self._watch, self._middle = watch, middle
@@ -169,7 +167,7 @@ class _Cells:
         self._robots: dict[tuple[bool, bool], list[list[RobotNow]]] = {}
 
     def counts(self, key: str) -> bool:
-        """Whether there is anything of a term in this cell."""
+        """Return whether a term has any effect in this cell."""
         situation, seen, _ = self._looked(False, False)
         if key == "link_delay":
             return any(link.delay_s > 0 for link in situation.budget.links)
@@ -188,7 +186,7 @@ class _Cells:
         return self._seen[whole, fresh]
 
     def measure(self, taken: Iterable[str]) -> Measure:
-        """The measure without the terms that are taken away."""
+        """Return the measurement without the removed terms."""
         gone = set(taken)
         fresh = "age" in gone
         situation, seen, zones = self._looked("unseen" in gone, fresh)
@@ -252,7 +250,7 @@ def _budget(budget: DelayBudget, gone: set[str]) -> DelayBudget:
 
 
 def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> list[BodyZones]:
-    """(K) the zones of the segments of which both ends are measured, which replace the others."""
+    """Return the zones (K), where those of segments with both ends measured replace all others."""
     by_name = dict(zip(skeleton.segment_names, skeleton.segments, strict=True))
     segments = [by_name[name] for name in zones[0].zones.segments]
     a, b = [s.joint_a for s in segments], [s.joint_b for s in segments]
@@ -263,7 +261,7 @@ def only_seen(skeleton: Skeleton, seen: Seen, zones: Sequence[BodyZones]) -> lis
 
 
 def _chosen(bodies: BodyZones, measured: Bools) -> BodyZones:
-    """The same without the segments that are not measured (P, S): others replace them."""
+    """Return zones in which measured segments replace the unmeasured ones (P, S)."""
     zones, toward = bodies.zones.capsules, bodies.toward
     a, b, radius = zones.a.copy(), zones.b.copy(), zones.radius.copy()
     if toward is not None:
@@ -280,14 +278,16 @@ def _chosen(bodies: BodyZones, measured: Bools) -> BodyZones:
 
 
 def _without_growth(bodies: BodyZones) -> BodyZones:
-    """Zones that are as thick at every time as the body as captured."""
+    """Return zones that keep the thickness of the captured body at every time."""
     zones = bodies.zones.capsules
     radius = np.broadcast_to(zones.radius[:, :1], zones.radius.shape).copy()
     return _with(bodies, Capsules(zones.a, zones.b, radius), None)
 
 
 def _thinner(bodies: BodyZones, by_m: Floats | None) -> BodyZones:
-    """Zones without what was added to each segment's radius: (S,), or (P, 1) for each person."""
+    """Return zones without the amount added to the radii: (S,) per segment, or (P, 1) per
+    person.
+    """
     if by_m is None:
         return bodies
     zones, toward = bodies.zones.capsules, bodies.toward

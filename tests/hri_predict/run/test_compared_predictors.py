@@ -55,7 +55,7 @@ def test_a_mistake_is_one_line(texts, told):
 
 def test_a_predictor_without_weights_refuses_them():
     (asked,) = asked_predictors(["kalman=w.safetensors"])
-    with pytest.raises(ConfigError, match="takes no weights"):
+    with pytest.raises(ConfigError, match="does not use weights"):
         demand_weights(asked)
 
 
@@ -86,8 +86,9 @@ def test_zones_say_what_they_rest_on(tmp_path):
     none = basis_of(asked, faster, CoverageSettings(), Path())
     assert none.as_json()["calibrated"] is False
     assert none.line.endswith(
-        "not calibrated: physical limits alone, which costs work; calibrate it on a folder of your "
-        "recordings: hri-predict calibrate --predictor constant_velocity --data recordings"
+        "not calibrated, physical limits only, which reduces the robot's speed; calibrate it on a "
+        "folder of your recordings: hri-predict calibrate --predictor constant_velocity --data "
+        "recordings"
     )
 
 

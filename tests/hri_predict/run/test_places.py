@@ -64,7 +64,7 @@ def test_check_notes_a_robot_that_is_far_from_the_source(tmp_path):
     near, far = (cell(tmp_path, (ARM, f"room_from_robot: {{xyz: [{x}, 0, 0]")) for x in ("3", "12"))
     assert place_notes(near, assemble.build_robots(near)) == []
     (note,) = place_notes(far, assemble.build_robots(far))
-    assert note.startswith("robot arm: what it reaches ends 9.39 m")
+    assert note.startswith("robot arm: its reach ends 9.39 m")
 
 
 @pytest.mark.parametrize(
@@ -89,5 +89,5 @@ def test_a_door_in_centimetres_is_refused(tmp_path, key):
 
 def test_a_zone_in_centimetres_is_refused(tmp_path):
     zone = "{name: hatch, polygon: [[50, -80], [90, -80], [90, -50]], level: slow}"
-    with pytest.raises(ConfigError, match=r"zones\.0: .*where nothing is seen"):
+    with pytest.raises(ConfigError, match=r"zones\.0: .*where nothing is observed"):
         built(cell(tmp_path, ("risk: {", f"zones: [{zone}]\nrisk: {{")))

@@ -150,10 +150,10 @@ def test_silent_receivers_are_named_by_a_trial(tmp_path, server):
     assert process.returncode == 1
     lines = out.splitlines()
     assert len(lines) == 6
-    assert lines[0] == "collector: ok: sent; syslog acknowledges nothing"
+    assert lines[0] == "collector: ok: sent; syslog does not acknowledge messages"
     for line in lines[1:5]:
         assert ": FAILED: no answer in time" in line, out
-    assert "took longer than 2 s and was ended" in lines[5]
+    assert "took longer than 2 s and was killed" in lines[5]
 
 
 def hear(process, texts):

@@ -83,7 +83,7 @@ def test_what_a_reader_changes_nobody_else_reads():
     ],
 )  # fmt: skip
 def test_a_number_that_begins_with_a_zero_is_refused(text):
-    with pytest.raises(yaml.YAMLError, match=r"begins with a zero.*0x.*quotes"):
+    with pytest.raises(yaml.YAMLError, match=r"starts with a zero.*0x.*quotes"):
         load_yaml(text)
 
 

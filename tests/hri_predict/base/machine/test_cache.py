@@ -51,7 +51,7 @@ def test_what_was_not_used_lately_is_removed_when_more_is_kept(folder, caplog):
     cached(names[-1], make)
     assert make.times == 1
     assert {path.name for path in folder.iterdir()} == {own, names[0], *names[2:]}
-    assert caplog.text.count("not used lately: 1\n") == 2
+    assert caplog.text.count("removed unused files: 1\n") == 2
 
 
 def test_files_that_others_remove_meanwhile_do_not_matter(folder, monkeypatch):

@@ -44,7 +44,7 @@ def test_two_processes_give_what_one_gives_and_a_killed_one_loses_nothing(tmp_pa
     with caplog.at_level(logging.WARNING, module.__name__), Processes(2) as workers:
         tasks = [(n, str(tmp_path / "killed")) for n in range(7)]
         assert workers.in_order(jobs.ended_once, tasks) == [n * n for n, _ in tasks]
-        assert "tasks run again" in caplog.text
+        assert "repeating" in caplog.text
         with pytest.raises(ConfigError, match="two: cannot be done"):
             workers.in_order(jobs.refused, TASKS)
 
@@ -52,5 +52,5 @@ def test_two_processes_give_what_one_gives_and_a_killed_one_loses_nothing(tmp_pa
 @pytest.mark.realtime
 @pytest.mark.long
 def test_a_task_that_ends_every_process_is_given_up_with_one_line():
-    with Processes(1) as workers, pytest.raises(ConfigError, match="--jobs: a process ended"):
+    with Processes(1) as workers, pytest.raises(ConfigError, match="--jobs: a process exited"):
         workers.in_order(jobs.always_ends, [()])

@@ -30,10 +30,10 @@ def run(*arguments: str) -> int:
     [
         ("robot_pose_mm", r"yaml:11: robots\.0\.room_from_robot\.xyz\.0.*800.*metres are meant: 0"),
         ("limits_deg", r"limits_deg_robot\.yaml: .*'shoulder_pan'.*radians are meant: -6\.283\?"),
-        ("octal_bitrate", "line 18.*'0500000' begins with a zero"),
+        ("octal_bitrate", "line 18.*'0500000' starts with a zero"),
         ("sexa_rate", "line 1.*'1:00' has a colon"),
-        ("channel_octal", "line 18.*'010' begins with a zero"),
-        ("usb_octal", "line 18.*'0403' begins with a zero"),
+        ("channel_octal", "line 18.*'010' starts with a zero"),
+        ("usb_octal", "line 18.*'0403' starts with a zero"),
     ],
 )
 def test_a_cell_with_a_number_that_cannot_be_meant_is_refused_in_one_line(name, said, capsys):

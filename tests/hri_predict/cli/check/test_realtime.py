@@ -42,4 +42,4 @@ def test_flags_of_other_checks_are_refused(mistake, write):
 
 def test_overlapping_cores_are_one_line(mistake, write):
     path = write((("realtime",), {"cpus": [0], "inference_cpus": [0]}))
-    assert "keep them apart" in mistake("check", path)
+    assert "use different cores" in mistake("check", path)

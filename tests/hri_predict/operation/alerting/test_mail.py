@@ -79,7 +79,7 @@ def test_a_letter_arrives_by_starttls_with_a_password(tmp_path):
     mailbox = Mailbox()
     with mail_server(mailbox, tmp_path) as port:
         mine = sender(tmp_path, port, username="cell", password_file="password")
-        assert mine.send(alert(detail="Zoë's hand is 0.3 m away"), 3) == "taken by the server"
+        assert mine.send(alert(detail="Zoë's hand is 0.3 m away"), 3) == "accepted by the server"
     ((by_tls, envelope),) = mailbox.got
     assert by_tls
     assert envelope.mail_from == "cell@plant.example"
@@ -96,7 +96,7 @@ def test_a_wrong_password_is_said_without_it(tmp_path, monkeypatch):
     monkeypatch.setenv("MAIL_PASSWORD", "hunter3")
     with mail_server(Mailbox(), tmp_path) as port:
         mine = sender(tmp_path, port, username="cell", password_env="MAIL_PASSWORD")
-        with pytest.raises(SendError, match="user name or password are wrong") as error:
+        with pytest.raises(SendError, match="user name or password is wrong") as error:
             mine.send(alert(), 0)
     assert error.value.permanent
     assert "hunter3" not in str(error.value)
@@ -169,7 +169,7 @@ def test_a_letter_arrives_by_tls_from_the_first_byte(tmp_path):
     running.start()
     try:
         mine = sender(tmp_path, running.port, security="tls")
-        assert mine.send(alert(), 0) == "taken by the server"
+        assert mine.send(alert(), 0) == "accepted by the server"
         with pytest.raises(SendError, match="certificate is not trusted"):
             sender(tmp_path, running.port, security="tls", ca_file=None).send(alert(), 0)
     finally:

@@ -40,7 +40,7 @@ def hook(data):
         (WEBHOOK | {"levels": ["halt"]}, ["to.0.levels.0", "'stop'"]),
         (WEBHOOK | {"debonce_s": 1}, ["did you mean 'debounce_s'?"]),
         (WEBHOOK | {"rate_per_minute": 0}, ["rate_per_minute"]),
-        (MQTT | {"levels": ["stop"]}, ["levels: has no place in kind mqtt"]),
+        (MQTT | {"levels": ["stop"]}, ["levels: not allowed with kind mqtt"]),
         (MQTT | {"topic": "plant/#"}, ["topic"]),
         (MQTT | {"password_file": "a"}, ["needs 'username'"]),
         (MQTT | {"host": "mqtt://broker"}, ["host"]),
@@ -49,7 +49,7 @@ def hook(data):
         (MAIL | {"username": "cell"}, ["go together"]),
         (
             MAIL | {"username": "cell", "password_file": "a", "security": "none"},
-            ["would send the password in clear"],
+            ["would send the password unencrypted"],
         ),
         (SYSLOG | {"protocol": "unix"}, ["needs 'path'"]),
         ({"kind": "syslog"}, ["needs 'host'"]),

@@ -161,6 +161,6 @@ def test_retry_after_is_a_number_or_a_date(text, seconds):
 def test_a_server_that_asks_to_wait_is_obeyed(tmp_path):
     with web_server() as server:
         server.statuses, server.headers = [503], {"Retry-After": "90"}
-        with pytest.raises(SendError, match="asks to wait 90 s") as error:
+        with pytest.raises(SendError, match="requests a wait of 90 s") as error:
             sender(tmp_path, server.url).send(alert(), 0)
     assert error.value.again_s == 90.0

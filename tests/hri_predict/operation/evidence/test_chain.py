@@ -58,7 +58,7 @@ def test_a_line_that_was_changed_and_hashed_anew_breaks_the_next(tmp_path):
     entry = json.loads(said[1]) | {"n": 7}
     entry["hash"] = chain.hash_of(entry)
     rewrite(tmp_path, [said[0], json.dumps(entry), *said[2:]])
-    assert wrongs(tmp_path) == [(3, "does not follow the line before")]
+    assert wrongs(tmp_path) == [(3, "does not follow the previous line")]
 
 
 @pytest.mark.parametrize("gone", [0, 1, 2])
@@ -67,7 +67,7 @@ def test_a_removed_line_is_found(tmp_path, gone):
     said = lines(tmp_path)
     del said[gone]
     rewrite(tmp_path, said)
-    assert wrongs(tmp_path) == [(gone + 1, "does not follow the line before")]
+    assert wrongs(tmp_path) == [(gone + 1, "does not follow the previous line")]
 
 
 def test_a_changed_and_a_missing_file_are_found(tmp_path):
@@ -89,7 +89,7 @@ def test_a_file_that_gave_way_may_be_missing(tmp_path):
 
 def test_no_file_of_another_folder_is_read(tmp_path):
     chain.append(tmp_path, {"file": "../secret", "sha256": ""}, chain.START)
-    assert wrongs(tmp_path) == [(1, "names no file of this folder, '../secret'")]
+    assert wrongs(tmp_path) == [(1, "does not name a file of this folder, '../secret'")]
 
 
 def test_a_torn_log_is_set_aside_and_nothing_is_lost(tmp_path):
@@ -129,7 +129,7 @@ def test_hostile_names_are_no_files(tmp_path, name):
     chain.append(tmp_path, {"file": name, "sha256": ""}, chain.START)
     ((number, said),) = wrongs(tmp_path)
     assert number == 1
-    assert "names no file of this folder" in said
+    assert "does not name a file of this folder" in said
 
 
 def test_a_pipe_in_the_place_of_a_file_is_not_read(tmp_path):

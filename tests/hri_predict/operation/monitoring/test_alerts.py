@@ -173,7 +173,7 @@ def test_hanging_command_is_ended(tmp_path, caplog):
     alerts.observe((advice(Level.STOP),))
     alerts.stop()
     assert alerts.failures == 1
-    assert "was ended" in caplog.text
+    assert "was killed" in caplog.text
 
 
 def test_a_flood_never_blocks_and_is_counted(tmp_path):

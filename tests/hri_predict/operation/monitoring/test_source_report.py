@@ -45,7 +45,7 @@ def test_a_live_source_tells_its_clock_and_every_counter():
     assert "lost 2" in text
     assert "no more" in text
     assert "replayed" not in text
-    assert "fast by 12.3 ppm; 40.0 ms put down to drift, 3.0 ms to wander" in text
+    assert "fast by 12.3 ppm; 40.0 ms attributed to drift, 3.0 ms to wander" in text
     assert "late" not in text
     assert "jumps 1, spikes 2" in text
 

@@ -185,7 +185,7 @@ def test_shadow_mode_is_told():
     summary.shadow = True
     summary.print(Console(file=shown, width=120))
     assert "shadow mode" in shown.getvalue()
-    assert "the links said unknown" in shown.getvalue()
+    assert "links sent unknown" in shown.getvalue()
 
 
 def test_times_of_ticks_are_percentiles():
