@@ -83,7 +83,7 @@ def test_mediapipe_placed_by_a_depth_camera(tmp_path):
     stands(recording)
     assert recording.rate_hz == 25.0
     flat = table(tmp_path / "b.csv", ["time_s", "nose_x", "nose_y"], [[0, 1, 2], [1, 1, 2]])
-    assert "hold no place in the room" in refused(flat)
+    assert "do not give a position in the room" in refused(flat)
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, float("nan"), -30.0, 1e9])

@@ -85,7 +85,7 @@ links:
         ("name: two", "name: arm", 4, "robots.1.name: name 'arm' is used twice"),
         ("port: a", "port: a, robots: [arm, tow]", 6, "links.0.robots.1: no robot 'tow'; did you"),
         ("port: a", "usb: {vid: '0403'}", 6, "links.0.usb.pid: required key is missing"),
-        (", room_from_robot: {}", "", 3, "robots.0: robot 'arm': give room_from_robot"),
+        (", room_from_robot: {}", "", 3, "robots.0: robot 'arm': give either room_from_robot"),
         (
             "kind: procedural",
             "kind: procedural, people: [{start: [1, 2], script: [{do: wait, second: 1}]}]",

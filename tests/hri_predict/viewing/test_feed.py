@@ -25,7 +25,7 @@ def test_a_feed_shows_that_a_picture_could_not_be_made_and_goes_on(caplog):
             feed._newest = object()  # type: ignore[assignment]
             time.sleep(0.1)
     assert feed.dropped >= 2
-    assert caplog.text.count("could not be made") == 1
+    assert caplog.text.count("could not be created") == 1
 
 
 def test_without_viser_one_line_says_how_to_get_it(monkeypatch):

@@ -75,7 +75,7 @@ def test_people_of_two_rates_are_refused(recording, tmp_path):
     slow = tmp_path / "slow.npz"
     arrays = dict(np.load(recording)) | {"fps": np.float32(20)}
     np.savez(slow, **arrays)
-    with pytest.raises(ConfigError, match="one rate"):
+    with pytest.raises(ConfigError, match="need the same rate"):
         source(motions=[str(recording), str(slow)], places=[[0, 0, 0]] * 2)
 
 

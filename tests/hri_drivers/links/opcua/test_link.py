@@ -342,7 +342,7 @@ def test_the_node_imports_nothing_of_it():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"host": "0.0.0.0"}, "OPC UA without certificates knows no sender"),
+        ({"host": "0.0.0.0"}, "OPC UA without certificates cannot identify senders"),
         ({"host": "plc.example"}, "must be an IP address of this machine"),
         ({"simulate": {}}, "no simulated controller"),
         ({"certificate": "a.der"}, "certificate, private_key and trusted go together"),

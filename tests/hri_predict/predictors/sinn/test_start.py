@@ -85,7 +85,7 @@ def test_every_part_of_the_start_learns():
     [
         ({"start_frames": 1}, "one frame has no velocity"),
         ({"start_frames": 7, "representation": "position"}, "positions have no first velocity"),
-        ({"gate": True}, "give start_frames"),
+        ({"gate": True}, "set start_frames"),
     ],
 )
 def test_options_that_contradict_are_refused_in_one_line(options, says):

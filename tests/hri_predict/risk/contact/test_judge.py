@@ -299,7 +299,7 @@ def test_the_robot_file_must_say_what_a_person_feels(tmp_path):
     text = (MODEL_FILE).read_text().split("# What a person feels")[0]
     (tmp_path / "bare.yaml").write_text(text)
     bare = ROBOT.model_copy(update={"model": "bare.yaml"})
-    with pytest.raises(RobotError, match=r"contact: 'bare\.yaml' does not say"):
+    with pytest.raises(RobotError, match=r"contact: 'bare\.yaml' has no contact properties"):
         load_robot(bare, tmp_path)
     assert load_robot(bare.model_copy(update={"contact": None}), tmp_path).effective_kg == 0
 

@@ -52,7 +52,7 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
         (risk("release_captures: 1"), "risk.release_captures: 1 (default 15)"),
         (risk("coverage: {self_check: false}"), "risk.coverage.self_check: false (default true)"),
         (("reaction_s: 0.05", "reaction_s: 0.001"), "links.plc.reaction_s: 0.001 (default 0.02): "
-         "the controller is expected to brake 0.019 s sooner"),
+         "the controller is assumed to brake 0.019 s sooner"),
         (("0.05, delay_s: 0.01", "0.05, delay_s: 0.0001"),
          "links.plc.delay_s: 0.0001 (default 0.005)"),
         (("0.05, delay_s: 0.01", "0.05, delay_s: 0.1"),
