@@ -43,9 +43,7 @@ def test_the_opening_ends_with_one_line(server, monkeypatch):
     wire = CanTransport(
         interface="socketcand", channel="can0", options={"host": "127.0.0.1", "port": server.port}
     )
-    with pytest.raises(
-        LinkError, match=r"does not open .no answer within 0.3 s.: it accepts"
-    ):
+    with pytest.raises(LinkError, match=r"does not open .no answer within 0.3 s.: it accepts"):
         wire.open()
 
 
