@@ -112,7 +112,8 @@ class Stop(Settings):
         resolution_s: longest time between two RobotStates during the stop.
         measured_by: the node, from RobotState, or the integrator.
         stood: whether the robot came to a standstill.
-        passed: whether it stopped within the allowed time and distance.
+        passed: whether it stopped within the allowed time and distance, and braked as the table
+            says.
     """
 
     robot: str

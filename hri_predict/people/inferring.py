@@ -22,8 +22,8 @@ _KEPT_S = 0.5
 recent position is more informative than the posture."""
 _STEPS_BEFORE, _LEAST_BEFORE = 4, 2
 """The recent position is used if the joint was measured in two of the four steps before. A single
-capture that shows a hidden arm is often the other arm or part of a bench: then the posture may be
-right, and the joint may be in either position."""
+capture that shows a hidden arm is as often the other arm or part of a bench: then the posture may
+be right, and the joint may be in either position."""
 HIDDEN_ARM = 1.5
 """Factor on the posture's uncertainty for an arm that stays hidden from the elbow on. It is often
 hidden because it reaches into something, which the posture does not show. More than one in a

@@ -221,7 +221,7 @@ class RingBuffer:
 
         Returns:
             the window; positions (J, 3), NaN if not observed within the buffer; stamps (J,),
-            otherwise ``NEVER``.
+            ``NEVER`` if not.
         """
         samples = self.samples()
         window = self._resampled(samples, t_end_ns, n, rate_hz)

@@ -163,7 +163,7 @@ class CanReceiver:
 
     Attributes:
         counters: see ``ReceiveCounters``.
-        refused: why the newest message with a correct CRC was refused; empty if it was accepted.
+        refused: why the last refused message with a correct CRC was refused; empty if none was.
         own: set if the receiver belongs to a node: checks complete frames that only a node sends;
             these are not passed on.
     """

@@ -45,8 +45,8 @@ class Row:
             be in it unseen; "" for none.
         by_distance: whether the level depends on the distance of a person.
         in_view: whether people or zones in view stop the robot; recovery may then back it out.
-        contradicts: whether RobotStates contradict each other; the node's Status also shows this
-            reason.
+        contradicts: whether RobotStates contradict themselves or each other; the node's Status also
+            shows this reason.
         widens_zones: whether it enlarges zones, which makes people appear nearer.
         is_trouble: whether the node is DEGRADED while Status shows it. Widened zones are normal
             work of the self-check, and modes are requested; only muting means trouble.

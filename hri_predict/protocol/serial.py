@@ -52,7 +52,7 @@ class SerialReceiver:
 
     @property
     def refused(self) -> str:
-        """Why the newest frame with a correct CRC was refused; empty if it was accepted."""
+        """Why the last refused frame with a correct CRC was refused; empty if none was."""
         return self._frames.refused
 
     def watch(self, own: OwnFrames) -> None:

@@ -21,7 +21,7 @@ FLOOR_M = 0.05
 TOUCH_M = 1e-9
 """Smaller distances are treated as contact; intersections are not exact to the last bit."""
 TOP_M = 2.5
-"""Maximum height that people reach (a tall man's grip is at 2.2 m)."""
+"""Maximum height that people reach (a tall man's grip is at 2.2 m); a view up to here sees all."""
 
 
 class NamedZoneSettings(Region):
@@ -174,7 +174,7 @@ def floor_distance(region: Region, point: Floats) -> float:
 
 
 def approach_m(time_s: Floats) -> Floats:
-    """Return the maximum approach of an unseen person: 2.0, beyond 0.5 m 1.6 m/s (ISO 13855)."""
+    """Return an unseen person's maximum approach: 2.0 m/s up to 0.5 m, then 1.6 m/s (ISO 13855)."""
     near, walk = REACH_SPEED_M_S * time_s, WALK_SPEED_M_S * time_s
     return np.minimum(near, np.maximum(NEAR_M, walk))
 

@@ -17,7 +17,7 @@ class SetSettings(Settings):
     """One set: an entry of ``risk.sets``. All other settings stay as configured."""
 
     number: int = Field(ge=1, le=65_535, description="number with which a PLC chooses the set")
-    name: Name = Field(description="name of the set, for people")
+    name: Name = Field(description="unique name of the set, for people")
     zones: list[str] | None = Field(
         None, max_length=32, description="active named zones; default: all"
     )

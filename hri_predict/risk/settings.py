@@ -139,8 +139,8 @@ class RiskSettings(Settings):
         description="condition that ends a latch. automatic: nothing is latched; manual: one "
         "press of the button, the default if latch has causes; supervised: the button "
         "is pressed and released within 0.15 to 3 s, while the robot's level would "
-        "otherwise be clear. With manual or supervised, latch defaults to [stop, "
-        "start, blind, lost]",
+        "otherwise be clear all the time. With manual or supervised, latch defaults "
+        "to [stop, start, blind, lost]",
     )
     limits: HumanLimits = Field(HumanLimits(), description="speeds of people")
     coverage: CoverageSettings = Field(

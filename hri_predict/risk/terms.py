@@ -160,7 +160,7 @@ def speed_levels(top_m_s: float, above_m_s: float) -> list[float]:
 def directed_limit(
     levels_m_s: Sequence[float], distance_m: Floats, needed_m: float, any_way_m_s: float
 ) -> float:
-    """Return the highest speed that is clear together with all slower ones, or ``any_way_m_s``.
+    """Return the highest speed that is clear with all slower ones, at least ``any_way_m_s``.
 
     Args:
         levels_m_s: (L,) ascending.

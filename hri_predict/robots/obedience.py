@@ -71,8 +71,8 @@ class Obedience:
         self._warned = self.stretch
         log.warning(
             "robot %s needed %s%.2f times the time or distance in its stopping table to stop; "
-            "from now on the table's values are multiplied by that factor plus a tenth; correct "
-            "the table, or find out why the robot does not obey",
+            "from now on the table's values are multiplied by 1.1 times that factor; correct the "
+            "table, or find out why the robot does not obey",
             robot,
             "" if is_over else "at least ",
             self.stretch,

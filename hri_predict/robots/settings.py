@@ -134,13 +134,15 @@ class MobileBaseSettings(Settings):
     )
     base_from_robot: Pose = Field(description="start of the arm's chain, in the base's frame")
     capsules: Annotated[list[CapsuleFile], Field(min_length=1, max_length=16)] = Field(
-        description="capsules of the base's body, in its frame: origin on the floor, x forward, z "
-        "up"
+        description="capsules of all of the base's body, in its frame: origin on the floor, "
+        "x forward, z up"
     )
     max_speed_m_s: float = Field(
         ge=MIN_SPEED_M_S, le=20, description="maximum possible speed of the base"
     )
-    max_turn_rad_s: float = Field(ge=0.01, le=20, description="likewise")
+    max_turn_rad_s: float = Field(
+        ge=0.01, le=20, description="maximum possible turn rate of the base"
+    )
     acceleration_m_s2: float = Field(
         2.0,
         ge=0.1,

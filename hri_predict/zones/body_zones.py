@@ -86,7 +86,7 @@ class BodyZones:
     errors_m: Floats | None = None
 
     def error_m(self, person: int) -> float:
-        """(P,) possible common error of all joints of a person, in metres."""
+        """Return the possible common error of all joints of a person, in metres."""
         return 0.0 if self.errors_m is None else float(self.errors_m[person])
 
     @property
@@ -285,7 +285,7 @@ def _grown(zones: Capsules, errors_m: Floats) -> Capsules:
 
 
 class _Segments(NamedTuple):
-    """Return (S,) ends and radii of segments, (S, J) their reach from each joint; m/s."""
+    """(S,) ends and radii of segments, (S, J) their reach from each joint; m/s."""
 
     a: Ints
     b: Ints

@@ -161,7 +161,7 @@ def _nothing(seen: Bools) -> Measured:
 
 @part
 def _choose(ages: Floats, positions: Floats, observed: Bools, into: tuple[Floats, Bools]) -> None:
-    """Return a joint's positions (C, 3) relative to its last one, and the captures (3, C) to use
+    """Fill in a joint's positions (C, 3) relative to its last one, and the captures (3, C) to use
     for noise and for both spans."""
     place, used = into
     rank, last = 0, len(ages) - 1

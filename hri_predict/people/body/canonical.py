@@ -83,7 +83,7 @@ def canonical_body(person: Person, joint_map: JointMap, origin: Floats) -> Mappe
 
 
 def _is_waist(joint_map: JointMap, joints: Bools) -> bool:
-    """Return whether exactly one of these (J_source,) joints is mapped to the waist."""
+    """Return whether one of these (J_source,) joints is by itself the waist."""
     weights = joint_map.weights[_WAIST]
     return bool((weights[joints] == 1.0).any())
 

@@ -336,7 +336,7 @@ def _leaps(stamps: Floats, joints: Floats) -> bool:
 
 
 def _white(values: Floats) -> float:
-    """Return the variance of white noise in (n, ...) from second differences."""
+    """Return the variance of white noise in (n, ...), by second differences, small in motion."""
     turns = _turns(values)
     return float((turns * turns).sum()) / turns.size / 6.0 if turns.size else math.nan
 

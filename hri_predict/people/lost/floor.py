@@ -46,7 +46,7 @@ class Way(NamedTuple):
 
 
 def floor_place(track: Track) -> Floats | None:
-    """Return (2,) position of the body in its newest capture; ``None`` if not visible."""
+    """Return (2,) body position in its newest capture; ``None``: hips and feet are hidden."""
     seen = track.stamps == track.capture_ns
     for joints in _STANDS:
         if seen[joints].all():

@@ -224,7 +224,7 @@ class Sensor:
         wrong.add(reason)
 
     def _is_frozen(self, bodies: dict[Key, Body]) -> bool:
-        """Return whether a body was repeated too often for a sensor that declares noise."""
+        """Return whether a body was repeated bit for bit too often, given declared noise."""
         shown: dict[Key, tuple[int, int]] = {}
         for key, body in bodies.items():
             if body.observed.any():

@@ -97,7 +97,8 @@ class MergedSource:
         return min([*found, *(each for each in ends if each > self._now_ns)], default=None)
 
     def poll(self, now_ns: int) -> Scene | None:
-        """Return the oldest scene for which every sensor already has a later capture."""
+        """Return the oldest scene not sent yet, if every other sensor is silent or has a capture of
+        that time or later."""
         self._now_ns = now_ns
         for sensor in self.sensors:
             sensor.take(now_ns)

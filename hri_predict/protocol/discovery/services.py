@@ -40,7 +40,7 @@ ServiceName = Annotated[str, Field(min_length=1, max_length=MAX_LABEL), AfterVal
 
 
 class DiscoverySettings(Settings):
-    """The ``discovery:`` section; without it a node opens no socket for discovery."""
+    """``discovery:``; without it a node announces nothing and opens no socket for discovery."""
 
     name: Annotated[str, AfterValidator(_printable)] | None = Field(
         None, min_length=1, max_length=MAX_NAME, description="default: the configuration's name"

@@ -1,7 +1,7 @@
 """Generate the parts of the C code in ``drivers/c`` that depend on the definition.
 
-``hri-predict protocol c-header`` regenerates the parts between ``/* generated: begin`` and ``/*
-generated: end */``, and writes ``fuzz/corpus.txt``. The rest is written by hand.
+``hri-predict protocol c-header`` regenerates the parts between ``/* generated: begin`` and
+``/* generated: end */``, and writes ``fuzz/corpus.txt``. The rest is written by hand.
 """
 
 from collections.abc import Mapping

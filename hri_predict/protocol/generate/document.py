@@ -1,7 +1,7 @@
 """The tables of ``drivers/PROTOCOL.md``, generated from the definition.
 
-``hri-predict protocol document drivers/PROTOCOL.md`` regenerates the text between each line ``<!--
-table: NAME -->`` and the next ``<!-- end -->``; the rest of the text is written by hand.
+``hri-predict protocol document drivers/PROTOCOL.md`` regenerates the text between each line
+``<!-- table: NAME -->`` and the next ``<!-- end -->``; the rest of the text is written by hand.
 """
 
 from collections.abc import Callable, Iterable

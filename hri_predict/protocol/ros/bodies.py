@@ -151,5 +151,5 @@ def check_people(count: int) -> None:
 
 
 def known(points: Floats) -> Floats:
-    """Return the points; a point with a NaN coordinate becomes NaN in all three."""
+    """Return the points; one with a coordinate that is not finite becomes NaN in all three."""
     return np.where(np.isfinite(points).all(axis=1, keepdims=True), points, np.nan)

@@ -169,7 +169,7 @@ class FrameTree:
         return self.way(plain_frame(frame))[-1]
 
     def way(self, frame: str) -> list[str]:
-        """Yield the frame and its ancestors up to the root; stop after MAX_DEPTH in a loop."""
+        """Return the frame and its ancestors up to the root; stop after MAX_DEPTH in a loop."""
         way = [frame]
         while frame in self._edges and len(way) < MAX_DEPTH:
             frame = self._edges[frame].parent

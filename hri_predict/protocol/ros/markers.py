@@ -57,7 +57,7 @@ def zone_markers(zone: Zone, *, stamp_ns: int, frame_id: str, level: Level) -> b
     """Return the capsules of a zone, each as a cylinder and a sphere at both ends.
 
     Args:
-        zone: metres, room frame. A capsule that contains NaN is omitted.
+        zone: metres, room frame. A capsule with a value that is not finite is omitted.
         stamp_ns: UTC, for the headers.
         frame_id: the room's frame in ROS.
         level: determines the colour.

@@ -83,7 +83,7 @@ class Levels:
             bodies: the bodies on which the findings are based.
             findings: see ``Separation``.
             remarks: for each robot, its deviations from the advice. A robot that was too fast is no
-                longer slowed but stopped, and may not touch any person.
+                longer slowed: it runs or is stopped, and it may not touch any person.
         """
         self.sets.update(snapshot.now_ns)
         return tuple(

@@ -82,7 +82,7 @@ def why_no_teaching(settings: ModeSettings, asked: ModeRequest) -> str:
 
 
 def admitted(now: RobotNow, settings: ModeSettings) -> RobotNow:
-    """Return the robot's state, while teaching is permitted without the reason for manual mode."""
+    """Return the robot's state; without ``ROBOT_NOT_AUTOMATIC`` while teaching is permitted."""
     if Reason.ROBOT_NOT_AUTOMATIC in now.reasons and not why_no_teaching(settings, now.asked):
         return now.without(Reason.ROBOT_NOT_AUTOMATIC)
     return now

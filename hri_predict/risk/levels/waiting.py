@@ -18,7 +18,7 @@ def why_and_until(
 
 
 def _released(advised: Advised, risk: RiskSettings) -> tuple[str, str] | None:
-    """Return why a robot that may move again soon still waits, and the condition that ends this."""
+    """Return why a robot that may move again, now or soon, still waits, and what ends this."""
     if advised.reason is not Reason.RELEASE_PENDING:
         return None
     if advised.level is not Level.SLOW:

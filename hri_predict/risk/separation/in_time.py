@@ -43,10 +43,10 @@ class AnyWay:
     """Speed permitted in any direction, and the speeds to try in the robot's present direction.
 
     Attributes:
-        limits: highest speed by margin. spare_m: distance beyond the clearance if the robot stays
-            where it is. speeds_m_s: (L,) the present speed and those above the limits; empty if any
-        direction permits
-            enough.
+        limits: highest speed by margin.
+        spare_m: distance beyond the clearance if the robot stays where it is.
+        speeds_m_s: (L,) the present speed and those above the limits; empty if any direction
+            permits enough.
         enough_m: (L,) distances that are sufficient; larger ones need not be computed.
     """
 

@@ -122,7 +122,7 @@ class AdaptiveWidening:
         return np.asarray(stuck.any(1))
 
     def _lend(self, slots: Ints, step: Floats, rise: Floats, log: Floats) -> None:
-        """Return the widening learned by shorter bands, until a band has its own judgements."""
+        """Lend the widening learned by shorter bands, until a band has its own judgements."""
         rise = np.maximum.accumulate(np.maximum(rise, 0.0), axis=1)
         widest = np.maximum.accumulate(log, axis=1)
         lent = self._lent[slots] * np.exp(-step / self._ends_s)
