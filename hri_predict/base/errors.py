@@ -31,7 +31,10 @@ class RecordingError(HriPredictError):
 
 
 class UnusableRecordingError(RecordingError):
-    """A recording is intact but unsuitable: too short, slow or empty, or with unknown joints."""
+    """An intact recording is unsuitable: too short, slow or empty, or with unknown joints.
+
+    Other recordings may be usable.
+    """
 
 
 class RobotError(HriPredictError):

@@ -91,7 +91,7 @@ class LinkSettings(Settings):
     }
 
     advises: ClassVar[bool] = True
-    """Whether robots receive advice on it."""
+    """Whether robots receive advice on it; ``False`` for links that only read."""
 
     def resolved(self, base_dir: Path) -> Self:
         """Return the settings with paths resolved against the configuration's folder."""

@@ -62,7 +62,7 @@ class Episode:
 
     @property
     def start_ns(self) -> int:
-        """Start of the phase."""
+        """Start of the episode."""
         return self.phases[0].first.utc_ns
 
     @property

@@ -1,4 +1,4 @@
-"""Forecasts for a recording, identical to those of a running node."""
+"""Forecasts for a recording, made in the same way as by a running node."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -217,7 +217,7 @@ def forecast_at(recording: Recording, predictor: Predictor, time_s: float) -> Re
 
 
 def _people(recording: Recording, predictor: Predictor) -> People:
-    """Return the node's people stage for this recording."""
+    """Return the node's people stage for this recording, which stays in its own frame."""
     return People(
         settings=PeopleSettings(max_people=MOST_PEOPLE),
         joint_map=recording.joint_map,

@@ -8,8 +8,8 @@ was shown, or arrive without a pause. So an Acknowledge counts if
 - no other Acknowledge has come on this link for ``QUIET_S``, since the node's start at least: the
   button was seen released. Acknowledges for several robots within ``TOGETHER_S`` are one press.
 
-  A repetition within ``REPEATS_S`` is the same message, and is ignored; a later one is a replay and
-  never counts.
+A repetition of an Acknowledge within ``REPEATS_S`` is the same message, and is ignored; a later one
+is a replay and never counts.
 
 An Acknowledge with latch id 0 and the number of a press says that its button was released. With
 ``supervised``, a press counts only then, if it lasted from ``SHORTEST_S`` to ``LONGEST_S``, and its

@@ -157,7 +157,7 @@ class Aggregated(Network):
 
 
 class AggregatedPredictor(NeuralPredictor):
-    """Applies another trained predictor repeatedly to its own output (SINN's aggregation in time).
+    """Repeats another trained predictor on its own first steps (SINN's temporal aggregation).
 
     Its weights are those of the inner predictor (the shipped ones by default), or come from
     training ``aggregated`` itself, and then name the inner predictor. It extends any predictor to

@@ -88,7 +88,8 @@ def watched(items: Iterable[T], what: str, total: int) -> Iterator[T]:
 
     Args:
         items: rows or scenes.
-        what: the activity: ``READING`` or ``WRITING``. total: their approximate number.
+        what: the activity: ``READING`` or ``WRITING``.
+        total: their approximate number.
     """
     watcher = _watcher.get()
     for done, item in enumerate(items):

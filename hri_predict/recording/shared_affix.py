@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 SHARE = 0.75
-"""Minimum share of the names with the affix."""
+"""Share of the names that must be exceeded by those with the affix."""
 _SEPARATORS = re.compile(r"[ _.:|-]+")
 _SIDES = ("left", "right", "l", "r")
 

@@ -72,7 +72,7 @@ def cell_of(config: Config) -> str:
 
 
 def clocks_of(clock: Clock, factor: float | None, start_ns: int) -> Clocks:
-    """Return the UTC source of the run's messages; ``None`` with ``--speed max``."""
+    """Return the clocks that give messages their UTC; with ``--speed max`` there is no UTC."""
     if factor is None:
         return VirtualClocks(start_ns)
     return SystemClocks(clock, is_true=factor == 1.0)

@@ -170,7 +170,8 @@ class Serving:
         reread: reads the configuration again, for SIGHUP; ``None``: SIGHUP stops the node.
 
     Attributes:
-        pace: statistics of the loop. hangup: action on SIGHUP; ``None``: stop the node.
+        pace: statistics of the loop.
+        hangup: action on SIGHUP; ``None``: stop the node.
     """
 
     def __init__(

@@ -352,7 +352,7 @@ class _Session:
 
 
 def _to_all(takers: Sequence[Items]) -> Callable[[str, Any, int], None]:
-    """Return a function that passes a link's sent messages to each of these functions."""
+    """Return a function that passes a link's sent messages to each of these."""
 
     def sent(link: str, unit: Any, now_ns: int) -> None:
         for taker in takers:

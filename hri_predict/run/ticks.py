@@ -50,7 +50,7 @@ class Ticks(Protocol):
         """Signal that a scene has arrived; may be called from any thread."""
 
     def wait(self, clock: Clock, stop: threading.Event) -> None:
-        """Return at ``due_ns``, or sooner if ``stop`` is set or ``due_ns`` moves forward."""
+        """Return at ``due_ns``, or sooner if ``stop`` is set or ``due_ns`` becomes earlier."""
 
     def begin(self, now_ns: int) -> None:
         """Start a tick at ``now_ns``. Scenes arriving after this call may miss it."""

@@ -48,8 +48,8 @@ class Feed(View):
     """Feeds screens with the newest tick until it is closed; use it as a context manager.
 
     Args:
-        settings: the screens. opened: called with a screen's address when it listens for the first
-            time.
+        settings: the screens.
+        opened: called with a screen's address when it listens for the first time.
 
     Attributes:
         addresses: addresses of the listening screens, by name.
@@ -77,7 +77,7 @@ class Feed(View):
 
     @property
     def dropped(self) -> int:
-        """Number of lost pictures, summed over all screens."""
+        """Number of pictures that could not be created, or that a screen was not shown."""
         return self._failed + sum(screen.dropped for screen in self.screens)
 
     def bind(self, assembly: Assembly) -> None:

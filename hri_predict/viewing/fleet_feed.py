@@ -24,8 +24,9 @@ class FleetFeed:
     """Feeds one page until it is closed; use it as a context manager.
 
     Args:
-        settings: settings of the page. facts: returns the facts to show, with the changes after
-            this number under "changes", oldest first.
+        settings: settings of the page.
+        facts: returns the facts to show, with the changes after this number under "changes", oldest
+            first.
     """
 
     def __init__(self, settings: ScreenSettings, facts: Callable[[int], dict[str, Any]]) -> None:

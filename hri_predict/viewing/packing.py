@@ -127,8 +127,8 @@ def robot_facts(
     person decides the level.
 
     Args:
-        name, advice, why: of the robot; ``why`` has the known grounds. link: name of the robot's
-            capsule in the pair; "": not known.
+        name, advice, why: of the robot; ``why`` has the known grounds.
+        link: name of the robot's capsule in the pair; "": not known.
         band_m: the configured ``risk.band_m``; ``None``: not known.
     """
     who = "" if why.person is None else f"person {why.person}'s {in_words(why.segment)}"

@@ -26,8 +26,8 @@ class Picture:
     Attributes:
         facts: plain data; see ``packing.facts_of``.
         bodies: (P, S, 7) people as captured, lost people where last seen; NaN: unknown.
-        forecast: (P, K, S, 7) predicted bodies at each of ``facts["times_s"]``. zones: (Z, K, S, 7)
-            space where people may be; a row for each of ``facts["zones"]``.
+        forecast: (P, K, S, 7) predicted bodies at each of ``facts["times_s"]``.
+        zones: (Z, K, S, 7) space where people may be; a row for each of ``facts["zones"]``.
         robots: (C, 7) capsules of all robots, in the order of the robots.
     """
 

@@ -1,5 +1,6 @@
-"""Pictures of a recording, from /view/scene, /zones, /forecast, /status and /advice. It is read in
-windows, so that a recording of hours needs no more memory than one of minutes.
+"""Pictures of a recording, from /view/scene, /zones, /forecast, /status and /advice.
+
+It is read in windows, so that a recording of hours needs no more memory than one of minutes.
 """
 
 import bisect
@@ -43,12 +44,13 @@ class RecordedPictures:
     """A recording's pictures by time, and its levels.
 
     Attributes:
-        info: description of the recording. start_ns, end_ns: times of the first and last status;
-            UTC, or the node's clock without UTC. changes: (ns, the worst level from then on).
-            first_ns: time of the first person, otherwise of the first change of level.
+        info: description of the recording.
+        start_ns, end_ns: times of the first and last status; UTC, or the node's clock without UTC.
+        changes: (ns, the worst level from then on).
+        first_ns: time of the first person, otherwise of the first change of level.
 
     Raises:
-        RecordingError: it is not a recording of a node, has no content, or is damaged.
+        RecordingError: it is not a recording of this node, has no content, or is damaged.
         OSError: it cannot be read.
     """
 

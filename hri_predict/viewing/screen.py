@@ -1,7 +1,8 @@
-"""A screen: a process that shows pictures. Its pipe never blocks the writer. While a screen does
-not read, a partly written picture waits, and newer ones are dropped and counted. A screen exits
-when its pipe closes, however the process at the other end exited. A screen that exits before is
-restarted at the same address, after a growing pause.
+"""A screen: a process that shows pictures. Its pipe never blocks the writer.
+
+While a screen does not read, a partly written picture waits, and newer ones are dropped and
+counted. A screen exits when its pipe closes, however the process at the other end exited. A screen
+that exits before is restarted at the same address, after a growing pause.
 """
 
 import contextlib
@@ -38,8 +39,10 @@ class ScreenSettings:
     """A process that shows pictures.
 
     Attributes:
-        name: name for users. module: module to run with ``python -m``; it accepts ``--host`` and
-            ``--port``. port: port; 0: any free port. host: the address that it listens on.
+        name: name for users.
+        module: module to run with ``python -m``; it accepts ``--host`` and ``--port``.
+        port: port; 0: any free port.
+        host: the address that it listens on.
         urls: addresses under which proxies serve it; given as ``--url``.
     """
 
@@ -69,7 +72,7 @@ class Screen:
 
     Attributes:
         dropped: number of pictures that arrived while the process was too slow or not running.
-            starts: number of starts. A new process starts without the earlier pictures.
+        starts: number of starts. A new process starts without the earlier pictures.
 
     Args:
         settings: its settings.

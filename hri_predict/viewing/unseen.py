@@ -39,8 +39,8 @@ class UnseenFloor:
         """Return (N, 4) rectangles: x and y of the middle, width and depth, metres.
 
         Args:
-            places: x and y of all tracked people, who hide each other. sees: whether scenes are
-                valid as proof now; if not, no place is seen to be free.
+            places: x and y of all tracked people, who hide each other.
+            sees: whether scenes are valid as proof now; if not, no place is seen to be free.
         """
         if self._space is None:
             return np.zeros((0, 4))

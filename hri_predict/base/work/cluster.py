@@ -2,7 +2,9 @@
 
 Tasks name files by path, and each worker reads its own copy. So each task first checks that its
 worker has the same software and files, and fails otherwise: a table must not depend on which worker
-computed a part of it. Dask's messages are pickles, which can run any code: a program that reaches
+computed a part of it.
+
+Dask's messages are pickles, which can run any code: a program that reaches
 the scheduler controls its workers and all clients. This class connects only to the address given by
 the user, and never listens.
 """

@@ -80,8 +80,8 @@ def check_out(out: Path) -> None:
     check_writable(out.parent)
     if out.is_dir() or (out.exists() and out.suffix != ".json"):
         raise ConfigError(
-            f"--out {out}: exists and is not a calibration, so it is not replaced; name another "
-            f".json file"
+            f"--out {out}: exists and is not a calibration, so it is not replaced; name a .json "
+            f"file"
         )
 
 

@@ -95,6 +95,8 @@ def _notes(report: Report) -> list[str]:
 def evidence_facts(config: Config) -> dict[str, Any] | None:
     """Return the ``evidence:`` settings and the folder's state; ``None`` without them.
 
+    Nothing is opened.
+
     Raises:
         ConfigError: the path is not a folder.
     """

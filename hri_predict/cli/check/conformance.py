@@ -93,8 +93,9 @@ def _verdict(findings: Sequence[CheckResult]) -> str:
 
 @contextlib.contextmanager
 def ending_within(seconds: float, part: str) -> Iterator[None]:
-    """Exit with one line and status 1 if the body takes longer. A part that hangs in its own code
-    cannot be interrupted in any other way.
+    """Exit with one line and status 1 if the body takes longer.
+
+    A part that hangs in its own code cannot be interrupted in any other way.
     """
 
     def give_up() -> None:

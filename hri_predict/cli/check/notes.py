@@ -76,8 +76,8 @@ def mode_notes(robot: RobotSettings) -> list[str]:
         notes.append(
             f"robot {robot.name}: motion.kind trajectory: the file says where it is, regardless "
             "of the advice; a robot that obeys the advice soon deviates from it (its place is then "
-            "unknown if its controller sends RobotState, and wrong if not): set motion: {kind: "
-            "state} for it"
+            "unknown if its controller sends RobotState; if not, it is wrong, a danger): set "
+            "motion: {kind: state} for it"
         )
     if modes.teach is not None:
         notes.append(

@@ -40,8 +40,8 @@ def print_schema(
     """Print the JSON schema of a configuration, for editors.
 
     It includes all installed sources, predictors and links, also those of third parties. An editor
-    with a YAML language server uses it if the configuration starts with the line "#
-    yaml-language-server: $schema=cell.schema.json".
+    with a YAML language server uses it if the configuration starts with the line
+    "# yaml-language-server: $schema=cell.schema.json".
 
     Example: hri-predict config schema cell.schema.json
     """

@@ -42,8 +42,10 @@ class Answers:
 
     Attributes:
         robot: shipped name, or path of a robot file.
-        max_speed_m_s: of its fastest point. source, links: their blocks. mode: of the risk stage.
-            simulated: without hardware: ``source`` and ``links`` are not used.
+        max_speed_m_s: of its fastest point.
+        source, links: their blocks.
+        mode: of the risk stage.
+        simulated: without hardware: ``source`` and ``links`` are not used.
     """
 
     robot: str

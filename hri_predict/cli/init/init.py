@@ -42,7 +42,7 @@ def init(
     ] = None,
     link: Annotated[
         list[str] | None,
-        typer.Option(help="can:INTERFACE:CHANNEL, serial:PORT or a kind. Repeatable."),
+        typer.Option(help="can:INTERFACE:CHANNEL, serial:PORT, a kind, or none. Repeatable."),
     ] = None,
     mode: Annotated[str | None, typer.Option(help="Mode of the risk stage.")] = None,
     change: Annotated[

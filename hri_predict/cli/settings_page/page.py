@@ -14,10 +14,10 @@ HEAD = """\
 All keys of a cell's YAML file, by block. `hri-predict config document` writes this
 page from the descriptions in the code; change them there.
 
-- `hri-predict init cell.yaml` writes a first configuration. - `hri-predict check cell.yaml` reports
-file, line and remedy of each mistake. - `hri-predict config schema` prints the same as a JSON
-schema, with the parts registered by other packages. Editors use it to complete keys and to mark
-mistakes.
+- `hri-predict init cell.yaml` writes a first configuration.
+- `hri-predict check cell.yaml` reports file, line and remedy of each mistake.
+- `hri-predict config schema` prints the same as a JSON schema, with the parts registered by other
+  packages. Editors use it to complete keys and to mark mistakes.
 
 Lengths are metres, times are seconds, angles are radians. Unknown keys are refused. `[]` is an
 entry of a list. Relative paths start from the folder of the YAML file.

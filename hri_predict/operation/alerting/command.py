@@ -41,7 +41,7 @@ class CommandHook(HookSettings):
 
     @property
     def stop_s(self) -> float:
-        """Return the program's time limit, at most five seconds."""
+        """Return the program's time limit, up to five seconds, and one second more."""
         return min(self.timeout_s, LONGEST_STOP_S) + 1.0
 
 

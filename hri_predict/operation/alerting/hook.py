@@ -101,7 +101,7 @@ class Hook:
 
     def _next(self) -> Entry | None:
         """Wait for an alert that is due, and return it; ``None`` if the connection needs attention
-        first.
+        or the hook is to stop.
         """
         entry = self._outbox.next(self._now_s(), hurry=self._stopping)
         if entry is None and not self._stopping:

@@ -41,7 +41,10 @@ class HookSettings(Settings):
         description="minimum time between two alerts of one robot or zone; the newest alert waits",
     )
     rate_per_minute: int = Field(
-        30, ge=1, le=6000, description="maximum number of alerts in any minute; further alerts wait"
+        30,
+        ge=1,
+        le=6000,
+        description="maximum number of alerts in any minute; the newest alerts wait",
     )
     retry_s: float = Field(
         60.0,

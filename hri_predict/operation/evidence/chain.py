@@ -27,7 +27,7 @@ START = "0" * 64
 """Value in the first line instead of a previous line's hash."""
 MAX_LINE = 100_000
 FULL_BYTES = 10_000_000
-"""Size in bytes above which a log is full."""
+"""Size in bytes from which on a log is full and takes no more lines."""
 _CHUNK = 1 << 20
 _NUMBERED = re.compile(r"evidence-([0-9]{6,9})\.jsonl")
 _STAMP = r"[0-9]{8}T[0-9]{6}\.[0-9]{3}Z"

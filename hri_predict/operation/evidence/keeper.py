@@ -335,7 +335,7 @@ def _plain(robot: str) -> str:
 
 
 def _newest_left(folder: Path) -> str:
-    """Set a broken log aside, and return the hash to continue with."""
+    """Return the hash to continue with after a broken log was set aside."""
     try:
         return chain.newest(folder)
     except RecordingError:  # the log before it is broken, too

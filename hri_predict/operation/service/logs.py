@@ -83,7 +83,11 @@ class Unhurried(io.TextIOBase):
         """Do nothing: the thread writes as soon as it can."""
 
     def end(self, timeout_s: float | None = None) -> bool:
-        """Write the queue within ``FAREWELL_S``; return whether all of it was written."""
+        """Write the queue within ``timeout_s`` (default: ``FAREWELL_S``).
+
+        Returns:
+            Whether all of it was written.
+        """
         with self._changed:
             self._ended = True
             self._changed.notify()

@@ -234,7 +234,8 @@ class Worker:
         except OSError as error:
             raise WorkerEndedError(
                 f"predictor '{self._job.settings.name}': its own process exited before it was "
-                f"ready ({error.strerror}); see its output above, check that memory is free, "
+                f"ready ({error.strerror}); see its output above, check that enough "
+                f"memory is free, "
                 f"or set predictor.process to false"
             ) from error
         finally:
@@ -273,8 +274,8 @@ class Worker:
     def forecast(self, history: Floats, observed: Bools, wait_s: float) -> Forecast | None:
         """Ask for the forecast of a window; ``None``: it did not come within ``wait_s``.
 
-        If more than one earlier window is still unanswered, this does not wait: an answer within
-        the tick is unlikely.
+        If more than one earlier window is still unanswered, the worker still gets this one, but
+        this does not wait: an answer within the tick is unlikely.
 
         Raises:
             PredictorError: the predictor failed.

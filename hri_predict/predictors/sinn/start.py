@@ -91,7 +91,7 @@ def gated(last: Tensor, positions: Tensor, logits: Tensor) -> Tensor:
     """Last pose + gate x change (B, H, J, 3): a person who moves to and fro stays in place.
 
     The gate's logit moves from the first of two (B, J, 2) at the first step to the second at step
-    25.
+    25 and later.
     """
     steps = torch.arange(1, positions.shape[1] + 1).to(positions) / _GATED_STEPS
     far = steps.clamp(max=1.0)[None, :, None]

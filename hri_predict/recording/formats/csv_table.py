@@ -57,7 +57,8 @@ from hri_predict.recording.wanted import Wanted
 MIN_CONFIDENCE = 0.3
 """Confidence below which a joint is unobserved, as by default in live sources."""
 MOST_PEOPLE = 20
-"""With more people than this, in more than half the rows, the column identifies something else."""
+"""A column that names more people than this, and more than half as many as there are rows,
+identifies something else."""
 _MAX_HEAD = 100_000
 _FLAGS = {"true": 1.0, "yes": 1.0, "tracked": 1.0, "inferred": 1.0}
 _FLAGS |= {"false": 0.0, "no": 0.0, "nottracked": 0.0, "not tracked": 0.0}

@@ -39,8 +39,9 @@ def standing_snapshot(
     """Return a standing body as observed by a source that delivers only some joints (J,).
 
     Args:
-        delivered: (J,) whether each joint is delivered. history_steps: T of the history, at
-            ``rate_hz``. rate_hz: rate of the history.
+        delivered: (J,) whether each joint is delivered.
+        history_steps: T of the history, at ``rate_hz``.
+        rate_hz: rate of the history.
         now_ns, age_s: the tick's time, and the capture's age at that time.
         captures: number of captures so far.
         infers: whether other joints are inferred where possible.
@@ -73,7 +74,8 @@ def standing(predictor: Predictor, delivered: Bools, *, age_s: float, seconds: f
     """Return a person who stands at the origin and faces -x.
 
     Args:
-        predictor: computes the forecasts. delivered: (J,) the joints that the source delivers.
+        predictor: computes the forecasts.
+        delivered: (J,) the joints that the source delivers.
         age_s: age of each capture at its tick.
         seconds: measured time, after ``WARM_S``.
     """

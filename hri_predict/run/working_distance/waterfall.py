@@ -36,7 +36,9 @@ class Term:
     """One term.
 
     Attributes:
-        key: its name for programs. text: description. remedy: how to reduce it.
+        key: its name for programs.
+        text: description.
+        remedy: how to reduce it.
     """
 
     key: str

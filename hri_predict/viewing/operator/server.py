@@ -1,6 +1,7 @@
-"""The process of an operator's page: reads pictures from standard input, and serves pages. It uses
-plain HTTP with server-sent events, from the standard library alone. It exits when its input ends.
-``page`` and ``fleet`` run it, for one cell and for many.
+"""The process of an operator's page: reads pictures from standard input, and serves pages.
+
+It uses plain HTTP with server-sent events, from the standard library alone, and nothing from
+elsewhere. It exits when its input ends. ``page`` and ``fleet`` run it, for one cell and for many.
 """
 
 import argparse
@@ -145,8 +146,9 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(204 if found else 404, b"")
 
     def _is_ours(self) -> bool:
-        """Refuse pages of other sites, by requested host name and stated origin. A foreign host
-        name that resolves to this address must not give access to the page.
+        """Refuse pages of other sites, by requested host name and stated origin.
+
+        A foreign host name that resolves to this address must not give access to the page.
         """
         with contextlib.suppress(ValueError):  # neither name nor address
             host = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
@@ -217,7 +219,8 @@ class Published:
     them. Only configured addresses are accepted.
 
     Attributes:
-        hosts: host names. origins: ``Origin`` values of browsers that use these addresses.
+        hosts: host names.
+        origins: ``Origin`` values of browsers that use these addresses.
     """
 
     def __init__(self, urls: Sequence[str]) -> None:
@@ -262,7 +265,8 @@ def serve(state: State, name: str) -> None:
     """Serve a page until the pipe ends; main function of ``python -m``.
 
     Args:
-        state: the page's content, updated by pictures. name: name of its files.
+        state: the page's content, updated by pictures.
+        name: name of its files.
     """
     parser = argparse.ArgumentParser()
     parser.add_argument("--host", required=True)

@@ -22,8 +22,8 @@ class History:
 
     Attributes:
         missed: number of changes that never arrived, because pictures were dropped for too long.
-            forgotten: number of unread alerts displaced by newer ones. version: increases with each
-            change of the history.
+        forgotten: number of unread alerts displaced by newer ones.
+        version: increases with each change of the history.
     """
 
     def __init__(self) -> None:
@@ -83,8 +83,8 @@ class State:
     Attributes:
         history: of the alerts.
         ended: whether the pictures have ended.
-        who: name of the sender of the pictures. told_s: minimum interval of updates to browsers,
-            unless there is an alert.
+        who: name of the sender of the pictures.
+        told_s: minimum interval of updates to browsers, unless there is an alert.
     """
 
     who = "the node"

@@ -1,5 +1,6 @@
-"""The process of the live 3D view, which reads pictures from standard input. It exits when they
-end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.live``.
+"""The process of the live 3D view, which reads pictures from standard input.
+
+It exits when they end. Run by ``feed``: ``python -m hri_predict.viewing.scene3d.live``.
 """
 
 import argparse

@@ -39,10 +39,16 @@ _PANEL = macros("viewing/scene3d/panel.html")
 
 
 def head(facts: dict[str, Any], *, stale: str = "", when: str = "", beat: int = 0) -> str:
-    """Return the levels of a picture: ``stale``: reason why it is not current, in grey; ``when``:
-    time of recording. The height is constant for the same robots, so that controls below it do not
-    move. Current values must be resent with another ``beat``, otherwise the browser covers the
-    whole view.
+    """Return the levels of a picture, in grey if it is not current or was recorded.
+
+    The height is constant for the same robots, so that controls below it do not move. Current
+    values must be resent with another ``beat``, otherwise the browser covers the whole view.
+
+    Args:
+        facts: those of the picture.
+        stale: reason why it is not current.
+        when: time at which it was recorded.
+        beat: see above.
     """
     said = "LIVE", css(_LIVE), ""
     if when or stale:

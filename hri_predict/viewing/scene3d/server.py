@@ -20,8 +20,9 @@ def bounded(value: float, low: float, high: float) -> float:
 
 
 def serve(host: str, port: int) -> viser.ViserServer:
-    """Start the server; port 0: any free port. viser can publish a view through its makers' relay,
-    which is disabled here.
+    """Start the server; port 0: any free port.
+
+    viser can publish a view through its makers' relay, which is disabled here.
     """
     if not port:
         port = _free(host)

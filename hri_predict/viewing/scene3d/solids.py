@@ -48,6 +48,7 @@ def _sides(rings: int) -> NDArray[np.uint32]:
 
 def linear(colours: Any) -> NDArray[np.uint8]:
     """Return colours for a batch, which expects linear light, not sRGB (IEC 61966-2-1).
+
     Unconverted, they would be paler than the same colours in the panel.
     """
     return _LINEAR[np.asarray(colours, np.uint8)]
@@ -55,6 +56,7 @@ def linear(colours: Any) -> NDArray[np.uint8]:
 
 def spheres_of(capsules: Shapes) -> tuple[Shapes, Shapes]:
     """Return (2 N, 3) middles and (2 N, 3) scales of the ends of N capsules: all first ends first.
+
     A capsule without length has only one visible end: two would look less transparent.
     """
     middles = np.concatenate((capsules[:, :3], capsules[:, 3:6]))

@@ -45,11 +45,13 @@ class _Solids:
     """All capsules of one kind: one batch of spheres, and one of cylinders.
 
     Transparent capsules show only their outermost surface: each batch exists twice, and the first,
-        invisible one hides from the second everything behind the surface. Browsers draw batches
-        with the same middle in the order of creation (``ENDS_M``).
+    invisible one hides from the second everything behind the surface. Browsers draw batches with
+    the same middle in the order of creation (``ENDS_M``).
 
     Args:
-        server: server that shows them. name: name of the kind. opacity: opacity; ``None``: solid.
+        server: server that shows them.
+        name: name of the kind.
+        opacity: opacity; ``None``: solid.
     """
 
     def __init__(self, server: ViserServer, name: str, opacity: float | None = None) -> None:

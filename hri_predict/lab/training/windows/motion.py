@@ -152,7 +152,13 @@ class MotionSamples:
         return (ORIGIN_STEPS - 1 + _LEAST_FUTURE) / self.shape.rate_hz
 
     def _read(self, path: Path) -> tuple[Track, ...]:
-        """Return every person of a recording; warn if it is too short for a window."""
+        """Return every person of a recording, which must have a window.
+
+        A recording that is shorter than a window only gives a warning.
+
+        Raises:
+            RecordingError: it is long enough, but has no window; or its rate is too low.
+        """
         own = self._settings.joint_map
         tracks = read_tracks(path, None if own is None else load_joint_map(own))
         rate_hz = min((t.rate_hz for t in tracks), default=_LEAST_RATE_HZ)
