@@ -26,12 +26,42 @@ TRIED = {
     "conformance link", "replay", "listen", "check", "run my_cell", "train",
     "conformance predictor:perceptron", "calibrate", "run perceptron_cell",
 }  # fmt: skip
+UNSURE = """
+
+class Unsure(Perceptron):
+    def __init__(self, shape, options):
+        super().__init__(shape, options)
+        self.deviation = nn.Linear(shape.history_steps, shape.horizon_steps)
+
+    def forward(self, window):
+        moved = (window.positions - last_pose(window)).norm(dim=-1)
+        log = self.deviation(moved.transpose(1, 2)).transpose(1, 2)
+        return torch.cat([super().forward(window), log[..., None]], -1)
+
+    losses = Network.losses
+
+
+class UnsurePredictor(NeuralPredictor):
+    method, network_class = "unsure", Unsure
+"""
+"""The page's network, with a deviation of its own."""
+STATED_M = """
+import hri_predict
+predictor = hri_predict.load_predictor("unsure", weights="unsure/unsure.safetensors")
+found = hri_predict.forecast_at(hri_predict.open_recording("walking_2.npz"), predictor, 3.0)
+print(found.std[0, -1, found.joints.index("r_wrist")])
+"""
 
 
 def free_port() -> str:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return str(probe.getsockname()[1])
+
+
+def unsure(text: str) -> str:
+    """The page's text, with the network that states a deviation."""
+    return text.replace("perceptron", "unsure").replace("Perceptron", "Unsure")
 
 
 class Place:
@@ -45,6 +75,14 @@ class Place:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(self.with_ports(text), encoding="utf-8")
         (folder / "my_parts" / "my_parts" / "__init__.py").touch()
+        network = folder / "my_parts" / "my_parts" / "network.py"
+        network.write_text("import torch\n" + network.read_text("utf-8") + UNSURE, "utf-8")
+        entries = folder / "my_parts" / "pyproject.toml"
+        line = 'perceptron = "my_parts.network:PerceptronPredictor"\n'
+        entries.write_text(entries.read_text("utf-8").replace(line, line + unsure(line)), "utf-8")
+        for name in ("perceptron.yaml", "perceptron_cell.yaml"):
+            text = FILES[name].replace("predictive,", "predictive, limits: {std_factor: 2},")
+            (folder / unsure(name)).write_text(unsure(text), "utf-8")
         rest = np.array([[x, y, 0.7] for y in (0.25, 0.1, -0.1) for x in (0.2, -0.2)])
         (folder / "recordings").mkdir()
         paces = {"walking_1": 5, "walking_2": 6} | {f"recordings/{n}": n for n in (4, 5, 6, 7)}
@@ -73,14 +111,14 @@ class Place:
             text=True,
         )
 
-    def hri_predict(self, start: str) -> "subprocess.Popen[str]":
-        """Start the page's command that begins so."""
-        (command,) = [c for c in COMMANDS if c.startswith(f"hri-predict {start}")]
+    def hri_predict(self, start: str, of=str) -> "subprocess.Popen[str]":
+        """Start the page's command that begins so; ``of`` may change it."""
+        (command,) = [of(c) for c in COMMANDS if c.startswith(f"hri-predict {start}")]
         return self.start("-m", *self.with_ports(command).replace("hri-", "hri_", 1).split())
 
-    def said(self, start: str) -> str:
+    def said(self, start: str, of=str) -> str:
         """What the page's command that begins so prints; it succeeds."""
-        process = self.hri_predict(start)
+        process = self.hri_predict(start, of)
         out, _ = process.communicate(timeout=300)
         assert process.returncode == 0, out
         return out
@@ -119,17 +157,21 @@ def test_the_predictor_is_listed_conforms_and_predicts(place):
 
 
 @pytest.mark.long
-def test_a_network_of_one_s_own_is_trained_exported_calibrated_and_runs_in_the_node(place):
-    trained = place.said("train")
+@pytest.mark.parametrize("of", [str, unsure])
+def test_a_network_of_one_s_own_is_trained_exported_calibrated_and_runs_in_the_node(place, of):
+    trained = place.said("train", of)
     assert "epochs done: 10 epochs" in trained
     error = re.search(r"best validation: ([\d.]+) mm", trained)
     assert error is not None
     assert float(error[1]) < 100, "it has learnt little: standing still has 200"
-    made = "predictor perceptron: keeps its contract"
-    assert made in place.said("conformance predictor:perceptron")
-    place.said("calibrate")
-    summary = json.loads(place.said("run perceptron_cell"))
+    made = of("predictor perceptron: keeps its contract")
+    assert made in place.said("conformance predictor:perceptron", of)
+    place.said("calibrate", of)
+    summary = json.loads(place.said("run perceptron_cell", of))
     assert summary["self_check"] is not None, "none of its forecasts was judged"
+    if of is unsure:
+        stated, _ = place.start("-c", STATED_M).communicate(timeout=300)
+        assert 0.01 < float(stated) < 0.5, "it has learnt little: untrained, it states a metre"
 
 
 @pytest.mark.long

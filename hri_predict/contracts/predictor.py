@@ -65,7 +65,7 @@ class Forecast:
 
     Attributes:
         positions: (P, H, J, 3) metres, room frame; step k (from 0) is at capture + (k+1)/rate.
-        std: (P, H, J) metres, one standard deviation per axis, or ``None``.
+        std: (P, H, J) metres, one standard deviation per axis, not below 0; or ``None``.
     """
 
     positions: Floats
@@ -153,7 +153,7 @@ def checked(forecast: Forecast, people: int, predictor: Predictor) -> Forecast:
     """Return ``forecast`` if it meets the contract.
 
     Raises:
-        PredictorError: wrong shape, or not finite.
+        PredictorError: wrong shape, not finite, or a deviation below 0.
     """
     problem = problem_in(
         forecast, (people, predictor.horizon_steps, len(predictor.skeleton.joints), 3)
@@ -173,7 +173,9 @@ def problem_in(forecast: Forecast, shape: tuple[int, int, int, int]) -> str:
     if not np.isfinite(forecast.positions).all():
         return "forecast is not finite"
     if forecast.std is not None and not (
-        forecast.std.shape == shape[:3] and np.isfinite(forecast.std).all()
+        forecast.std.shape == shape[:3]
+        and np.isfinite(forecast.std).all()
+        and (forecast.std >= 0).all()
     ):
-        return "forecast's std is of the wrong shape or not finite"
+        return "forecast's std is of the wrong shape, not finite or below 0"
     return ""

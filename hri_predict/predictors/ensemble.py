@@ -103,15 +103,23 @@ class AveragePredictor:
     def predict(self, history: Floats, observed: Bools) -> Forecast:
         """The mean of what every member predicts; see ``Predictor.predict``.
 
-        ``std`` is ``None``, even where members have one.
+        If every member has a ``std``, it is that of the mixture of their distributions, the mean of
+        the axes: B. Lakshminarayanan et al., "Simple and Scalable Predictive Uncertainty Estimation
+        using Deep Ensembles", NIPS 2017, section 2.4. Otherwise it is ``None``.
 
         Raises:
             PredictorError: a member's forecast is of the wrong shape or not finite.
         """
-        total = np.zeros((len(history), self.horizon_steps, len(self.skeleton.joints), 3))
+        ahead, variances = [], []
         for member in self.members:
             own = slice(self.history_steps - member.history_steps, None)
             forecast = member.predict(history[:, own], observed[:, own])
             forecast = checked(forecast, len(history), member)
-            total += forecast.positions[:, : self.horizon_steps]
-        return Forecast(total / len(self.members), None)
+            ahead.append(forecast.positions[:, : self.horizon_steps])
+            if forecast.std is not None:
+                variances.append(forecast.std[:, : self.horizon_steps] ** 2)
+        positions: Floats = np.mean(ahead, axis=0)
+        if len(variances) < len(ahead):
+            return Forecast(positions, None)
+        spread = np.var(ahead, axis=0).mean(axis=-1)
+        return Forecast(positions, np.sqrt(np.mean(variances, axis=0) + spread))

@@ -35,11 +35,12 @@ class Contact:
     instants.
 
     Attributes:
-        robot: name of the robot. bodies: (P, K, B) capsules, see ``body_capsules``.
+        robot: name of the robot.
+        bodies: (P, K, B) capsules, see ``body_capsules``.
         velocity: (P, B, 3) of both ends of each capsule, m/s.
         links: (K, C) the robot's capsules.
-        distance: (P, K, B, C); infinite for capsules that do not count. speed: (K,) speed of the
-            robot's fastest point.
+        distance: (P, K, B, C); infinite for capsules that do not count.
+        speed: (K,) speed of the robot's fastest point.
     """
 
     robot: str
@@ -70,7 +71,7 @@ class Tally:
 
     Attributes:
         contacts: touches during which some point of the robot moved faster than 10 mm/s.
-            contacts_standing: touches during which the robot did not move.
+        contacts_standing: touches during which the robot did not move.
         min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
             ``None`` before the first person.
         moving_separation_m: the same while the robot moved (faster than 10 mm/s).
@@ -115,7 +116,8 @@ class Referee(Tally):
             robots: robots by name, as in ``observe``.
             clearance_m: C + Z_d + Z_r.
             tool_of: robot name -> number of the tool that it carries; ``None``: all tools. Without
-                this function: all tools. on_contact: called with the touches of a moving robot.
+                this function: all tools.
+            on_contact: called with the touches of a moving robot.
         """
         super().__init__()
         self._tool_of = tool_of or (lambda _: None)

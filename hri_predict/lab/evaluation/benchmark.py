@@ -275,5 +275,5 @@ def _predict(network: Network, history: Floats) -> Floats:
     observed = torch.ones(len(newest), steps, newest.shape[2], dtype=torch.bool)
     observed[:, :missing] = False
     window, frame = network.enter(torch.cat([padding, newest], dim=1), observed)
-    result: Floats = frame.leave(network(window)).double().numpy()
+    result: Floats = frame.leave(network(window)[..., :3]).double().numpy()
     return result

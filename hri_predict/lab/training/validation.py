@@ -51,7 +51,7 @@ def validate(
         if turn % processes.count != processes.rank:
             continue
         window, target = batch.entered(entry)
-        predicted = network(window.to(device)).cpu().double()
+        predicted = network(window.to(device))[..., :3].cpu().double()
         distance = (predicted - target.positions.double()).norm(dim=-1)
         known = target.observed
         error.index_add_(0, batch.actions, (distance * known).sum(-1))

@@ -46,7 +46,7 @@ class Engine:
 
     Attributes:
         name: torch or onnxruntime.
-        forward: a window of B people to (B, H, J, 3), as ``Network.lean``.
+        forward: a window of B people to (B, H, J, 3 or 4), as ``Network.lean``.
         differs_m: the largest difference from torch on the probes, in metres.
         why: reason not to use ONNX Runtime; one line.
         model: the exported copy in use; empty for torch.
@@ -93,11 +93,11 @@ def _onnxruntime(network: Network, threads: int) -> Engine:
         raise EngineError("this network cannot be exported")
     runtime()
     name = f"{type(network).__name__.lower()}-{_digest(network)}.onnx"
-    problem, shape, asked = "", network.shape, probes(network)
+    problem, asked = "", probes(network)
     for _ in range(2):
         model = cached(name, lambda: _exported(network))
         try:
-            session = Session(model, (shape.horizon_steps, shape.joints, 3), threads)
+            session = Session(model, asked[0].wanted.shape[1:], threads)
             differs = max(
                 session.difference(each.positions, each.observed, each.wanted) for each in asked
             )
@@ -189,7 +189,7 @@ class Probe:
     Attributes:
         positions: (B, T, J, 3) m.
         observed: (B, T, J).
-        wanted: (B, H, J, 3) m.
+        wanted: (B, H, J, 3 or 4), as ``Network.forward``.
     """
 
     positions: Singles

@@ -46,7 +46,7 @@ NOT_EXPORTED = 3
 _BROKEN: tuple[type[Exception], ...] = (ValueError, KeyError, TypeError, AttributeError, OSError)
 _BROKEN += (EOFError, MemoryError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _LIMIT_S = 600.0  # of an export: a start as a whole has its own limit
-_VERSION = 2  # raise it when what is kept changes, or how
+_VERSION = 3  # raise it when what is kept changes, or how
 _BEGIN = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
     "from hri_predict.predictors.neural.exporting import main; sys.exit(main(sys.argv[2]))"
@@ -64,7 +64,6 @@ class Stored:
     Attributes:
         model: the exported network.
         history_steps, horizon_steps: of the predictor.
-        network_steps: of the network, at least ``horizon_steps``.
         rest: (28, 3) m; see ``Network``.
         probes: (positions, observed, wanted) of windows and torch's forecasts.
         warnings: for the user, at each start.
@@ -73,7 +72,6 @@ class Stored:
     model: bytes
     history_steps: int
     horizon_steps: int
-    network_steps: int
     rest: Any
     probes: list[tuple[Any, Any, Any]]
     warnings: list[str]
@@ -87,7 +85,6 @@ class Stored:
         about = {
             "history_steps": self.history_steps,
             "horizon_steps": self.horizon_steps,
-            "network_steps": self.network_steps,
             "probes": len(self.probes),
             "warnings": self.warnings,
         }
@@ -109,7 +106,6 @@ class Stored:
                     model=arrays["model"].tobytes(),
                     history_steps=int(about["history_steps"]),
                     horizon_steps=int(about["horizon_steps"]),
-                    network_steps=int(about["network_steps"]),
                     rest=arrays["rest"],
                     probes=[
                         (arrays[f"p{k}"], arrays[f"o{k}"], arrays[f"w{k}"])
@@ -151,7 +147,7 @@ class ExportedPredictor(Forecasting):
         self.history_steps, self.horizon_steps = stored.history_steps, stored.horizon_steps
         nearest = np.ascontiguousarray(neighbours(BODY.parents))
         self._tables = tables(CANONICAL, stored.rest, nearest)
-        shape = (stored.network_steps, len(BODY.joints), 3)
+        shape = next((wanted.shape[1:] for _, _, wanted in stored.probes), ())
         self._session = Session(stored.model, shape, settings.threads)
         differs = max((self._session.difference(*probe) for probe in stored.probes), default=np.inf)
         if not differs <= AGREES_M:

@@ -43,7 +43,6 @@ def _stored(predictor: NeuralPredictor, warnings: list[str]) -> Stored:
         model=predictor.engine.model,
         history_steps=predictor.history_steps,
         horizon_steps=predictor.horizon_steps,
-        network_steps=network.shape.horizon_steps,
         rest=network.rest.double().numpy(),
         probes=[(each.positions, each.observed, each.wanted) for each in probes(network)],
         warnings=warnings,

@@ -40,12 +40,24 @@ class Forecasting(ABC):
             np.ascontiguousarray(observed, dtype=np.bool_),
         )
         entered = enter(histories, self._tables)
-        predicted = np.ascontiguousarray(self._ahead(entered)[:, : self.horizon_steps])
-        return Forecast(leave(predicted, entered, histories, self._tables), None)
+        ahead = self._ahead(entered)[:, : self.horizon_steps]
+        predicted = np.ascontiguousarray(ahead[..., :3])
+        std = self._std(ahead[..., 3]) if ahead.shape[-1] == 4 else None
+        return Forecast(leave(predicted, entered, histories, self._tables), std)
+
+    def _std(self, log: Singles) -> Floats:
+        """(P, H, K) m, of the logarithms (P, H, 28); not finite where a logarithm is not.
+
+        A joint in the middle of two is at most as uncertain as the mean of both says.
+        """
+        with np.errstate(over="ignore"):  # ``checked`` refuses what is infinite
+            std = np.exp(np.where(log > -np.inf, log, np.nan).astype(np.float64))
+        result: Floats = std[:, :, self._tables.taken].mean(axis=3)
+        return result
 
     @abstractmethod
     def _ahead(self, entered: Entered) -> Singles:
-        """(P, at least ``horizon_steps``, 28, 3) m in the people's own frames."""
+        """(P, at least ``horizon_steps``, 28, 3 or 4), as ``Network.forward`` gives it."""
 
     def _warm_up(self, method: str, path: Path) -> None:
         """Predict for one person, two and many, so that the first ticks are not late.

@@ -125,7 +125,11 @@ class Network(nn.Module):
         self.register_buffer("nearest", neighbour_table(shape.skeleton), persistent=False)
 
     def forward(self, window: BodyFrames) -> Tensor:
-        """Predict (B, H, J, 3) in the body frame."""
+        """Predict (B, H, J, 3) in the body frame.
+
+        A network that states how wrong it may be returns (B, H, J, 4). The fourth number is the
+        natural logarithm of the standard deviation per axis in metres; see ``deviation_loss``.
+        """
         raise NotImplementedError
 
     def lean(self) -> Callable[[BodyFrames], Tensor]:
@@ -144,7 +148,11 @@ class Network(nn.Module):
             target: the true future.
             progress: completed share of the training, 0 to 1; for losses with stages.
         """
-        return {"position": mpjpe(self(window), target)}
+        predicted = self(window)
+        losses = {"position": mpjpe(predicted, target)}
+        if predicted.shape[-1] == 4:
+            losses["deviation"] = deviation_loss(predicted, target)
+        return losses
 
     def loss(self, window: BodyFrames, target: Target, progress: float) -> Tensor:
         """The sum of ``losses``."""
@@ -223,6 +231,22 @@ def last_pose(window: BodyFrames) -> Tensor:
 
 def mpjpe(predicted: Tensor, target: Target) -> Tensor:
     """Mean per joint position error over the known part of the future, metres."""
-    error = (predicted - target.positions).square().sum(-1).add(1e-12).sqrt()
+    error = (predicted[..., :3] - target.positions).square().sum(-1).add(1e-12).sqrt()
     known = target.observed
     return (error * known).sum() / known.sum().clamp(min=1)
+
+
+def deviation_loss(predicted: Tensor, target: Target) -> Tensor:
+    """Negative log-likelihood of the known part of the future, predicted as (B, H, J, 4).
+
+    The mean over joints of 3 s + exp(-2 s) |error|^2 / 2, where s is the fourth number: A. Kendall,
+    Y. Gal, "What Uncertainties Do We Need in Bayesian Deep Learning for Computer Vision?", NIPS
+    2017, eq. 8, for three axes with one deviation. It trains the deviation only, and ``mpjpe``
+    trains the positions: the likelihood would hardly train them where errors are large (M. Seitzer
+    et al., "On the Pitfalls of Heteroscedastic Uncertainty Estimation with Probabilistic Neural
+    Networks", ICLR 2022).
+    """
+    squared = (predicted[..., :3].detach() - target.positions).square().sum(-1)
+    log, known = predicted[..., 3], target.observed
+    each = 3.0 * log + 0.5 * squared * (-2.0 * log).exp()
+    return (each * known).sum() / known.sum().clamp(min=1)

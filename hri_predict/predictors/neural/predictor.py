@@ -35,7 +35,8 @@ class NeuralPredictor(Forecasting):
     moves by the mean displacement of the joints that it lies between (hips, shoulders) or on
     (head); its rotation about them is ignored. If it was never observed, it is placed where those
     joints are. The network guesses all other joints that were never observed from their neighbours.
-    The predictor gives no standard deviation.
+    There is a standard deviation if the network states one; these three joints have the mean of
+    those of the joints that they move with.
 
     Attributes:
         network: the network, in inference mode.

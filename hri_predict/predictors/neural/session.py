@@ -39,14 +39,14 @@ class Session:
 
     Args:
         model: the exported network.
-        shape: (H, J, 3) of its forecasts.
+        shape: (H, J, 3 or 4) of its forecasts.
         threads: CPU threads that it may use.
 
     Raises:
         EngineError: ONNX Runtime is missing, or rejects the model.
     """
 
-    def __init__(self, model: bytes, shape: tuple[int, int, int], threads: int) -> None:
+    def __init__(self, model: bytes, shape: tuple[int, ...], threads: int) -> None:
         onnxruntime = runtime()
         try:
             options = onnxruntime.SessionOptions()
@@ -64,7 +64,7 @@ class Session:
         self._inputs = frozenset(entry.name for entry in self._session.get_inputs())
 
     def __call__(self, positions: Singles, observed: Bools) -> Singles:
-        """(B, H, J, 3) m.
+        """(B, H, J, 3 or 4), as ``Network.forward``.
 
         Raises:
             PredictorError: the result has another shape or type.
@@ -82,6 +82,8 @@ class Session:
 
     def difference(self, positions: Singles, observed: Bools, wanted: Singles) -> float:
         """Largest difference from torch's forecast of a window, in metres; infinite for NaN.
+
+        Logarithms of deviations count alike: 1e-4 is then 0.01 % of a deviation.
 
         Raises:
             EngineError: it fails, or the forecasts have different shapes.

@@ -38,9 +38,10 @@ class Onlookers:
     """Options with which a node runs observed.
 
     Attributes:
-        flags: options of ``hri-predict run``. alerts: the block ``alerts:`` of its configuration.
-            process: the reader; it sends a message after data from both screens, and reports the
-            bytes received from each.
+        flags: options of ``hri-predict run``.
+        alerts: the block ``alerts:`` of its configuration.
+        process: the reader; it sends a message after data from both screens, and reports the bytes
+            received from each.
     """
 
     flags: list[str]

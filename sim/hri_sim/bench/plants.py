@@ -203,8 +203,8 @@ def poll(
     """Poll registers every ``POLL_S``, as a PLC does; for ``child``.
 
     Args:
-        pipe: receives a message when polling starts; a message in it stops polling. port: port of
-            the link.
+        pipe: receives a message when polling starts; a message in it stops polling.
+        port: port of the link.
         fields: block (the node's, or its first robot's) and name of each register.
 
     Returns:

@@ -33,8 +33,9 @@ class Ear(Protocol):
     """One end of a wire.
 
     Attributes:
-        link: entry of ``links:`` for the node at the other end. stamps: the clock that stamps
-            arrivals. receiver: decoder of the units.
+        link: entry of ``links:`` for the node at the other end.
+        stamps: the clock that stamps arrivals.
+        receiver: decoder of the units.
     """
 
     link: dict[str, Any]
@@ -56,8 +57,9 @@ class PtyEar:
 
     Args:
         link: entry of ``links:``, except for the line's path.
-        key: the entry's key for that path. transport: reads from the line. receiver: decoder of the
-            units read.
+        key: the entry's key for that path.
+        transport: reads from the line.
+        receiver: decoder of the units read.
     """
 
     stamps = "receiver's clock after a blocking read"

@@ -258,8 +258,8 @@ class ControllerCore(Generic[U]):
         Args:
             now_ns: controller's clock.
             q, qd: (N,) rad and rad/s, m and m/s, the coordinates of a moving base first; ``None``
-                while unknown: then nothing is sent. said: further content of RobotState. mounted:
-                the tool.
+                while unknown: then nothing is sent.
+            said: further content of RobotState. mounted: the tool.
         """
         units: list[U] = []
         if self._next_state_ns is None:

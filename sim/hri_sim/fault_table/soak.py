@@ -237,8 +237,8 @@ class Resident:
     """Growth of the resident memory after a warm-up, in which bounded buffers fill.
 
     Args:
-        every_s: node time between two samples. warm_up_s: node time of the warm-up, from the first
-            sample.
+        every_s: node time between two samples.
+        warm_up_s: node time of the warm-up, from the first sample.
     """
 
     def __init__(self, every_s: float, warm_up_s: float) -> None:

@@ -37,7 +37,8 @@ class MadeUpPeople:
     """Holds, moves on or repeats the people that a source reported last.
 
     Args:
-        fault: its settings. rng: generator of the noise.
+        fault: its settings.
+        rng: generator of the noise.
     """
 
     def __init__(self, fault: MadeUp, rng: np.random.Generator) -> None:

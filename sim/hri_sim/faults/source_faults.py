@@ -42,7 +42,8 @@ class PeopleFault(FaultSettings):
         """Return a person as the source reports them; ``None``: not reported.
 
         Args:
-            person: the true person. joints: names of the source's joints.
+            person: the true person.
+            joints: names of the source's joints.
         """
         raise NotImplementedError
 

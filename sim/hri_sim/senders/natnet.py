@@ -64,7 +64,8 @@ def frame(
     """Return a frame of data.
 
     Args:
-        number: frame number. time_s: Motive's time.
+        number: frame number.
+        time_s: Motive's time.
         people: by skeleton id, (21, 3) canonical joints: x forward, y left, z up.
         untracked: bones whose tracking-valid bit is not set.
         local: whether bones are relative to their parents.

@@ -133,8 +133,8 @@ def compute(
         cell: gives predictor and configuration.
         motions: the people's motions.
         lead_in_s: seconds of empty room before.
-        variants: ways to judge risk, on which zones may depend. places: (x, y, yaw) of each motion;
-            default: each in its own frame.
+        variants: ways to judge risk, on which zones may depend.
+        places: (x, y, yaw) of each motion; default: each in its own frame.
     """
     config = cell.config
     placed = [list(place) for place in places or [(0.0, 0.0, 0.0)] * len(motions)]

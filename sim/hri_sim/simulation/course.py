@@ -43,8 +43,8 @@ class Course:
 
     Attributes:
         stamps_ns: (K,).
-        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``. tools: (K,) robot name
-            -> number of its tool; ``None``: all tools.
+        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``.
+        tools: (K,) robot name -> number of its tool; ``None``: all tools.
     """
 
     stamps_ns: list[int] = field(default_factory=list)

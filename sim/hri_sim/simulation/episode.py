@@ -49,7 +49,8 @@ class Log(Tally):
         times_s: (K,) since the start.
         course: (K) people, robots and tools.
         q, path_s: robot name -> (K) joints (N,), and position along its path in seconds at full
-            speed, not wrapped at the cycle's end. levels: (K) levels of each robot's advice.
+            speed, not wrapped at the cycle's end.
+        levels: (K) levels of each robot's advice.
         controllers: their reports.
         harm: consequences of touches by a moving robot.
     """

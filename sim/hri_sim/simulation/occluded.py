@@ -37,8 +37,9 @@ def shadows_of(
     """Return prisms in which something is hidden from every camera.
 
     Args:
-        boxes: x and y of two opposite corners, and the height. cameras: positions. room_m: distance
-            from the origin to each wall.
+        boxes: x and y of two opposite corners, and the height.
+        cameras: positions.
+        room_m: distance from the origin to each wall.
     """
     room = [[-room_m, -room_m], [room_m, -room_m], [room_m, room_m], [-room_m, room_m]]
     hidden: list[Floats] = [np.array(room)]

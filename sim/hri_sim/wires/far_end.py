@@ -27,7 +27,7 @@ class Drained:
     Attributes:
         received: number of bytes.
         busy_s: time from the arrival of the first byte to the departure of the last one.
-            backlog_bytes: number of waiting bytes at each read, if not zero.
+        backlog_bytes: number of waiting bytes at each read, if not zero.
     """
 
     received: int = 0

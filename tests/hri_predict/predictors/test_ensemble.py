@@ -5,7 +5,9 @@ import pytest
 
 from hri_predict.base.errors import ConfigError
 from hri_predict.contracts import registry
+from hri_predict.contracts.predictor import Forecast
 from hri_predict.predictors.ensemble import AveragePredictor, AverageSettings
+from hri_predict.predictors.kalman import ConstantAccelerationKalman
 from hri_predict.predictors.neural.settings import shipped_weights
 from hri_predict.run.config import predictor_settings
 
@@ -41,6 +43,31 @@ def test_it_is_the_mean_of_what_each_says_of_its_own_history(people):
     # a sum of three and a division: an epsilon each, of magnitudes up to 3 m
     np.testing.assert_allclose(forecast.positions, np.mean(said, axis=0), atol=1e-14)
     assert forecast.std is None
+
+
+def test_its_deviation_is_that_of_the_mixture(people):
+    """The same as that of numbers drawn from both members' distributions."""
+
+    class Sure(ConstantAccelerationKalman):
+        def predict(self, history, observed):
+            found = super().predict(history, observed)
+            assert found.std is not None
+            return Forecast(found.positions + np.array([0.3, 0.0, 0.0]), 0.5 * found.std)
+
+    found, kalman = average("zero_velocity", "kalman"), alone("kalman")
+    sure = Sure(kalman._settings)
+    found.members, found.history_steps = [kalman, sure], kalman.history_steps
+    history, observed = (each[:, -kalman.history_steps :] for each in people)
+    forecast = found.predict(history, observed)
+    std = kalman.predict(history, observed).std
+    offset = np.array([-0.15, 0.15])[:, None, None]
+    rng = np.random.default_rng(1)
+    for step in (0, 24):
+        own = np.array([1.0, 0.5])[:, None, None] * std[0, step, 3]
+        drawn = rng.normal(0.0, own, (2, 100_000, 3))
+        drawn[..., :1] += offset
+        # a standard error of 600 000 numbers is 0.1 %
+        assert forecast.std[0, step, 3] == pytest.approx(np.sqrt((drawn**2).mean()), rel=0.01)
 
 
 def test_it_reaches_as_far_as_all_its_members():

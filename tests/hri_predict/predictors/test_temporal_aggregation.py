@@ -20,7 +20,7 @@ from hri_predict.predictors.neural.network import (
     mpjpe,
     network_class_of,
 )
-from hri_predict.predictors.neural.weights import load_weights, save_weights
+from hri_predict.predictors.neural.weights import LoadedWeights, load_weights, save_weights
 from hri_predict.predictors.temporal_aggregation import (
     Aggregated,
     AggregatedOptions,
@@ -59,6 +59,21 @@ def test_forget_unit_drops_the_oldest_and_appends_what_was_predicted():
     torch.testing.assert_close(after.positions[:, 4:], predicted, rtol=0, atol=0)
     assert (after.observed[:, :4] == before.observed[:, 2:]).all()
     assert after.observed[:, 4:].all()
+
+
+def test_what_is_repeated_states_no_deviation():
+    """It takes its own forecasts for observed, so what it states beyond is too small."""
+    shape = Shape(skeleton=BODY, history_steps=6, horizon_steps=2, rate_hz=25.0)
+
+    class Unsure(GoesOn):
+        def forward(self, window: BodyFrames) -> Tensor:
+            return nn.functional.pad(super().forward(window), (0, 1), value=-3.0)
+
+    plain, unsure = (
+        Aggregated.around(LoadedWeights(inner(shape), "trajectorycnn", {}), 2, 5)(window())
+        for inner in (GoesOn, Unsure)
+    )
+    torch.testing.assert_close(unsure, plain, rtol=0, atol=0)
 
 
 def test_forget_unit_keeps_the_window_length_if_more_is_predicted_than_it_holds():

@@ -35,7 +35,8 @@ class Outcome(Tally, Touches):
     Attributes:
         index, motion: the scenario's number, and the first person's motion.
         seconds: time with a person in the room.
-        stops: protective stops, caused by advice. wire_stops: stops caused by losses on the wire.
+        stops: protective stops, caused by advice.
+        wire_stops: stops caused by losses on the wire.
         judged_stops, judged_s: stops followed by a whole recorded horizon, and the time in which a
             stop could be judged.
         false_stops: unnecessary judged stops: all people would have stayed farther than ``NEAR_M``

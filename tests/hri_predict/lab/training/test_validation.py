@@ -12,7 +12,8 @@ from hri_predict.predictors.neural.body import BODY
 from hri_predict.predictors.neural.network import Network, Shape, last_pose
 
 
-def test_validation_is_a_mean_over_actions_of_what_is_known():
+@pytest.mark.parametrize("numbers", [3, 4])  # the fourth: of a network that states a deviation
+def test_validation_is_a_mean_over_actions_of_what_is_known(numbers):
     history = torch.zeros(3, 4, 28, 3)
     future = torch.zeros(3, 3, 28, 3)
     future[0, :, :, 0] = 0.1  # walking: 100 mm
@@ -31,7 +32,8 @@ def test_validation_is_a_mean_over_actions_of_what_is_known():
 
     class Still(Network):
         def forward(self, window):
-            return last_pose(window).expand(-1, 3, -1, -1)
+            ahead = last_pose(window).expand(-1, 3, -1, -1)
+            return torch.nn.functional.pad(ahead, (0, numbers - 3), value=-2.0)
 
     network = Still(
         Shape(skeleton=BODY, history_steps=4, horizon_steps=3, rate_hz=25.0, framed=True)

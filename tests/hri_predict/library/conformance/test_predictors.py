@@ -78,6 +78,12 @@ class Flat(Wrong):
         return positions[:, :1]
 
 
+class TooSure(Wrong):
+    def predict(self, history, observed):
+        right = super().predict(history, observed)
+        return Forecast(right.positions, np.full(right.positions.shape[:3], -0.01))
+
+
 class Careless(Wrong):
     def wrong(self, positions, history, observed):
         history[:] = 0.0
@@ -105,6 +111,7 @@ class AtItsOwnRate(Wrong):
         (Unmasked, "ignores what is not observed"),
         (NotFinite, "is finite whatever is unobserved"),
         (Flat, "gives the right shapes"),
+        (TooSure, "gives the right shapes"),
         (Careless, "leaves its input alone"),
         (ReadsAhead, "knows nothing of the future"),
         (AtItsOwnRate, "says what it works on"),

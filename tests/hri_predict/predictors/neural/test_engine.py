@@ -58,6 +58,14 @@ class Branching(Leaning):
         return ahead if bool(window.observed[:, -1].all()) else 2 * ahead
 
 
+class Doubting(Leaning):
+    """States another deviation where a joint is not observed."""
+
+    def forward(self, window):
+        doubt = 0.0 if bool(window.observed[:, -1].all()) else 0.01
+        return nn.functional.pad(super().forward(window), (0, 1), value=doubt)
+
+
 class Pairing(Leaning):
     """Does another thing for two people."""
 
@@ -137,6 +145,7 @@ def test_the_copy_of_kdformer_turns_a_bone_that_points_the_other_way():
     ("network", "why"),
     [
         (Branching, "differs from torch"),
+        (Doubting, "differs from torch"),
         (Pairing, "differs from torch"),
         (Inverting, "cannot be exported"),
         (Unexportable, ""),

@@ -54,6 +54,20 @@ class Drift(Network):
         return last_pose(window) + velocity * ahead
 
 
+class Unsure(Drift):
+    """States how wrong it may be: a deviation of its own for each joint, of centimetres."""
+
+    exportable: ClassVar[bool] = True
+
+    def __init__(self, shape: Shape, options: NetworkOptions) -> None:
+        super().__init__(shape, options)
+        self.deviation = nn.Parameter(torch.linspace(-4.0, -1.0, shape.joints)[:, None])
+
+    def forward(self, window: BodyFrames) -> torch.Tensor:
+        ahead = super().forward(window)
+        return torch.cat([ahead, self.deviation.expand(*ahead.shape[:3], 1)], -1)
+
+
 class FixedDrift(Drift):
     any_horizon: ClassVar[bool] = False
 
@@ -203,6 +217,45 @@ def test_far_beyond_the_trained_horizon_is_told_once(weights, caplog, horizon_s)
     else:
         assert len(told) == 1
         assert "2.04 s is far beyond the 1 s that its weights were trained for" in told[0]
+
+
+@pytest.mark.parametrize("engine", ["torch", "onnxruntime"])
+def test_a_network_states_its_deviation(tmp_path, random_network, monkeypatch, walk, engine):
+    if engine == "onnxruntime":
+        pytest.importorskip("onnxruntime", reason="ONNX Runtime is not installed")
+    monkeypatch.setattr(DriftPredictor, "network_class", Unsure)
+    network, path = random_network(Unsure), tmp_path / "unsure.safetensors"
+    save_weights(path, "drift", network, {})
+    predictor = drift(path, engine=engine, horizon_s=0.4)  # any horizon
+    found, plain = predictor.predict(*walk), random_network(Drift)
+    assert found.std is not None
+    plain.load_state_dict(network.state_dict(), strict=False)
+    said = dict(
+        zip(BODY.joints, network.deviation.detach().half().double().exp()[:, 0], strict=True)
+    )
+    assert found.std.shape == found.positions.shape[:3] == (2, 10, 21)
+    for name in ("head", "l_wrist"):
+        np.testing.assert_allclose(found.std[:, :, joint(name)], float(said[name]), rtol=1e-5)
+    between = float(said["l_hip"] + said["r_hip"]) / 2
+    np.testing.assert_allclose(found.std[:, :, joint("waist")], between, rtol=1e-5)
+    save_weights(path, "drift", plain, {})
+    monkeypatch.setattr(DriftPredictor, "network_class", Drift)
+    alone = drift(path, horizon_s=0.4).predict(*walk)
+    np.testing.assert_allclose(found.positions, alone.positions, rtol=0, atol=1e-5)
+    assert alone.std is None
+
+
+@pytest.mark.parametrize("log", [torch.nan, -torch.inf, torch.inf, 1000.0])
+def test_a_deviation_that_is_not_finite_is_no_forecast(tmp_path, random_network, monkeypatch, log):
+    class Unsound(Drift):
+        def forward(self, window: BodyFrames) -> torch.Tensor:
+            return nn.functional.pad(super().forward(window), (0, 1), value=log)
+
+    path = tmp_path / "unsound.safetensors"
+    save_weights(path, "drift", random_network(Drift), {})
+    monkeypatch.setattr(DriftPredictor, "network_class", Unsound)
+    with pytest.raises(PredictorError, match="std is of the wrong shape, not finite or below 0"):
+        drift(path)
 
 
 def test_weights_that_give_no_finite_forecast_are_refused_at_the_start(
