@@ -133,8 +133,8 @@ def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
 def predictor_settings(name: str) -> type[PredictorSettings]:
     """Return the settings model of a predictor, if possible without importing the predictor.
 
-    The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
-    libraries that only they need, such as torch. If the group has no such name, the predictor
+    The group ``hri_predict.predictor_settings`` lists the settings models of predictors whose
+    modules import optional libraries, such as torch. If the group has no such name, the predictor
     itself is imported.
 
     Raises:

@@ -35,9 +35,10 @@ def people_seen(
     """Return each person at one instant.
 
     Returns:
-        ``id``; ``state``: tracked or lost; ``last_seen_s`` ago; ``age_s`` of the capture, where a
-        forecast gives it; ``observed`` of ``joints``; ``missing`` joints by name; ``speed``: "" if
-        the standard's speed is used.
+        One dict per person: ``id``; ``state``: tracked or lost; ``last_seen_s``: seconds since last
+        seen; ``age_s``: age of the capture, ``None`` without a forecast; ``observed``, ``joints``:
+        numbers of observed and of available joints; ``missing``: names of the missing joints;
+        ``speed``: "" if the standard's speed is used.
     """
     last = _last_seen(window, info, utc_ns)
     lost = _lost(window, utc_ns, last)

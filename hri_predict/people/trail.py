@@ -99,7 +99,7 @@ class Trail:
         return median(_norm(bent))
 
     def slack_m(self, least_m: float) -> float:
-        """Return the greatest error of a step: at least ``least_m``, or more for a noisier body."""
+        """Return the maximum error of a step: ``least_m``, or more if the body is noisy."""
         return max(least_m, min(NOISES * self.noise_m(), MOST_NOISE_M))
 
     def slip(self) -> tuple[int, int] | None:

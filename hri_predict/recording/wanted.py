@@ -14,7 +14,7 @@ class Wanted:
     """Options of reading a recording; see ``open_recording``.
 
     Attributes:
-        person: id of the body, for formats with a single one.
+        person: id of the body, for formats that hold a single body.
         unit_m: metres per unit; ``None``: as the file or its format states.
         axes: axes that are forward, left and up; ``None``: as the file or its format states.
         rate_hz: frames per second of a file without times.

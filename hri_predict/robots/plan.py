@@ -134,7 +134,9 @@ class Plan:
     def phases(
         self, start_s: float, speeds_m_s: Floats, times_s: Floats, reaction_s: float
     ) -> tuple[Floats, Floats]:
-        """(L, K) phases of ``stopping_capsules`` at the times, and (L,) when the robot stops."""
+        """Return (L, K) phases at ``times_s``, for ``stopping_capsules``, and (L,) times at which
+        the robot stops.
+        """
         path = self._closed, self._speed, self._step_s
         start, asked = (start_s, reaction_s), (plain(speeds_m_s), plain(times_s))
         return ahead.phases(path, self._model.stopping_tables, start, asked)

@@ -17,7 +17,7 @@ _SPEED_STEPS = 256
 
 
 class StoppingTable:
-    """Stopping time and distance at the speeds of a table, for any speed.
+    """Stopping time and distance at any speed, interpolated from a table.
 
     Values are linear between the table's speeds. Below the first speed: the first time, with
     proportional distance. Above the last speed: constant deceleration, with time proportional to

@@ -89,7 +89,7 @@ class FloorWatch:
         settings: ``floor_drift_m`` is the limit; without posture checks, the floor is not checked.
 
     Attributes:
-        seconds: seconds of standing that were judged.
+        seconds: total standing time that was evaluated, in seconds.
     """
 
     def __init__(self, settings: PeopleSettings) -> None:

@@ -24,7 +24,7 @@ from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 
 LATELY_S = 0.2
-"""Time before the newest capture over which motion is measured: part of a step."""
+"""Interval up to the newest capture over which motion is measured; shorter than one footstep."""
 PACE_M_S = 0.4
 """Minimum speed of a person who leaves; a slower one may be about to stop."""
 OUT_M = 0.1

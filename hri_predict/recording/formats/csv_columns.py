@@ -50,7 +50,7 @@ class Columns:
 
     Attributes:
         count: number of named columns.
-        names: of all columns.
+        names: names of all columns.
         time: column of the time, or of the frame's number; ``None``: a row is a frame.
         second_s: seconds per unit of the time; ``None``: seconds, or Unix time in any unit.
         not_times: columns of times where a rate was given instead; they must be empty.
@@ -83,7 +83,7 @@ class Columns:
 def rows_of(text: str) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """The delimiter of a table, and its rows with the numbers of their lines, the header first.
 
-    Lines of comments (#), empty ones, and the line ``sep=;`` of spreadsheets are skipped.
+    Comment lines (#), empty lines, and the ``sep=;`` line that spreadsheets write are skipped.
     """
     start, stated = 0, ""
     for line in io.StringIO(text):
@@ -174,8 +174,8 @@ def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
     if not found:
         raise RecordingError(
             f"recording {path}: no column 'time_s' (its first row begins with "
-            f"{', '.join(names[:4])[:60]!r}); call the seconds that, or give the frames per "
-            f"second: {converted_by(path, '--fps 30')} (if it has 30)"
+            f"{', '.join(names[:4])[:60]!r}); rename the column of times in seconds to 'time_s', "
+            f"or give the frame rate: {converted_by(path, '--fps 30')} (for 30 frames per second)"
         )
     unit = _TIME.fullmatch(names[found[0]].lower())
     return found[0], None if unit is None else SECONDS[_LONG.get(unit[1], unit[1])]

@@ -21,7 +21,7 @@ LOOKED_AT = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagTopic:
-    """A topic whose type can place people.
+    """A topic whose message type can carry people's positions.
 
     Attributes:
         name: of the topic.

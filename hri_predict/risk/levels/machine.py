@@ -236,7 +236,7 @@ class LevelMachine:
             self._has_grown = False
 
     def _advance(self, demand: Demand, captures: int) -> Reason | None:
-        """Update the level. Return why it is severer than the demand; ``None`` if it is not."""
+        """Update the level. Return why it is stricter than the demand; ``None`` if it is not."""
         if demand.level is Level.STOP:
             self.latch("stop")
         if self._causes and demand.level.may_move:

@@ -74,7 +74,7 @@ def plants(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the milliseconds of each link."""
+    """Yield the latency of each link, in ms."""
     need_extra("pymodbus", "modbus")
     return rows_of(costs(scope.seconds), "link")
 

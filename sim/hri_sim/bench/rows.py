@@ -53,9 +53,11 @@ class Scope:
         network: the default predictor, whose inference costs most of a tick.
         predictors: predictors to measure one by one; empty: all with shipped weights.
         people, joint_maps, horizons_s, robots, rates_hz: values that section ``scaling`` goes
-            through. batches: numbers of people in one forecast.
-        wires, age_rates_hz: number of wires, and the rates. episodes: approaches of the closed
-            loop; 0: left out.
+            through.
+        batches: numbers of people in one forecast.
+        wires: number of wires.
+        age_rates_hz: capture rates of the sections ``age`` and ``links``.
+        episodes: number of simulated approaches in the closed-loop section; 0: skip the section.
         cold: whether the start is also measured with an empty cache.
     """
 

@@ -133,7 +133,9 @@ def short_name(wire: str) -> str:
 
 
 def _heard_s(scope: Scope) -> float:
-    """Return the measured time of a run; intervals need more than single calls do."""
+    """Return the measurement time of a run, in seconds; timing intervals takes longer than timing
+    single calls.
+    """
     return 2.0 * scope.seconds
 
 

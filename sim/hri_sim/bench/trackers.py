@@ -91,7 +91,7 @@ def trackers(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the figures of each tracker with each noise, one walk each; no noise in a quick run."""
+    """Yield rows for each tracker and kind of noise, from one walk; a quick run uses no noise."""
     found = walked(cases(None if scope.episodes else "none"), 1, scope.network)
     return rows_of(found, "tracker", "noise", more_is_better=("predictive_m_s", "iso_m_s"))
 

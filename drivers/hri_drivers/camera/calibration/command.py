@@ -37,8 +37,8 @@ def draw_board(
 
     write_sheet(out, Board(columns, rows, square))
     print(
-        f"{out}: print it at 100 %, glue it onto something flat, and measure a square: it should "
-        f"have {square * 1e3:g} mm"
+        f"{out}: print it at 100 % scale, glue it to something flat, and measure a square: its "
+        f"sides should be {square * 1e3:g} mm long"
     )
 
 

@@ -107,7 +107,7 @@ def read_depth(path: Path) -> Float32:
         raise ConfigError(f"{path}: not a picture")
     if data.dtype != np.uint16 or data.ndim != 2:
         raise ConfigError(
-            f"{path}: not a depth picture; expected a 16-bit PNG with one channel, in millimetres"
+            f"{path}: not a depth image; expected a single-channel 16-bit PNG in millimetres"
         )
     metres = data.astype(np.float32) * np.float32(0.001)
     return np.where(metres > 0, metres, np.float32(np.nan))

@@ -24,8 +24,9 @@ from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.settings import Pose, Settings, validated
 
 FIELD_OF_VIEW_DEG = 64.0
-"""Horizontal field of view assumed for an unknown webcam. Data sheets have 50 to 80 degrees for
-most webcams and laptops; the focal length of 64 is the geometric mean of theirs."""
+"""Horizontal field of view assumed for an unknown webcam. Data sheets give 50 to 80 degrees for
+most webcams and laptops; the focal length at 64 degrees is the geometric mean of those at 50 and
+80."""
 GUESSED_FOCAL_ERROR = 0.36
 """The focal length for 50 degrees is 34 % larger than for 64, for 80 degrees 26 % smaller."""
 STATED_FOCAL_ERROR = 0.06
@@ -43,7 +44,7 @@ class Camera:
 
     Attributes:
         matrix: (3, 3) intrinsics, pixels.
-        size: width and height in pixels of the pictures to which they apply.
+        size: image width and height, in pixels, for which ``matrix`` holds.
         distortion: (5,) k1, k2, p1, p2, k3; or (8,), with k4, k5, k6.
         focal_error: the focal length is known within this fraction, in 99 % of cameras.
         pose: pose in the room of the camera's REP-103 axes; None if not known.

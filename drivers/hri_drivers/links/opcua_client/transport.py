@@ -149,7 +149,9 @@ def _end(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def _number(found: Any) -> tuple[float | None, str]:
-    """The number of a DataValue, or ``None`` and the reason; a time in seconds of UTC."""
+    """Return the numeric value of a DataValue, or ``None`` and the reason; a datetime is converted
+    to seconds of UTC.
+    """
     status = getattr(found, "StatusCode", None)
     if status is None or not status.is_good():
         return None, f"its status is {getattr(status, 'name', 'missing')}; {_REMEDY}"
