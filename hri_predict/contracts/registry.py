@@ -87,7 +87,7 @@ def load(kind: Kind, name: str) -> Any:
     if name not in points:
         raise ConfigError(
             f"unknown {kind[:-1]} '{name}'{nearest(name, points)}; "
-            f"there are: {', '.join(sorted(points))}"
+            f"available: {', '.join(sorted(points))}"
         )
     try:
         part = points[name].load()
@@ -124,7 +124,7 @@ def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
     known = sorted({*ours, *names(kind)})
     if name not in known:
         raise ConfigError(
-            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; there are: "
+            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; available: "
             f"{', '.join(known)}"
         )
     return load(kind, name)

@@ -17,9 +17,9 @@ STEP_S = 0.36
 """Maximum span in which a change from one person to another is detected: three captures at 8 Hz."""
 KEEP_S = 1.0
 SAME_ID_M_S2 = 10.0
-"""Greatest acceleration of a trunk that is seen throughout: a fall, a runner's sharp turn."""
+"""Maximum acceleration of a trunk seen throughout: a fall, a runner's sharp turn."""
 FOUND_M_S2 = 2.0
-"""Greatest acceleration of a person out of view: from standing to walking in a step."""
+"""Maximum acceleration of a person out of view: from standing to walking in a step."""
 SEEN_SLACK_M = 0.18
 """Error of a path that was seen throughout: noise, or a part of the body that moves by itself."""
 FOUND_SLACK_M = 0.06

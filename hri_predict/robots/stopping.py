@@ -53,7 +53,7 @@ class StoppingTable:
         return self._speeds, self._times, self._distances
 
     def times_s(self, speeds: Floats) -> Floats:
-        """Return the seconds from the onset of braking to rest, for any number of speeds."""
+        """Return the times from the onset of braking to rest, in seconds, for several speeds."""
         beyond = np.maximum(speeds / self._speeds[-1], 1.0)
         times: Floats = np.interp(speeds, self._speeds, self._times) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, times, 0.0)

@@ -128,7 +128,7 @@ class Video:
     """A video file, played at its own rate: a picture that is not read in time is skipped.
 
     Args:
-        path: of the file.
+        path: path of the file.
         rate_hz: pictures per second instead of the file's own.
         loop: begin again at the end.
 

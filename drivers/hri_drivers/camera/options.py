@@ -133,7 +133,7 @@ def print_scenes(summary: dict[str, Any], stamps: str) -> None:
     """Print the part of the summary that both commands share.
 
     Args:
-        summary: of ``Pipeline`` or ``Rig``.
+        summary: summary of ``Pipeline`` or ``Rig``.
         stamps: how the times of the pictures are known.
     """
     print(

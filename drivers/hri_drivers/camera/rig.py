@@ -35,7 +35,7 @@ class Eye:
     """One camera of a rig.
 
     Attributes:
-        name: of the input.
+        name: name of the input.
         newest: its pictures.
         finder: a network of its own, which follows people from picture to picture.
         camera: calibrated, with its pose in the room.

@@ -30,7 +30,7 @@ _FEET = np.array([JOINTS.index(name) for name in ("l_ankle", "l_foot", "r_ankle"
 
 
 class Way(NamedTuple):
-    """Motion of a body over the floor: (2,) metres, and the seconds in between."""
+    """Motion of a body over the floor: (2,) metres, and the time it took."""
 
     moved: Floats
     seconds: float

@@ -63,8 +63,8 @@ class Stored:
 
     Attributes:
         model: the exported network.
-        history_steps, horizon_steps: of the predictor.
-        network_steps: of the network, at least ``horizon_steps``.
+        history_steps, horizon_steps: steps of the predictor.
+        network_steps: horizon steps of the network, at least ``horizon_steps``.
         rest: (28, 3) m; see ``Network``.
         probes: (positions, observed, wanted) of windows and torch's forecasts.
         warnings: for the user, at each start.

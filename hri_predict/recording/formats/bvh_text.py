@@ -176,7 +176,7 @@ def _channels(number: int, name: str, rest: str) -> list[str]:
 
 
 def _header(lines: list[str], numbers: Numbers) -> tuple[int, float]:
-    """Return the number of frames and the seconds between them, as the file states both."""
+    """Return the number of frames and the interval between them in seconds, as stated."""
     found: dict[str, str] = {}
     for line in lines:
         if match := _HEADER.fullmatch(line.strip()):

@@ -182,7 +182,7 @@ def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
 
 
 def _frame(names: Sequence[str], rate_hz: float) -> tuple[int | None, float]:
-    """The column of the frame's number, and the seconds of a frame."""
+    """Return the column of the frame number, and the duration of a frame in seconds."""
     bare = [re.sub("[^a-z]", "", name.lower()) for name in names]
     return next((bare.index(name) for name in FRAMES if name in bare), None), 1.0 / rate_hz
 

@@ -313,7 +313,7 @@ class _Table:
 
 
 def _clock_s(cell: str) -> float:
-    """Seconds of a date with time, or of a time of day; NaN if it is neither."""
+    """Return a date with time, or a time of day, in seconds; NaN if the cell holds neither."""
     for text in (cell.strip(), f"1970-01-01T{cell.strip()}"):
         try:
             moment = datetime.fromisoformat(text)

@@ -220,7 +220,7 @@ def single_number(array: Any) -> float:
 
 
 def rate_of(path: Path, arrays: Mapping[str, Any], usual: str) -> float:
-    """The frames per second of an archive, by any of the names in ``RATES``.
+    """Return the frame rate of an archive, under any of the names in ``RATES``.
 
     Args:
         path: the file.

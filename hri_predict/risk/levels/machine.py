@@ -1,6 +1,6 @@
 """The level machine: determines the advised level from this tick's demand and its memory.
 
-Levels become severer without delay: one capture is enough, and the speed limit falls immediately.
+Levels become stricter without delay: one capture is enough, and the speed limit falls immediately.
 They become milder slowly: a milder level requires its condition, plus a band, for a number of
 *distinct* captures, and the speed limit rises at a limited rate. A latch also requires an
 acknowledgement, which alone does not start any motion. The causes of a latch are configured

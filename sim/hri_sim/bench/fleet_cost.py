@@ -102,7 +102,7 @@ def routed() -> Iterator[str]:
 
 
 def recovery(times: int) -> dict[str, list[float]]:
-    """Measure, ``times`` times each, the seconds until messages of a cell arrive.
+    """Measure, ``times`` times each, the time until messages of a cell arrive, in seconds.
 
     Returns:
         ``joins``: time from the start of a link, while router and listener run; ``heals``: time

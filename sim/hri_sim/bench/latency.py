@@ -174,10 +174,10 @@ def latency(
     """Run the node on a wire of this kind.
 
     Args:
-        kind: of ``KINDS``.
+        kind: one of ``KINDS``.
         rate_hz: tick rate at a fixed rate, and capture rate of the source.
-        seconds: measured time, after a warm-up. ticks: as in the configuration: ``fixed`` or
-            ``capture``.
+        seconds: measurement time, after a warm-up.
+        ticks: as in the configuration: ``fixed`` or ``capture``.
         predictor: name of the predictor.
         people: number of people near the robot.
 

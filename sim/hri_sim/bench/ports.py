@@ -118,7 +118,7 @@ def _run(seconds: float, predictor: str, **others: Any) -> dict[str, Any]:
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the milliseconds at each receiver, with all ports and with CAN alone."""
+    """Yield the latency at each receiver, in ms, with all ports and with CAN alone."""
     return rows_of(costs(2.0 * scope.seconds, scope.network), "receiver")
 
 

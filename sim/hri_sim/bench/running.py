@@ -99,7 +99,7 @@ def load(scope: Scope) -> Iterator[Row]:
 
 
 def start(scope: Scope) -> Iterator[Row]:
-    """Yield the seconds until a receiver has the first Advice; MiB of the node's processes."""
+    """Yield the time until a receiver has the first Advice, in s, and the node's memory, in MiB."""
     for kind, predictor, library in (
         ("baseline", scope.baseline, "numpy"),
         ("network", scope.network, "torch"),

@@ -60,8 +60,8 @@ def figures(
     """Print a table of figures.
 
     Args:
-        title: of the table.
-        columns: of the table.
+        title: title of the table.
+        columns: columns of the table.
         rows: key -> figure.
         texts: headings of text columns other than the first.
     """

@@ -43,7 +43,7 @@ class Sighted:
     """The board in one picture.
 
     Attributes:
-        name: of the file.
+        name: name of the file.
         corners: (N, 2) pixels.
         size: width and height of the picture.
     """

@@ -32,8 +32,8 @@ class BlazePose:
     """A ``Finder``.
 
     Args:
-        detector_net: of ``pose_detection.tflite``.
-        landmark_net: of ``pose_landmark_*.tflite``.
+        detector_net: network of ``pose_detection.tflite``.
+        landmark_net: network of ``pose_landmark_*.tflite``.
         people: maximum number of people.
 
     Raises:

@@ -30,7 +30,7 @@ class DescribedNetwork:
     """A ``Finder``: one run of a network for each picture.
 
     Args:
-        path: of the description.
+        path: path of the description.
         people: maximum number of people.
         threads: maximum number of threads.
 

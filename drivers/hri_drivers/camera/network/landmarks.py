@@ -58,7 +58,7 @@ def decode(outputs: Outputs, roi: Roi, picture: UInt8) -> tuple[Found, Roi] | No
     """Return the person in a square, and the square for the next picture.
 
     Args:
-        outputs: of the network.
+        outputs: outputs of the network.
         roi: the square that was the network's input.
         picture: (H, W, 3) that contains the square.
 

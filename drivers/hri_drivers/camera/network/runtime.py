@@ -14,9 +14,9 @@ class Net:
     """A network with one picture as input.
 
     Attributes:
-        shape: of its input, for one picture.
+        shape: shape of the input, for one image.
         run: takes the input (float32), returns the outputs.
-        names: of the outputs.
+        names: names of the outputs.
     """
 
     def __init__(
@@ -34,7 +34,7 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
     """Build a network.
 
     Args:
-        content: of a TFLite or ONNX file.
+        content: content of a TFLite or ONNX file.
         where: the name of the network in errors.
         threads: maximum number of threads that compute it.
 

@@ -57,7 +57,7 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
 
     Args:
         seen: the person.
-        camera: of pictures of this size (``Camera.of_size``).
+        camera: camera for images of this size (``Camera.of_size``).
         height_m: stature of all people in the picture, in shoes; None: adults.
 
     Raises:

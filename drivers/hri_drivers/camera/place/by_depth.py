@@ -57,7 +57,7 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
         seen: the person; landmarks in metres are not needed.
         depth: (H, W) metres along the optical axis, aligned with the colour picture; 0 or NaN
             where not measured.
-        camera: of pictures of this size.
+        camera: camera for images of this size.
 
     Raises:
         ConfigError: depth and colour pictures differ in size.

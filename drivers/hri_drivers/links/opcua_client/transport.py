@@ -26,7 +26,7 @@ class OpcUaClientTransport(PolledTransport):
     """``Transport[Sample]`` of variables.
 
     Args:
-        url: of the server.
+        url: URL of the server.
         places: name and NodeId of each variable.
         files: certificate, key and the server's certificate; empty: no security.
         reply_s: a reply that takes longer means a lost connection.
