@@ -46,7 +46,7 @@ SizeOption = Annotated[
     str | None,
     typer.Option(
         "--size",
-        help="Picture size to request from a camera.",
+        help="Image size to request from a camera.",
         show_default="that of its file, or 640x480",
     ),
 ]
@@ -97,7 +97,7 @@ def size_of(size: str | None, source: str, known: "Camera | None") -> tuple[int,
         known: the calibrated camera.
 
     Raises:
-        ConfigError: the input is not a camera, or the camera was calibrated with other pictures.
+        ConfigError: the input is not a camera, or the camera was calibrated with other images.
     """
     if size is None:
         return DEFAULT_SIZE if known is None else known.size
@@ -134,10 +134,10 @@ def print_scenes(summary: dict[str, Any], stamps: str) -> None:
 
     Args:
         summary: summary of ``Pipeline`` or ``Rig``.
-        stamps: how the times of the pictures are known.
+        stamps: how the times of the images are known.
     """
     print(
-        f"scenes: {summary['scenes']}, {summary['late']} pictures too late for their order, "
+        f"scenes: {summary['scenes']}, {summary['late']} images too late for their order, "
         f"{summary['unsent']} datagrams refused by the system, the clock was set "
         f"{summary['clock_steps']} times"
     )

@@ -28,7 +28,7 @@ class Sender:
     Attributes:
         scenes: number of scenes that were sent.
         unsent: number of datagrams that the system refused.
-        clock_steps: number of times that this machine's UTC was set. The pictures' own times do not
+        clock_steps: number of times that this machine's UTC was set. The images' own times do not
             follow it; the node sees that the sender's clock jumped.
 
     Raises:

@@ -11,7 +11,7 @@ from hri_predict.cli.common import need_extra
 
 
 class Net:
-    """A network with one picture as input.
+    """A network with one image as input.
 
     Attributes:
         shape: shape of the input, for one image.
@@ -39,7 +39,7 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
         threads: maximum number of threads that compute it.
 
     Raises:
-        ConfigError: it is neither, is damaged, or does not take one picture of float32.
+        ConfigError: it is neither, is damaged, or does not take one image of float32.
     """
     build = _tflite if content[4:8] == b"TFL3" else _onnx
     if build is _tflite:
@@ -98,7 +98,7 @@ def _fixed(shape: list[Any]) -> tuple[int, ...]:
 
 def _picture_shape(inputs: list[tuple[tuple[int, ...], bool]]) -> tuple[int, ...]:
     if len(inputs) != 1 or len(inputs[0][0]) != 4 or not inputs[0][1]:
-        raise ValueError("it must have one input: a picture, four axes of float32")
+        raise ValueError("it must have one input: an image, four axes of float32")
     return inputs[0][0]
 
 

@@ -49,10 +49,10 @@ body."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera's picture.
+    """One camera's image.
 
     Attributes:
-        camera: with its pose in the room, of pictures of this size.
+        camera: with its pose in the room, of images of this size.
         exposed_ns: time of the exposure, by one clock for all cameras.
         seen: the people in it.
     """
@@ -64,7 +64,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Together:
-    """One person in the pictures of several cameras.
+    """One person in the images of several cameras.
 
     Attributes:
         seen: by view, None where this person was not found.
@@ -111,7 +111,7 @@ _Pair = tuple[tuple[int, int], tuple[int, int]]
 
 
 def place_together(views: Sequence[View]) -> tuple[Together, ...]:
-    """Place all people of simultaneous pictures; each appears exactly once.
+    """Place all people of simultaneous images; each appears exactly once.
 
     Raises:
         ConfigError: fewer than two cameras, one without a pose, or networks with different layouts.
@@ -127,7 +127,7 @@ def place_together(views: Sequence[View]) -> tuple[Together, ...]:
             for view, m in zip(views, to_room, strict=True)]  # fmt: skip
     if apart_ns > APART_NS:
         return tuple(
-            Together(_members(views, {v: i}), Unplaced("pictures are not of one moment"))
+            Together(_members(views, {v: i}), Unplaced("images are not of one moment"))
             for v, view in enumerate(views)
             for i in range(len(view.seen))
         )
