@@ -42,7 +42,7 @@ def camera(
         str | None,
         typer.Argument(
             metavar="INPUT",
-            help="A camera's number (0) or device, 'realsense', 'oak', 'kinect', a video, a "
+            help="A camera's number (0) or device, 'realsense', 'oak', 'kinect', a video, an "
             "image, or a folder of images.",
         ),
     ] = None,
@@ -162,7 +162,7 @@ def finder_of(
         flat: whether a network that finds joints in the image only is sufficient.
 
     Raises:
-        ConfigError: it is missing, wrong or not sufficient.
+        ConfigError: the model is missing, wrong or not sufficient.
     """
     from hri_drivers.camera.network import package
     from hri_drivers.camera.network.blazepose import BlazePose

@@ -27,7 +27,7 @@ class DepthCamera(ABC):
     Args:
         rate_hz: images per second; None: 30.
         size: width and height of the images.
-        package: the maker's; None: imported.
+        package: the maker's package; None: import it.
 
     Attributes:
         camera: the factory's intrinsics of the colour image.
@@ -39,7 +39,7 @@ class DepthCamera(ABC):
     waits = False
     name: ClassVar[str]
     module: ClassVar[str]
-    """The maker's package, by the name under which it is imported and installed."""
+    """Name under which the maker's package is imported and installed."""
     stamps = "the device's time stamps"
     stamped = "by the device"
     metres_per_unit = 0.001

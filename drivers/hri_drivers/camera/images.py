@@ -31,7 +31,7 @@ class Input(Protocol):
     """Delivers images to one thread.
 
     Attributes:
-        waits: whether it keeps an image until it is read; a camera does not.
+        waits: whether the input keeps an image until it is read; a camera does not.
         stamps: how the time of the exposure is known, as readable text.
     """
 
@@ -46,7 +46,7 @@ class Input(Protocol):
         """
 
     def close(self) -> None:
-        """Close it. Safe to call twice."""
+        """Close the input. Safe to call twice."""
 
 
 def check_input(text: str, *, loop: bool, latency_s: float | None) -> None:
@@ -133,7 +133,7 @@ class Video:
         loop: begin again at the end.
 
     Raises:
-        ConfigError: it is not a video.
+        ConfigError: the file is not a video.
     """
 
     waits = False
@@ -210,7 +210,7 @@ class Pictures:
         loop: begin again at the end.
 
     Raises:
-        ConfigError: there are none.
+        ConfigError: there are no images.
     """
 
     waits = True

@@ -43,7 +43,7 @@ class Kinect(DepthCamera):
         k4a = self._package
         fitting = [s for s in SIZES if s[0] >= self._size[0] and s[1] >= self._size[1]]
         if not fitting:
-            raise SourceError("its largest image is 3840 x 2160")
+            raise SourceError("the largest image is 3840 x 2160")
         rate = min((r for r in RATES if r >= self._rate_hz), default=RATES[-1])
         # the depth mode that reaches farthest: 5.5 m
         config = k4a.Config(

@@ -66,7 +66,7 @@ def need_cv2() -> None:
     """Refuse to continue without OpenCV.
 
     Raises:
-        ConfigError: it is not installed, or cannot be loaded.
+        ConfigError: OpenCV is not installed, or cannot be loaded.
     """
     need_extra("cv2", "camera")
     try:
@@ -92,7 +92,7 @@ def size_of(size: str | None, source: str, known: "Camera | None") -> tuple[int,
     """Return the width and height to ask a camera for.
 
     Args:
-        size: ``--size``; None: that of the camera's file, or ``DEFAULT_SIZE``.
+        size: ``--size``; None: the size in the camera's file, or ``DEFAULT_SIZE``.
         source: the input.
         known: the calibrated camera.
 

@@ -19,7 +19,7 @@ from hri_drivers.sources.sent import SentPerson
 
 SILENT_S, MAX_SILENT_S, INTERVALS = 0.2, 2.0, 2.5
 """Time without an image after which scenes report that the room is not seen. If images arrive
-seldom, it is this many of their intervals, up to the maximum."""
+seldom, the time is this many intervals between images, up to the maximum."""
 
 
 @dataclass(slots=True)
@@ -28,7 +28,7 @@ class Counts:
 
     Attributes:
         pictures: number of images taken from the input.
-        skipped: number of those dropped to keep the maximum rate.
+        skipped: number of these images dropped to keep the maximum rate.
         blind: number of scenes without a view of the room, by reason.
         most_people: maximum number of people in one image.
         processor_s: processor time of the whole process while it ran.
@@ -51,8 +51,8 @@ class Pipeline:
     Args:
         newest: the input.
         finder: the network.
-        placer: places them.
-        sender: to the node; None: nothing is sent.
+        placer: places the people.
+        sender: sends scenes to the node; None: nothing is sent.
         max_hz: maximum rate of scenes; None: as fast as the network runs.
         stands: the camera's place in the room is relied on, so it must not be moved.
 

@@ -14,7 +14,7 @@ MIN_SIDE, MAX_SIDE = 64, 8192
 
 
 def read_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """Return an image decoded by ``cv2.imdecode`` with ``flags``; None if the file is not one.
+    """Return an image decoded by ``cv2.imdecode`` with ``flags``; None if the file is not an image.
 
     Raises:
         ConfigError: the file does not exist.
@@ -48,7 +48,7 @@ def checked(pixels: Any, where: str) -> UInt8:
     """Return pixels as bytes (H, W, 3).
 
     Raises:
-        SourceError: they are of another kind, or too small or large.
+        SourceError: the pixels are of another kind, or the image is too small or too large.
     """
     array = np.asarray(pixels)
     if array.ndim == 2:

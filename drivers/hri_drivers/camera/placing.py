@@ -19,10 +19,10 @@ class Placer:
     """Places the people of one camera.
 
     Args:
-        camera: calibrated; None: guessed from the field of view.
-        field_of_view_deg: horizontal, for a camera that is not calibrated; None: that of most
+        camera: the calibrated camera; None: guessed from the field of view.
+        field_of_view_deg: horizontal field of view of an uncalibrated camera; None: as for most
             webcams.
-        height_m: stature of everyone who is seen; None: of adults.
+        height_m: stature of everyone who is seen; None: an adult's.
 
     Attributes:
         unplaced: number of people in scenes whose position was not known, by reason.

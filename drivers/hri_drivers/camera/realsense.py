@@ -58,7 +58,8 @@ class RealSense(DepthCamera):
             pipeline.stop()
 
     def _exposed(self, colour: Any, depth: Any) -> int:
-        """Return the time of the earlier exposure of the two, by the monotonic clock.
+        """Return the time of the earlier exposure, of colour image or depth, by the monotonic
+        clock.
 
         Raises:
             SourceError: the two images are not of one moment.

@@ -54,7 +54,7 @@ class Eye:
 class CommonIds:
     """Ids of people for all cameras, from the ids that each camera's tracker gave.
 
-    A person keeps an id as long as one camera follows him.
+    A person keeps an id as long as one camera follows that person.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class CommonIds:
         self._given = 0
 
     def assign(self, people: Sequence[Together]) -> list[int]:
-        """Return an id, 1..65535, for each person; no two have the same."""
+        """Return an id, 1..65535, for each person; no two people have the same id."""
         found: list[int] = []
         for person in people:
             members = [(v, seen.id) for v, seen in enumerate(person.seen) if seen is not None]
@@ -94,7 +94,7 @@ class Rig:
 
     Args:
         eyes: two or more cameras; people are sent in the axes of the first one.
-        sender: to the node; None: nothing is sent.
+        sender: sends scenes to the node; None: nothing is sent.
 
     Attributes:
         scenes: number of sets of images that were processed.

@@ -17,7 +17,7 @@ class SceneTimes:
 
     A scene without an image is as old as one with an image would be. The node estimates a
     sender's clock from the scene with the shortest delay. A scene stamped with the current time
-    would be that scene, and all later images would seem late.
+    would be the one with the shortest delay, and all later images would seem late.
 
     Attributes:
         late: number of images that were refused because a newer scene had been sent.

@@ -61,7 +61,7 @@ class Tracker:
         """Return an id, 1..65535, for each person of an image.
 
         Args:
-            people: (J, 2) pixels of each; NaN where not found.
+            people: (J, 2) pixels of each person; NaN where not found.
             now_ns: time of the image.
         """
         oldest = now_ns - round(KEPT_S * 1e9)

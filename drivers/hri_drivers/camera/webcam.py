@@ -25,7 +25,8 @@ def is_device(text: str) -> bool:
 
 
 def stamp_of(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
-    """Return the device's time stamp in nanoseconds; None if it is not from this machine's clock.
+    """Return the device's time stamp in nanoseconds; None if the stamp is not from this machine's
+    clock.
 
     The driver of a Linux webcam (V4L2) stamps an image with the monotonic clock, in milliseconds
     (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems report another value or 0.
@@ -47,7 +48,7 @@ class Webcam:
     """A camera of this machine. A lost camera is opened again.
 
     Args:
-        name: its number, or the path of its device.
+        name: number of the camera, or path of its device.
         rate_hz: images per second to request; None: the camera's choice.
         latency_s: see ``open_input``.
         size: width and height to request.

@@ -114,7 +114,7 @@ def _numbered(rows: Iterator[list[str]], before: int) -> Iterator[tuple[int, lis
 
 
 def names_joints(header: Sequence[str]) -> bool:
-    """Whether at least one joint has an x, y and z here."""
+    """Whether at least one joint has an x, y and z in this header."""
     matches = [_COORDINATE.fullmatch(name.strip()) for name in header]
     axes = {(match[1], match[2].lower()) for match in matches if match}
     return any({(joint, axis) for axis in "xyz"} <= axes for joint, _ in axes)
@@ -129,7 +129,7 @@ def columns_of(path: Path, header: Sequence[str], rate_hz: float | None = None) 
         rate_hz: frames per second, if the table has no times.
 
     Raises:
-        RecordingError: there is no time, or no whole joint.
+        RecordingError: the table has no time, or no complete joint.
     """
     names = [name.strip() for name in header]
     while names and not names[-1]:

@@ -140,8 +140,8 @@ def _has_weights(name: str) -> bool:
 
 
 def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:
-    """Return the predictor by engine, in this order; under the single name "–" if it has no
-    network.
+    """Return the predictor by engine, in the order of ``wanted``; under the single name "–" if the
+    predictor has no network.
 
     An engine that is not installed is left out; the first must be installed.
     """

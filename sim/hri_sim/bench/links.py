@@ -156,7 +156,7 @@ def _prompt_threads() -> Iterator[None]:
 
 
 def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[str, Any]:
-    """Post more Zones and Poses than the wire can carry, and measure what it carried.
+    """Post more Zones and Poses than the wire can carry, and measure what the wire carried.
 
     Returns:
         ``used``: bytes carried, divided by the wire's capacity in that time; ``backlog_ms``: time

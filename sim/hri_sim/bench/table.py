@@ -24,7 +24,7 @@ def demand(flag: str, value: float, low: float, high: float) -> float:
     """Return a number given on the command line.
 
     Raises:
-        ConfigError: it is not between ``low`` and ``high``.
+        ConfigError: the number is not between ``low`` and ``high``.
     """
     if not low <= value <= high:
         raise ConfigError(f"{flag} {value:g}: give {low:g} to {high:g}")

@@ -102,7 +102,7 @@ def write_sheet(path: Path, board: Board) -> None:
     """Write the sheet as a PNG that states its size on paper.
 
     Raises:
-        ConfigError: it is not a .png, too large, or cannot be written.
+        ConfigError: the path is not a .png, or the sheet is too large or cannot be written.
     """
     if path.suffix.lower() != ".png":
         raise ConfigError(f"--out {path}: must end with .png")
@@ -117,7 +117,7 @@ def write_sheet(path: Path, board: Board) -> None:
 def find(gray: UInt8, board: Board) -> Floats | None:
     """Return the corners (N, 2) of a board in an image (H, W), pixels; None if not all are seen.
 
-    They are in the order of ``Board.points``.
+    The corners are in the order of ``Board.points``.
     """
     if min(gray.shape) < MIN_SIDE_PX:
         return None

@@ -59,8 +59,8 @@ class Calibration:
 
     Attributes:
         error_px: root mean square of the reprojection error.
-        used: file -> its own error.
-        left_out: file -> why.
+        used: file -> reprojection error in that file.
+        left_out: file -> reason.
     """
 
     camera: Camera
@@ -73,7 +73,7 @@ def pictures_of(folder: Path) -> list[Path]:
     """Return the images of a folder by name.
 
     Raises:
-        ConfigError: it is missing, not a folder, or has no or too many images.
+        ConfigError: the folder is missing, is not a folder, or has no or too many images.
     """
     if not folder.is_dir():
         raise ConfigError(f"--images {folder}: not a folder; name one with images of the board")
@@ -87,7 +87,7 @@ def pictures_of(folder: Path) -> list[Path]:
 
 
 def read_gray(path: Path) -> UInt8 | None:
-    """Return an image (H, W) in grey; None if the file is not one.
+    """Return an image (H, W) in grey; None if the file is not an image.
 
     Raises:
         ConfigError: the file does not exist.
@@ -100,7 +100,7 @@ def calibrate(paths: Sequence[Path], board: Board) -> Calibration:
     """Return the camera that took these images of the board.
 
     Raises:
-        ConfigError: too few of them show the board, they are too similar, or do not fit.
+        ConfigError: too few images show the board, or the images are too similar or do not fit.
     """
     views, left_out = _views(paths, board)
     while True:
@@ -129,7 +129,7 @@ def _listed(why: str) -> str:
 
 
 def _views(paths: Sequence[Path], board: Board) -> tuple[list[Sighted], dict[str, str]]:
-    """Return the images with distinct views of the board, and why each other one is left out."""
+    """Return the images with distinct views of the board, and why every other image is left out."""
     views: list[Sighted] = []
     left_out: dict[str, str] = {}
     for path in paths:
@@ -234,7 +234,7 @@ def pose_of(
         gray: (H, W) image of the board.
         camera: calibrated, for images of this shape.
         board: the board in the image.
-        room_from_board: (4, 4) its pose, in the axes of ``Board.points``.
+        room_from_board: (4, 4) pose of the board, in the axes of ``Board.points``.
 
     Raises:
         ConfigError: the board is not seen, or not well enough.
@@ -282,7 +282,8 @@ def room_from_board(at: Floats, turned_deg: float, upright: bool) -> Floats:
     """Return (4, 4) the pose of a board whose origin is ``at`` (3,), metres.
 
     Args:
-        turned_deg: direction of its x axis, counter-clockwise from the room's, seen from above.
+        turned_deg: direction of the board's x axis, counter-clockwise from the room's, seen from
+            above.
         upright: the board stands with its top up; otherwise it lies face up.
     """
     cosine, sine = math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg))

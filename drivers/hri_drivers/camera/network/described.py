@@ -36,13 +36,13 @@ class DescribedNetwork:
 
     Attributes:
         layout: see ``Finder``.
-        has_world: whether it gives landmarks in metres.
+        has_world: whether the network gives landmarks in metres.
         room_for: number of people that the network's output has room for; 0 if that depends on the
             image. If the output is full, there may be more people than were found. The output of
             a network for one person is full as soon as it finds one.
 
     Raises:
-        ConfigError: the description or the network is wrong, or they do not fit.
+        ConfigError: the description or the network is wrong, or the two do not fit each other.
     """
 
     def __init__(self, path: Path, people: int, threads: int = 1) -> None:

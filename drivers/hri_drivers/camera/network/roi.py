@@ -2,7 +2,7 @@
 
 MediaPipe's graphs ``pose_detection_to_roi`` and ``pose_landmarks_to_roi`` (Apache-2.0) define it:
 its centre is the middle of the hips, a second point gives the circle around the whole body, and the
-line between them is vertical in the square.
+line between the two points is vertical in the square.
 """
 
 import math

@@ -39,7 +39,8 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
         threads: maximum number of threads that compute it.
 
     Raises:
-        ConfigError: it is neither, is damaged, or does not take one image of float32.
+        ConfigError: the content is neither TFLite nor ONNX, is damaged, or does not take one image
+            of float32.
     """
     build = _tflite if content[4:8] == b"TFL3" else _onnx
     if build is _tflite:

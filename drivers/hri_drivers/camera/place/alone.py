@@ -8,8 +8,8 @@ ty = y (Z + tz). Errors of the landmarks in metres are on the left, where least 
 Outliers are down-weighted (P. Huber, "Robust Statistics", 1981).
 
 In one image a tall person far away looks like a short person nearby. The network draws every
-person as an adult of common size, so its landmarks grow or shrink with the person's stature if that
-is known. docs/measured/camera-place.md describes how the errors were measured.
+person as an adult of common size, so the landmarks are scaled to the person's stature if the
+stature is known. docs/measured/camera-place.md describes how the errors were measured.
 """
 
 import math
@@ -97,7 +97,7 @@ def check_height(height_m: float | None) -> None:
     """Refuse a stature that is not a person's.
 
     Raises:
-        ConfigError: it is too small or too large.
+        ConfigError: the stature is too small or too large.
     """
     if height_m is not None and not MIN_HEIGHT_M <= height_m <= MAX_HEIGHT_M:
         raise ConfigError(

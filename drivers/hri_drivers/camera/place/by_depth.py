@@ -32,7 +32,7 @@ SHORTEST_M = 0.15
 MIN_VALID = 0.3
 """A patch with a smaller share of measured pixels has no depth."""
 NEAR_SHARE = 0.1
-"""Minimum fraction of a patch that the nearest surface covers; less are pixels between surfaces."""
+"""Minimum fraction of a patch covered by the nearest surface; fewer pixels are between surfaces."""
 THICK_M = 0.12
 """Maximum range of depths of one surface within a patch."""
 SKIN_M = 0.06
@@ -98,7 +98,7 @@ def read_depth(path: Path) -> Float32:
     """Return a depth image from a 16-bit PNG with one channel in millimetres; NaN where it is 0.
 
     Raises:
-        ConfigError: the file is missing, or is not such an image.
+        ConfigError: the file is missing, or is not a depth image.
     """
     import cv2
 

@@ -92,7 +92,7 @@ class Camera:
         return np.asarray(((pixels >= 0) & (pixels <= np.asarray(self.size) - 1)).all(axis=-1))
 
     def of_size(self, width: int, height: int) -> "Camera":
-        """Return the camera for images of this size, of the same shape.
+        """Return the camera for images of another size, which must have the same shape.
 
         Raises:
             ConfigError: images of another shape are cropped in an unknown way.
@@ -170,7 +170,7 @@ class CameraFile(Settings):
     safety: ClassVar[Safety] = harmless("width", "height", "focal_error")
 
     def camera(self) -> Camera:
-        """Return the camera that this describes.
+        """Return the camera that these settings describe.
 
         Raises:
             ValueError: no camera has such a focal length or centre.
@@ -200,7 +200,7 @@ def read_camera(path: Path) -> Camera:
     """Read ``camera.yaml``.
 
     Raises:
-        ConfigError: it is missing or wrong; one line names the key.
+        ConfigError: the file is missing or wrong; one line names the key.
     """
     data = read_yaml(path, "camera")
     try:
@@ -213,7 +213,7 @@ def write_camera(path: Path, camera: Camera) -> None:
     """Write ``camera.yaml``.
 
     Raises:
-        ConfigError: it cannot be written.
+        ConfigError: the file cannot be written.
     """
     data = {
         "width": camera.size[0],
