@@ -156,7 +156,7 @@ bool hri_lib_decode(hri_message *message, uint8_t kind, const uint8_t *p, uint32
 /* generated: end */
 
 /* generated: begin numbers (renew: hri-predict protocol files) */
-/* Kind of the frame of this number; HRI_NOTHING if it is of another robot or sender. */
+/* Kind of the frame with this number; HRI_NOTHING if it belongs to another robot or sender. */
 uint8_t hri_lib_kind(uint32_t number, uint32_t robot, bool wide)
 {
     uint8_t kind = HRI_NOTHING;

@@ -60,7 +60,7 @@ def shipped_path(what: str, folder: str, name: str, base_dir: Path | None) -> Pa
         shipped = sorted(p.stem for p in data_path(folder).glob("*.yaml"))
         raise ConfigError(
             f"unknown {what} '{name}'{nearest(name, shipped)}; "
-            f"there are: {', '.join(shipped)}; or give the path of a .yaml file"
+            f"available: {', '.join(shipped)}; or give the path of a .yaml file"
         )
     return path
 

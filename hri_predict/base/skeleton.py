@@ -175,7 +175,7 @@ def neighbours(parents: Sequence[int]) -> NDArray[np.intp]:
 
 
 def _round_up(millimetres: float) -> float:
-    """Return metres, rounded up to 5 mm."""
+    """Return a length in metres, rounded up to 5 mm."""
     return math.ceil(millimetres / 5.0) * 5.0 / 1000.0
 
 

@@ -348,7 +348,7 @@ def _stop_of(
 
 
 def _travel(samples: Sequence[Sample]) -> float:
-    """Return the metres travelled by the fastest point, at the higher speed of each interval."""
+    """Return the distance travelled by the fastest point, at the higher speed of each interval."""
     return sum(max(u, v) * (b - a) * 1e-9 for (a, u), (b, v) in pairwise(samples))
 
 

@@ -152,7 +152,7 @@ class CellClass(Protocol):
     """A kind of cell: entry point group ``hri_predict.cells``.
 
     Attributes:
-        settings_model: of a link's ``simulate:`` block.
+        settings_model: settings model of a link's ``simulate:`` block.
     """
 
     @property

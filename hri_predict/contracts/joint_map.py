@@ -55,7 +55,7 @@ class JointMap:
         rotation: (3, 3) from the source's axes to forward, left, up.
         weights: (J, J_source) weight of each source joint in each canonical one; a row of zeros if
             the source has no such joint.
-        rigid: canonical joints that move with a rigid body of the source's; none has weights.
+        rigid: canonical joints attached to a rigid body of the source; they have no weights.
         mapped: (J,) whether this source can deliver each canonical joint.
     """
 
@@ -161,7 +161,9 @@ class SourceFrame(Settings):
     """Facts about the source that every map file must state."""
 
     name: str
-    reference: str = Field(description="origin of the facts about this source")
+    reference: str = Field(
+        description="publication or document that this description of the source is taken from"
+    )
     units: float = Field(ge=1e-6, le=1000, description="a unit's name, or metres per unit")
     axes: Axes
     left_handed: bool = False

@@ -87,7 +87,7 @@ def load(kind: Kind, name: str) -> Any:
     if name not in points:
         raise ConfigError(
             f"unknown {kind[:-1]} '{name}'{nearest(name, points)}; "
-            f"there are: {', '.join(sorted(points))}"
+            f"available: {', '.join(sorted(points))}"
         )
     try:
         part = points[name].load()
@@ -124,7 +124,7 @@ def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
     known = sorted({*ours, *names(kind)})
     if name not in known:
         raise ConfigError(
-            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; there are: "
+            f"unknown {kind[:-1].replace('_', ' ')} '{name}'{nearest(name, known)}; available: "
             f"{', '.join(known)}"
         )
     return load(kind, name)
@@ -133,8 +133,8 @@ def part(kind: TrainingKind, name: str, ours: Mapping[str, Any]) -> Any:
 def predictor_settings(name: str) -> type[PredictorSettings]:
     """Return the settings model of a predictor, if possible without importing the predictor.
 
-    The group ``hri_predict.predictor_settings`` names models of predictors whose modules import
-    libraries that only they need, such as torch. If the group has no such name, the predictor
+    The group ``hri_predict.predictor_settings`` lists the settings models of predictors whose
+    modules import optional libraries, such as torch. If the group has no such name, the predictor
     itself is imported.
 
     Raises:

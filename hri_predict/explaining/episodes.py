@@ -19,8 +19,9 @@ _STEADY = tuple(r.name for r in Reason if (r.row.rank or 0) > _PENDING)
 _OF_RUN = tuple(r.name for r in Reason if r.row.kind is Kind.RUN)
 _NS = 1e9
 GAP_NS = 2_000_000_000
-"""Maximum gap without advice within an episode: after it the advice is unknown. An episode also
-ends where time goes back by this much, in another file from before the wall clock was set.
+"""Maximum gap without advice within an episode: after a longer gap the advice is unknown. An
+episode also ends where time goes back by this much, in another file from before the wall clock was
+set.
 """
 
 
@@ -44,11 +45,12 @@ class Phase:
 
 @dataclass(slots=True)
 class Episode:
-    """Attributes: ``end_ns`` and ``after`` are ``None`` if it lasts to the end of the data.
+    """Attributes: ``end_ns`` and ``after`` are ``None`` if the episode lasts to the end of the
+    data.
 
-    ``before`` and ``after`` are the levels around it; ``least_m`` is the minimum separation in it;
-    ``permitted_m`` is the distance that the robot could have moved at its speed limit, and
-    ``limit_m_s`` the last advised limit.
+    ``before`` and ``after`` are the levels around the episode; ``least_m`` is its minimum
+    separation; ``permitted_m`` is the distance that the robot could have moved at its speed limit,
+    and ``limit_m_s`` the last advised limit.
     """
 
     robot: str
@@ -67,7 +69,7 @@ class Episode:
 
     @property
     def last_ns(self) -> int:
-        """Its end, or its last advice."""
+        """End of the episode, or its last advice."""
         return self.phases[-1].last_ns if self.end_ns is None else self.end_ns
 
     @property
@@ -95,7 +97,7 @@ class Episode:
 
     @property
     def stopped_ns(self) -> int:
-        """Time within it for which the robot had to stand."""
+        """Time within the episode for which the robot had to stand, in ns."""
         return sum(p.last_ns - p.first.utc_ns for p in self.phases if not Level[p.level].may_move)
 
     def lost_s(self, full_m_s: float) -> float:
@@ -109,7 +111,7 @@ class Episode:
 
 
 def lost_s(lasted_s: float, permitted_m: float, full_m_s: float) -> float:
-    """Return the rest of a time in which the robot could have moved this far; at least zero."""
+    """Return the time left over after moving ``permitted_m`` at full speed; at least zero."""
     return max(0.0, lasted_s - permitted_m / full_m_s) if full_m_s > 0 else 0.0
 
 

@@ -102,7 +102,7 @@ def separation(about: Situation) -> dict[str, Any] | None:
     """Return the terms of the protective separation distance; ``None``: the robot's position was
     unknown.
 
-    ``short_m`` is the missing distance; negative if there was more than required.
+    ``short_m`` is the missing distance; negative if the distance was larger than required.
     """
     data, grounds = about.advice.data, mapped(about.advice.data.get("grounds"))
     terms = mapped(grounds.get("terms_m"))

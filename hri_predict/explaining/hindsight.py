@@ -41,7 +41,9 @@ def error_at(
     track: Sequence[SeenPerson],
     offset_ns: int,
 ) -> Floats | None:
-    """(J,) metres, NaN where not observed; ``None``: the person was not observed then."""
+    """(J,) metres, NaN where not observed; ``None``: the person was not observed at that
+    time.
+    """
     there = place_at(track, capture_ns + round(ahead_s * 1e9) - offset_ns)
     if there is None or not there[1].any():
         return None
@@ -55,8 +57,8 @@ def hindsight(
 ) -> dict[str, Any] | None:
     """Return one person's forecast at an instant and its errors; ``None`` without a forecast.
 
-    Errors are in metres: the mean of all observed joints (``mean_m``), and the maximum of the
-    deciding segment's two (``segment_m``).
+    Errors are in metres: the mean of all observed joints (``mean_m``), and the larger
+    error of the deciding segment's two joints (``segment_m``).
     """
     told = None if person is None else newest(window.forecasts, utc_ns, 1.0)
     made = None if told is None or person is None else forecast_of(told, person)

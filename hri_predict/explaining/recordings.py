@@ -51,13 +51,13 @@ class Recordings:
         cells = sorted({file.info.cell for file in found})
         if len(cells) > 1:
             raise RecordingError(
-                f"recording {named[0]}: these are of several cells ({', '.join(cells)}); name the "
-                f"files of one"
+                f"recording {named[0]}: the files belong to several cells ({', '.join(cells)}); "
+                f"name the files of one cell"
             )
         if len({file.info.has_utc for file in found}) > 1:
             raise RecordingError(
-                f"recording {named[0]}: some of these have UTC and some have not; name them one by "
-                f"one"
+                f"recording {named[0]}: some files have UTC and others do not; name the files one "
+                f"by one"
             )
 
     def _opened(self, path: Path, named: Sequence[Path]) -> RecordedFile | None:
@@ -131,8 +131,8 @@ class Recordings:
     ) -> Iterator[Told]:
         def cut() -> None:
             self._note(
-                f"recording {file.path.name}: has no end: it was cut, is damaged, or is still "
-                f"being written; what comes after is not known"
+                f"recording {file.path.name}: has no end: the file was cut, is damaged, or is "
+                f"still being written; later messages are not known"
             )
 
         try:
@@ -142,13 +142,13 @@ class Recordings:
         except (RecordingError, OSError) as error:
             # one message, and the rest of this file cannot be trusted; or a file that retention
             # deleted meanwhile
-            self._note(f"{_unread(file.path, error)}; what comes after in this file is left out")
+            self._note(f"{_unread(file.path, error)}; the rest of this file is left out")
 
     def _note_twice(self, first: RecordedFile, second: RecordedFile) -> None:
         self.twice.append((first.path, second.path))
         self._note(
-            f"{first.path.name} and {second.path.name} are of the same time: the wall clock was "
-            f"set back, or one is a copy; name one of them to know which is meant"
+            f"{first.path.name} and {second.path.name} cover the same time: the wall clock was "
+            f"set back, or one file is a copy; name only the file that is meant"
         )
 
     def _note(self, line: str) -> None:

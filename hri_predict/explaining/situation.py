@@ -35,9 +35,10 @@ def people_seen(
     """Return each person at one instant.
 
     Returns:
-        ``id``; ``state``: tracked or lost; ``last_seen_s`` ago; ``age_s`` of the capture, where a
-        forecast gives it; ``observed`` of ``joints``; ``missing`` joints by name; ``speed``: "" if
-        the standard's speed is used.
+        One dict per person: ``id``; ``state``: tracked or lost; ``last_seen_s``: seconds since last
+        seen; ``age_s``: age of the capture, ``None`` without a forecast; ``observed``, ``joints``:
+        numbers of observed and of available joints; ``missing``: names of the missing joints;
+        ``speed``: "" if the standard's speed is used.
     """
     last = _last_seen(window, info, utc_ns)
     lost = _lost(window, utc_ns, last)
@@ -155,7 +156,7 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
     reason other than waiting; without ``robot``, among all robots.
 
     Raises:
-        ConfigError: nothing was recorded then, or twice, or the robot does not exist.
+        ConfigError: the moment was not recorded, or recorded twice, or the robot does not exist.
     """
     start_ns, end_ns = at.start_ns - BEFORE_NS, at.start_ns + at.width_ns + AFTER_NS
     known = len(recordings.twice)
@@ -170,7 +171,7 @@ def situation(recordings: Recordings, at: AskedTime, robot: str | None) -> Situa
     if robot is not None and robot not in found:
         there = found or window.advice
         raise ConfigError(
-            f"--robot {robot}: no advice to it at that time{nearest(robot, there)}; there is: "
+            f"--robot {robot}: no advice at that time{nearest(robot, there)}; available: "
             f"{', '.join(there) or 'none'}"
         )
     if not found:
@@ -205,7 +206,9 @@ def _nothing(recordings: Recordings, at: AskedTime) -> str:
     first, last = recordings.start_ns, recordings.end_ns()
     unit = " UTC" if recordings.info.has_utc else " s"
     if first <= at.start_ns <= last:
-        return f"--at {dated(at.start_ns, recordings)}: nothing was recorded then; try another time"
+        return (
+            f"--at {dated(at.start_ns, recordings)}: nothing was recorded at that time; try another"
+        )
     return (
         f"--at {dated(at.start_ns, recordings)}: not recorded; these recordings are from "
         f"{dated(first, recordings)} to {dated(last, recordings)}{unit}"

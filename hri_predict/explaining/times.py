@@ -31,7 +31,8 @@ def asked(text: str, recordings: Recordings, flag: str = "--at") -> AskedTime:
     """Read a time.
 
     Raises:
-        ConfigError: it is none, has no date where one is needed, or the recordings have no UTC.
+        ConfigError: the text is not a time, has no date where one is needed, or the recordings have
+            no UTC.
     """
     text = text.strip()
     if match := _SECONDS.fullmatch(text):

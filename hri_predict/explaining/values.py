@@ -19,7 +19,7 @@ def number(value: Any) -> float | None:
 
 
 def whole(value: Any) -> int | None:
-    """A whole number of 64 bits, or ``None``: JSON may hold larger ones than a float."""
+    """A whole number of 64 bits, or ``None``: JSON may hold numbers larger than a float."""
     if isinstance(value, bool) or not isinstance(value, int):
         return None
     return value if -(2**63) <= value < 2**63 else None

@@ -37,10 +37,10 @@ def _paragraphs(found: Mapping[str, Any]) -> Iterator[str]:
         ("Asked of the robot", _asked(found)),
         ("Seen", _seen(found["people"])),
         ("Separation", _separation(found["separation"])),
-        ("Forecast, against what then happened", _forecast(found["forecast"])),
+        ("Forecast, compared with the actual motion", _forecast(found["forecast"])),
         ("History", _history(found["history"])),
         (f"Counters that rose in these {found['counted_s']:g} s", _counters(found)),
-        ("What holds, and what clears it", _faults(found["faults"])),
+        ("Faults and conditions, and what clears them", _faults(found["faults"])),
         ("Note", found["notes"]),
     ):
         shown = list(lines)
@@ -78,7 +78,7 @@ def _seen(people: Iterable[Mapping[str, Any]]) -> Iterator[str]:
 
 def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found is None:
-        yield "not known: the robot's or the people's places were not"
+        yield "not known: the position of the robot or of the people was not known"
         return
     if found["person"] is None:
         yield "no person was there"
@@ -92,25 +92,25 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
     yield f"judged {_WAYS.get(found['way'], found['way'])}:"
     yield _row("distance then, from surface to surface", found["separation_m"])
     if found["place_error_m"]:
-        yield _row("  less already: the stated error of the person's place", found["place_error_m"])
+        yield _row(
+            "  already subtracted: stated error of the person's place", found["place_error_m"]
+        )
     yield _row(f"distance that the robot needed {motion}", found["needed_m"])
     if found["way"] == "zones" and found["needed_m"] is not None:
         kept = sum(found["terms_m"][term] or 0.0 for term in ("c", "z_d", "z_r"))
-        yield _row(
-            "  of it, by which both may come nearer until it stops", found["needed_m"] - kept
-        )
-        yield _row("  of it, kept between them: C + Z_d + Z_r", kept)
+        yield _row("  part used up by both until the robot stops", found["needed_m"] - kept)
+        yield _row("  part kept between person and robot: C + Z_d + Z_r", kept)
     if short is not None:
         yield _row("missing" if short > 0 else "to spare", abs(short))
     if short is not None and short <= 0 and not found["limit_m_s"]:
         yield (
-            "That is for the robot as it moved. To move on or to start it needs more: room for its "
-            "slowest speed (risk.min_speed_m_s), and to be released risk.band_m in addition."
+            "This distance is for the robot as it moved. To move on or to start, the robot needs "
+            "more: room for its slowest speed (risk.min_speed_m_s), and risk.band_m to be released."
         )
     yield "From any part of a body to any part of the robot:"
     yield _row("minimum distance then", found["nearest_m"])
     if found["predicted_separation_m"] is not None:
-        meant = "minimum distance of where bodies may be, until it stops"
+        meant = "minimum distance to the zones until the robot stops"
         yield _row(meant, found["predicted_separation_m"])
     yield from _standard(found)
 
@@ -118,7 +118,7 @@ def _separation(found: Mapping[str, Any] | None) -> Iterator[str]:
 def _standard(found: Mapping[str, Any]) -> Iterator[str]:
     """Return the terms of the standard's distance, and whether it decided."""
     reaction, stopping = found["reaction_s"] or 0.0, found["stopping_s"] or 0.0
-    decided = "which decided" if found["way"] == "standard" else "for comparison: it did not decide"
+    decided = "which decided" if found["way"] == "standard" else "for comparison only"
     yield (
         f"Protective separation distance of ISO/TS 15066 ({decided}), with the robot at "
         f"{found['speed_m_s'] or 0.0:.2f} m/s, reaction time T_r {reaction * 1e3:.0f} ms, stopping "
@@ -128,7 +128,7 @@ def _standard(found: Mapping[str, Any]) -> Iterator[str]:
         yield _row(meaning, found["terms_m"][name])
     if found["human_m_s"]:
         yield f"  (S_h with the person's own speed, {found['human_m_s']:.1f} m/s)"
-    yield _row("S_p sum of these: the distance that the standard asks for", found["protective_m"])
+    yield _row("S_p sum of these terms: distance required by the standard", found["protective_m"])
 
 
 def _row(what: str, value: float | None) -> str:
@@ -143,7 +143,7 @@ def _forecast(found: Mapping[str, Any] | None) -> Iterator[str]:
     if found is None:
         return
     if not found["errors"]:
-        yield f"person {found['person']}: nothing came after it that could be compared"
+        yield f"person {found['person']}: no later capture to compare with the forecast"
     for error in found["errors"]:
         if error["mean_m"] is None:
             yield f"{error['ahead_s']:.1f} s ahead: person {found['person']} was not seen then"

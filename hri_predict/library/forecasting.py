@@ -173,7 +173,7 @@ def forecasts(
     Args:
         recording: the captures.
         predictor: see ``load_predictor``.
-        calibration: of the predictor, see ``load_calibration_of``. It adds ``std`` to forecasts
+        calibration: the predictor's; see ``load_calibration_of``. It adds ``std`` to forecasts
             without one, based on this person's motion and on the errors of the forecasts of 0.12
             and 0.4 s ago.
 

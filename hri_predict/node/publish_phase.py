@@ -14,7 +14,7 @@ from hri_predict.base.clock import Clock
 log = logging.getLogger(__name__)
 
 LEARN_TICKS_S = 60.0
-"""Seconds of ticks with people in view from which the phase is learned."""
+"""Time with people in view from which the phase is learned, in seconds."""
 UPDATE_TICKS = 25
 """Ticks between two updates of the phase, until it is fixed."""
 SHARE = 0.995

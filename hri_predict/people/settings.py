@@ -175,7 +175,7 @@ class PeopleSettings(Settings):
             "although it may be another person"
         ),
         "lost_speed_m_s": LessSafe(
-            below="the zone of a lost person grows {more:.2g} m less in each second"
+            below="the zone of a lost person grows {more:.2g} m/s more slowly"
         ),
         "acknowledge_after_s": LessSafe(
             below="an Acknowledge clears a person who was seen {value:g} s before"

@@ -35,9 +35,9 @@ SAME_ID_M = 0.25
 FOUND_M = 0.12
 """Noise of a body that is found again or has a new id: another person would be farther away."""
 _UNMEASURED_M_S = 6.0
-"""Greatest speed of a body that has been seen only once, from one capture to the next."""
+"""Maximum speed of a body that has been seen only once, from one capture to the next."""
 _UNMEASURED_FOUND_M_S = 1.6
-"""Greatest speed of a body that is found again: ISO 13855 walking speed."""
+"""Maximum speed of a body that is found again: ISO 13855 walking speed."""
 _PICTURES = 4096
 """Number of fingerprints kept: a loop of minutes is detected at its first repeat."""
 _FEW_PICTURES = 8
@@ -75,8 +75,8 @@ class MotionLimits:
     """Limits of a body's motion between two captures.
 
     Attributes:
-        joint_speed_m_s: greatest speed of any joint.
-        body_speed_m_s: greatest speed of the joints' mean.
+        joint_speed_m_s: maximum speed of any joint.
+        body_speed_m_s: maximum speed of the joints' mean.
         period_ns: minimum assumed time between two captures, so that jitter of the stamps does not
             look like speed.
         refused_ns: maximum assumed time between two captures while captures are refused; otherwise
@@ -268,8 +268,8 @@ class Track:
         """Return the motion of the body in the ``span_s`` before it was last seen.
 
         Returns:
-            (3,) metres, the mean over the joints seen at both ends, and the seconds in between;
-            zeros if it was not seen twice.
+            (3,) metres, the mean over the joints seen at both ends, and the time it took, s;
+            zeros if the body was not seen twice.
         """
         moved, seconds = self._joints_moved(span_s)
         both = np.isfinite(moved).all(-1)

@@ -17,9 +17,9 @@ STEP_S = 0.36
 """Maximum span in which a change from one person to another is detected: three captures at 8 Hz."""
 KEEP_S = 1.0
 SAME_ID_M_S2 = 10.0
-"""Greatest acceleration of a trunk that is seen throughout: a fall, a runner's sharp turn."""
+"""Maximum acceleration of a trunk seen throughout: a fall, a runner's sharp turn."""
 FOUND_M_S2 = 2.0
-"""Greatest acceleration of a person out of view: from standing to walking in a step."""
+"""Maximum acceleration of a person out of view: from standing to walking in a step."""
 SEEN_SLACK_M = 0.18
 """Error of a path that was seen throughout: noise, or a part of the body that moves by itself."""
 FOUND_SLACK_M = 0.06
@@ -99,7 +99,7 @@ class Trail:
         return median(_norm(bent))
 
     def slack_m(self, least_m: float) -> float:
-        """Return the greatest error of a step: at least ``least_m``, or more for a noisier body."""
+        """Return the maximum error of a step: ``least_m``, or more if the body is noisy."""
         return max(least_m, min(NOISES * self.noise_m(), MOST_NOISE_M))
 
     def slip(self) -> tuple[int, int] | None:

@@ -61,7 +61,7 @@ class TrajectoryCNNOptions(NetworkOptions):
         residual: Table VIII: use the 1x1 branches of the blocks; false is "w/o DLG".
         paths: arrangement of the branches: the three ``nested`` ones, or around two ``pairs`` of
             layers.
-        slope: of LeakyReLU below zero.
+        slope: slope of LeakyReLU below zero.
         relative: feed displacements from the last pose, not raw positions.
     """
 

@@ -22,7 +22,7 @@ class Field:
         signal: name in the DBC and in the documents.
         bits: width.
         text: its meaning.
-        unit: of the physical value.
+        unit: unit of the physical value.
         scale: steps per unit; 0 for a plain integer or enumeration. A scaled number always reserves
             one code for "not available": all ones, or the most negative value if signed.
         signed: two's complement.

@@ -208,7 +208,7 @@ class RobotState:
         robot: the robot's index in the configuration.
         mode: operating mode of the controller.
         counter: counts 0..65535.
-        positions, velocities: of at most 9 joints, rad and rad/s; m and m/s of prismatic ones.
+        positions, velocities: at most 9 joints, rad and rad/s; m and m/s for prismatic joints.
         request: the operating mode that the operator asks for.
         enabling: whether the enabling device is held.
         tool: number of the tool set in use; ``None``: not reported.

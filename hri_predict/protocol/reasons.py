@@ -367,7 +367,7 @@ class Reason(IntEnum):
     MUTED = Row(
         62,
         "muted: people do not stop the robot",
-        "the request is released, or the configured time is over",
+        "the request is released, or the configured time is up",
         Kind.MODE,
     )
     SENSOR_MOVED = Row(

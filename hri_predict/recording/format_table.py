@@ -67,10 +67,10 @@ class Format:
     """One format.
 
     Attributes:
-        name: as ``convert --to`` takes it.
-        ending: of its files. Of several formats with one ending, the first writes where only the
-            ending is given, and the first whose ``is_mine`` holds reads.
-        read, write: its reader and its writer; without a writer, it is only read.
+        name: name of the format in ``convert --to``.
+        ending: suffix of the files. If several formats share a suffix, the first one writes where
+            only the suffix is given, and the first one whose ``is_mine`` holds reads.
+        read, write: reader and writer; without a writer, the format is read-only.
         looks: whether a file looks like this format, by its path and first bytes; used only in
             messages.
         content: name of such content in messages.

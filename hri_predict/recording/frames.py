@@ -114,7 +114,7 @@ def frames_of_one(recording: Recording) -> Frames:
 
 
 def _slots(recording: Recording) -> tuple[list[int], float]:
-    """Return the increasing frame number of each scene, and the frames per second."""
+    """Return the increasing frame number of each scene, and the frame rate in Hz."""
     times_ns = true_times(recording)
     nominal = recording.rate_hz
     steps = [max(1, round((b - a) * 1e-9 * nominal)) for a, b in pairwise(times_ns)]

@@ -14,7 +14,7 @@ class Wanted:
     """Options of reading a recording; see ``open_recording``.
 
     Attributes:
-        person: id of the body, for formats with a single one.
+        person: id of the body, for formats that hold a single body.
         unit_m: metres per unit; ``None``: as the file or its format states.
         axes: axes that are forward, left and up; ``None``: as the file or its format states.
         rate_hz: frames per second of a file without times.
@@ -32,15 +32,15 @@ class Wanted:
     joint_map: JointMap | None = None
 
     def rate_of(self, path: Path) -> float:
-        """The frames per second of a file without times.
+        """Return the frame rate of a file without times, in Hz.
 
         Raises:
-            RecordingError: they were not given; the line has the command that gives them.
+            RecordingError: no rate was given; the error names the command that gives it.
         """
         if self.rate_hz is None:
             raise RecordingError(
                 f"recording {path}: does not say when its frames were taken; "
-                f"{converted_by(path, '--fps 30')} (if it has 30 frames per second)"
+                f"{converted_by(path, '--fps 30')} (for 30 frames per second)"
             )
         return self.rate_hz
 

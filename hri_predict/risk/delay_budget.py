@@ -72,7 +72,7 @@ class DelayBudget:
         )
 
     def after_now_s(self, robot: str | None = None) -> float:
-        """Return the seconds from the tick until ``robot`` (default: slowest) starts to brake."""
+        """Return the time from the tick until ``robot`` (default: slowest) brakes, in seconds."""
         worst = self._worst(robot)
         return self.encoding_s + self.cycle_s + (worst.total_s if worst is not None else 0.0)
 

@@ -62,7 +62,7 @@ class RiskEngine:
     Args:
         settings: see ``RiskSettings``.
         robots: one tracker per robot, in the configuration's order.
-        skeleton: of the forecast.
+        skeleton: the forecast's skeleton.
         absent_parts: missing parts of the body.
         named_zones: the user's zones.
         field_of_view: space that the sensor sees; ``None``: everything.

@@ -83,7 +83,7 @@ def _by_standard_by_arrays(
     """Return S_p at rest if people move as assumed, and the number of speeds per distance (M,).
 
     Args:
-        curve: of the robot.
+        curve: the robot's stopping curve.
         reaction_s: T_r, from the capture.
         terms: C + Z_d + Z_r, and the speed of a person faster than assumed, otherwise 0.
         distances_m: (M,) distances to the person.

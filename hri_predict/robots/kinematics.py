@@ -129,7 +129,7 @@ def links_of(base: Floats, blocks: Floats, slides: Bools, q: Floats) -> Floats:
 
     Args:
         base: (3, 4) pose of link 0.
-        blocks: (N, 3, 16) of the joints.
+        blocks: (N, 3, 16) blocks of the joints.
         slides: (N,) which joints are prismatic.
         q: rad, m.
     """

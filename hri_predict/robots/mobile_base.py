@@ -120,7 +120,7 @@ class MobileBase:
         return np.hypot(qd[..., 0], qd[..., 1]) + turn
 
     def times_s(self, arm: StoppingTable, speeds: Floats) -> Floats:
-        """Return the seconds until both stop, if either has all the speed."""
+        """Return the times until both stop, in seconds, if either has all the speed."""
         return np.maximum(arm.times_s(speeds), self.table.times_s(speeds))
 
     def distances_m(self, arm: StoppingTable, speeds: Floats) -> Floats:

@@ -118,14 +118,14 @@ class Plan:
 
         Args:
             start: place at time 0.
-            speeds_m_s: (L,) of the fastest point.
+            speeds_m_s: (L,) speeds of the fastest point.
             times_s: (K,) seconds, from 0, non-decreasing.
             reaction_s: time until braking starts.
 
         Returns:
             (L, K, C) capsules; entry k contains the robot during the whole of
             [times_s[k-1], times_s[k]], entry 0 at the instant times_s[0] (the proof is at
-            ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until it stops.
+            ``RobotModel.swept_capsules``). And (L,) seconds from time 0 until the robot stops.
         """
         phases, stands_s = self.phases(start.phase_s, speeds_m_s, times_s, reaction_s)
         swept = self._model.swept_capsules(*stretches(self.trajectory.moves, phases))
@@ -134,7 +134,9 @@ class Plan:
     def phases(
         self, start_s: float, speeds_m_s: Floats, times_s: Floats, reaction_s: float
     ) -> tuple[Floats, Floats]:
-        """(L, K) phases of ``stopping_capsules`` at the times, and (L,) when the robot stops."""
+        """Return (L, K) phases at ``times_s``, for ``stopping_capsules``, and (L,) times at which
+        the robot stops.
+        """
         path = self._closed, self._speed, self._step_s
         start, asked = (start_s, reaction_s), (plain(speeds_m_s), plain(times_s))
         return ahead.phases(path, self._model.stopping_tables, start, asked)

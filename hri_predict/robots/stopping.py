@@ -17,7 +17,7 @@ _SPEED_STEPS = 256
 
 
 class StoppingTable:
-    """Stopping time and distance at the speeds of a table, for any speed.
+    """Stopping time and distance at any speed, interpolated from a table.
 
     Values are linear between the table's speeds. Below the first speed: the first time, with
     proportional distance. Above the last speed: constant deceleration, with time proportional to
@@ -53,7 +53,7 @@ class StoppingTable:
         return self._speeds, self._times, self._distances
 
     def times_s(self, speeds: Floats) -> Floats:
-        """Return the seconds from the onset of braking to rest, for any number of speeds."""
+        """Return the times from the onset of braking to rest, in seconds, for several speeds."""
         beyond = np.maximum(speeds / self._speeds[-1], 1.0)
         times: Floats = np.interp(speeds, self._speeds, self._times) * (beyond * self.stretch)
         return np.where(speeds >= STANDING_M_S, times, 0.0)

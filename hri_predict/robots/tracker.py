@@ -46,14 +46,14 @@ class RobotNow:
         q: (N,) rad, m, a moving base's coordinates first; ``None`` if unknown (no state yet, or an
             impossible state).
         qd: (N,) rad/s, m/s; ``None`` if ``q`` is ``None``.
-        speed_m_s: of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The higher of
-            the reported speed and the speed derived from the positions.
+        speed_m_s: speed of the fastest point (upper bound at ``q``, ``qd``); 0 if unknown. The
+            higher of the reported speed and the speed derived from the positions.
         reasons: why the state cannot be trusted; empty if it can.
         uncertainty_m: maximum position error of any point at ``q``: due to a change of the arm's
             speed since RobotState was received (acceleration x age^2 / 2), the error of a moving
             base's reported pose, and small differences between controllers. Add it to Z_r.
         age_s: time since the state's receipt; ``None`` before the first, 0 for a known motion.
-        capsules: (C,) of the model at ``q``, if they were computed with the speed.
+        capsules: (C,) capsules of the model at ``q``, if they were computed with the speed.
         on_plan: place on the tracker's ``plan``; ``None`` if it is not on the plan.
         confirmed: whether the motion so far proves the direction of ``qd``.
         proven: whether the position is proven; see ``StillCheck``.

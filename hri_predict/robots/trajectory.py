@@ -3,7 +3,7 @@
 Between two waypoints every joint follows ``s(x) = 10 x^3 - 15 x^4 + 6 x^5`` (T. Flash, N. Hogan,
 "The coordination of arm movements", J. Neuroscience 5 (1985) 1688-1703): position, velocity and
 acceleration are continuous and the arm rests at each waypoint. Within a move, positions stay
-between its ends and the greatest velocity is 15/8 of the mean, so limits are checked exactly.
+between its ends and the maximum velocity is 15/8 of the mean, so limits are checked exactly.
 """
 
 from bisect import bisect_right
@@ -72,7 +72,7 @@ class Trajectory:
 
     def __init__(self, times_s: Floats, positions: Floats) -> None:
         self.duration_s = float(times_s[-1])
-        # A move's greatest acceleration is 10 / sqrt(3) x move / time^2, where
+        # A move's maximum acceleration is 10 / sqrt(3) x move / time^2, where
         # s''(x) = 60 x - 180 x^2 + 120 x^3 has its extremes (x = 1/2 -+ 1/sqrt(12)).
         span = np.diff(times_s)[:, None]
         acceleration = 10 / np.sqrt(3) * np.abs(np.diff(positions, axis=0)) / span**2

@@ -185,7 +185,7 @@ class Config:
             elif rest and "=" not in re.split("[@:]", rest)[0]:  # no parameter, so a fault
                 raise ConfigError(
                     f"fault '{text}': no link '{name}'{nearest(name, at_links)}; "
-                    f"there are: {', '.join(at_links) or 'none'}"
+                    f"available: {', '.join(at_links) or 'none'}"
                 )
             else:
                 at_source.append(parse(text))
@@ -336,7 +336,7 @@ def _check_names(config: Config, wrong: Mistakes) -> None:
             if name not in robots:
                 wrong.add(
                     ("links", i, "robots", k),
-                    f"no robot '{name}'{nearest(name, robots)}; there are: {', '.join(robots)}",
+                    f"no robot '{name}'{nearest(name, robots)}; available: {', '.join(robots)}",
                 )
 
 
@@ -363,5 +363,5 @@ def _check_alerts(config: Config, wrong: Mistakes) -> None:
                     wrong.add(
                         ("alerts", "to", i, f"{key}s"),
                         f"no {key} '{name}'{nearest(name, known)}; "
-                        f"there are: {', '.join(known) or 'none'}",
+                        f"available: {', '.join(known) or 'none'}",
                     )

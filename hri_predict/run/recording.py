@@ -65,7 +65,7 @@ def place_of(
 
 
 def cell_of(config: Config) -> str:
-    """Return the cell's name for file names, which is the configuration's file name."""
+    """Return the cell name used in file names: the configuration's file name without its suffix."""
     stem = config.path.stem
     plain = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "_" for c in stem)
     return plain.lstrip("._-")[:64] or "cell"

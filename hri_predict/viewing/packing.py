@@ -127,7 +127,8 @@ def robot_facts(
     person decides the level.
 
     Args:
-        name, advice, why: of the robot; ``why`` has the known grounds.
+        name, advice: the robot's name and advice.
+        why: the known grounds of the advice.
         link: name of the robot's capsule in the pair; "": not known.
         band_m: the configured ``risk.band_m``; ``None``: not known.
     """

@@ -79,7 +79,7 @@ class RecordedPictures:
 
     @property
     def duration_s(self) -> float:
-        """Return the seconds from the first to the last advice."""
+        """Return the time from the first to the last advice, in seconds."""
         return (self.end_ns - self.start_ns) * 1e-9
 
     def opening_ns(self) -> int:

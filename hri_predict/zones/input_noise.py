@@ -129,7 +129,7 @@ class NoiseGrowth:
         """Read the output of ``to_json``.
 
         Raises:
-            ValueError: the data do not describe a growth for these questions and steps.
+            ValueError: the data do not describe growth factors for these questions and steps.
         """
         if set(data) != set(questions):
             raise ValueError(f"noise must have {' and '.join(questions)}")
@@ -141,7 +141,9 @@ class NoiseGrowth:
             if rows.shape != (len(LEVELS), steps):
                 raise ValueError(f"noise's tables must have the shape {(len(LEVELS), steps)}")
             if not ((rows >= 0) & (rows <= MOST_GROWTH)).all():
-                raise ValueError(f"noise: a growth must be from 0 to {MOST_GROWTH:g}")
+                raise ValueError(f"noise: growth factors must be between 0 and {MOST_GROWTH:g}")
             if (np.diff(rows, axis=0) < 0).any() or (np.diff(rows, axis=1) < 0).any():
-                raise ValueError("noise: a growth shrinks with the level or the step")
+                raise ValueError(
+                    "noise: growth factors must not decrease with the level or the step"
+                )
         return cls(table)

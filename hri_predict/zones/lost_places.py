@@ -21,7 +21,7 @@ def anywhere_in(person: LostPerson, until_s: Floats, segments: int) -> Capsules:
 
     Args:
         person: a lost person with ``places``.
-        until_s: (K,) seconds of possible walking since ``places_ns``.
+        until_s: (K,) possible walking times since ``places_ns``, in seconds.
         segments: S; the places are distributed over them, and merged if there are more.
     """
     assert person.places is not None

@@ -51,7 +51,7 @@ def trunk_speed(velocities: Velocities, skeleton: Skeleton) -> Floats:
 
 
 def trunk_joints(skeleton: Skeleton) -> Ints:
-    """Return the indices of the joints whose mean is the trunk's motion."""
+    """Return the indices of the joints whose mean velocity is the trunk's velocity."""
     return _trunk_of(tuple(skeleton.joints))
 
 

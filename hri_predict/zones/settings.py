@@ -35,12 +35,10 @@ class Reach(Settings):
 
     safety: ClassVar[Safety] = {
         "speed_m_s": LessSafe(
-            below="no zone holds a joint that is faster than {value:g} m/s: {more:.2g} m less in "
-            "each second"
+            below="no zone holds a joint that is faster than {value:g} m/s, {more:.2g} m/s less "
+            "than by default"
         ),
-        "burst_m_s": LessSafe(
-            below="a joint that jerks is expected to move {more:.2g} m less in each second"
-        ),
+        "burst_m_s": LessSafe(below="a joint that jerks is assumed to be {more:.2g} m/s slower"),
         "sustained_m_s2": LessSafe(
             below="a body that speeds up for a second is expected {more:.2g} m/s slower"
         ),
@@ -67,9 +65,9 @@ class HumanLimits(Settings):
     No zone needs to exceed ``reach``. SaRA's figures are too small for this: people run, jump and
     kick. The sprinters of di Prampero et al. (J. Exp. Biol. 208 (2005) 2809) reached 9.46 m/s (SD
     0.19) and accelerated by 6.42 m/s2 (SD 0.61). Mean + 3 SD give the trunk's speed and every
-    part's sustained acceleration. Bursts and the limbs' speeds are chosen to hold at least 99.9 %
-    of all joints in the recordings of the splits fit, validation and calibration (version 1, CMU
-    alone), up to 1 s ahead (a test checks this on the test recordings).
+    part's sustained acceleration. Bursts and limb speeds are chosen so that zones contain at least
+    99.9 % of all joints, up to 1 s ahead, in the recordings of the ``fit``, ``validation`` and
+    ``calibration`` splits (version 1, CMU only). A unit test checks this on the ``test`` split.
     """
 
     arm_speed_m_s: float = Field(
@@ -113,16 +111,16 @@ class HumanLimits(Settings):
 
     safety: ClassVar[Safety] = {
         "arm_speed_m_s": LessSafe(
-            below="an approaching arm is expected to move {more:.2g} m less in each second",
+            below="an approaching arm is assumed to be {more:.2g} m/s slower",
             above="an arm of up to {value:g} m/s does not count as fast",
         ),
         "body_speed_m_s": LessSafe(
-            below="an approaching person is expected to move {more:.2g} m less in each second",
+            below="an approaching person is assumed to be {more:.2g} m/s slower",
             above="a person who approaches at up to {value:g} m/s does not count as fast",
         ),
         "physical_speed_m_s": LessSafe(
-            below="joints without a forecast and lost people are expected to move {more:.2g} m "
-            "less in each second"
+            below="joints without a forecast and lost people are assumed to be {more:.2g} m/s "
+            "slower"
         ),
         "arm_acceleration_m_s2": LessSafe(
             below="an arm that starts to move is expected {more:.2g} m/s slower after a second"

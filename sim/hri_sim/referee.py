@@ -76,7 +76,7 @@ class Tally:
             ``None`` before the first person.
         moving_separation_m: the same while the robot moved (faster than 10 mm/s).
         violation_s, violation_m: time that a robot moved (faster than 10 mm/s) while a person was
-            nearer than C + Z_d + Z_r, and the greatest shortfall.
+            nearer than C + Z_d + Z_r, and the maximum shortfall.
     """
 
     contacts: int = 0

@@ -7,7 +7,7 @@
  * the later checks. After each input the receiver must be intact: within its bounds, and permitting
  * motion only by its own rule. Build it with the sanitizers: they find what this test does not.
  *
- * Prints the inputs, what was accepted, and the greatest resident memory in KiB after a tenth of them
+ * Prints the inputs, what was accepted, and the maximum resident memory in KiB after a tenth of them
  * and at the end; exits 1 on a broken rule.
  */
 #define _POSIX_C_SOURCE 200809L

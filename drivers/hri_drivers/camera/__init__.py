@@ -1,1 +1,1 @@
-"""Turn the pictures of a user's camera into scenes for a node."""
+"""Turn the images of a user's camera into scenes for a node."""

@@ -42,8 +42,8 @@ def camera(
         str | None,
         typer.Argument(
             metavar="INPUT",
-            help="A camera's number (0) or device, 'realsense', 'oak', 'kinect', a video, a "
-            "picture, or a folder of pictures.",
+            help="A camera's number (0) or device, 'realsense', 'oak', 'kinect', a video, an "
+            "image, or a folder of images.",
         ),
     ] = None,
     fetch_model: Annotated[
@@ -63,11 +63,11 @@ def camera(
         typer.Option(help="Horizontal field of view, degrees, of a camera without a file."),
     ] = None,
     height: Annotated[
-        float | None, typer.Option(help="Height in metres, in shoes, of everyone in the picture.")
+        float | None, typer.Option(help="Height in metres, in shoes, of everyone in the image.")
     ] = None,
     size: SizeOption = None,
     fps: Annotated[
-        float | None, typer.Option(help="Pictures per second of the input, instead of its own.")
+        float | None, typer.Option(help="Images per second of the input, instead of its own.")
     ] = None,
     latency: Annotated[
         float | None,
@@ -80,17 +80,17 @@ def camera(
         float | None, typer.Option(help="Send at most this many scenes per second.")
     ] = None,
     threads: ThreadsOption = 1,
-    once: Annotated[bool, typer.Option("--once", help="Stop after one picture.")] = False,
+    once: Annotated[bool, typer.Option("--once", help="Stop after one image.")] = False,
     seconds: SecondsOption = None,
     preview: Annotated[
         Path | None,
-        typer.Option(help="At the end, save the last picture with the people drawn in."),
+        typer.Option(help="At the end, save the last image with the people drawn in."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find people with a camera, a video or pictures, and send them to a node.
+    """Find people with a camera, a video or images, and send them to a node.
 
-    One camera cannot show that space is free: without a person in the picture, its scenes report
+    One camera cannot show that space is free: without a person in the image, its scenes report
     that the room is not seen.
 
     Example: hri-predict camera 0 --preview me.png
@@ -115,7 +115,7 @@ def camera(
         return
     if source is None:
         raise ConfigError(
-            "camera: give an input: a camera's number such as 0, a video, a picture or a folder"
+            "camera: give an input: a camera's number such as 0, a video, an image or a folder"
         )
     for flag, value, most in (
         ("--fps", fps, MAX_HZ), ("--max-fps", max_fps, MAX_HZ), ("--seconds", seconds, MAX_SECONDS),
@@ -132,7 +132,7 @@ def camera(
     address_of(host, key)
     check_input(source, loop=loop, latency_s=latency)
     wanted = size_of(size, source, known)
-    # the network first: while it is loaded, pictures of an open camera would grow old
+    # the network first: while it is loaded, images of an open camera would grow old
     finder = finder_of(model, variant, people, threads, flat=is_depth_camera(source))
     pictures = open_input(source, rate_hz=fps, loop=loop, latency_s=latency, size=wanted)
     if known is None and field_of_view is None and isinstance(pictures, DepthCamera):
@@ -150,7 +150,7 @@ def camera(
     print(json.dumps(summary)) if as_json else _print(summary)
     if not summary["pictures"]:
         why = pipeline.trouble or "check the input"
-        raise SourceError(f"input {source}: no picture arrived; {why}")
+        raise SourceError(f"input {source}: no image arrived; {why}")
 
 
 def finder_of(
@@ -159,10 +159,10 @@ def finder_of(
     """Return the network of ``--model``.
 
     Args:
-        flat: whether a network that finds joints in the picture only is sufficient.
+        flat: whether a network that finds joints in the image only is sufficient.
 
     Raises:
-        ConfigError: it is missing, wrong or not sufficient.
+        ConfigError: the model is missing, wrong or not sufficient.
     """
     from hri_drivers.camera.network import package
     from hri_drivers.camera.network.blazepose import BlazePose
@@ -175,7 +175,7 @@ def finder_of(
         described = DescribedNetwork(path, people, threads)
         if not (described.has_world or flat):
             raise ConfigError(
-                f"model {path}: it finds joints in the picture only, so one camera cannot "
+                f"model {path}: it finds joints in the image only, so one camera cannot "
                 f"measure the distance to a person; name an output with metres as people.world"
             )
         if described.room_for == 1:
@@ -207,10 +207,10 @@ def finder_of(
 
 def _print(summary: dict[str, Any]) -> None:
     print(
-        f"pictures: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
+        f"images: {summary['pictures']}, {summary['dropped']} more dropped for newer ones, "
         f"{summary['skipped']} skipped for --max-fps, {summary['interruptions']} interruptions"
     )
     print(f"people: {summary['ids']} ids, at most {summary['most_people']} at a time")
     if summary["processor_ms"] is not None:
-        print(f"processor time per picture: {summary['processor_ms']:.0f} ms")
+        print(f"processor time per image: {summary['processor_ms']:.0f} ms")
     print_scenes(summary, summary["stamps"])

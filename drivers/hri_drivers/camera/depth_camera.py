@@ -20,26 +20,26 @@ FACTORY_FOCAL_ERROR = 0.01
 
 
 class DepthCamera(ABC):
-    """An ``Input`` whose pictures have depth, aligned with the colours. A lost device is reopened.
+    """An ``Input`` whose images have depth, aligned with the colours. A lost device is reopened.
     A subclass provides ``_open``, ``_take`` and ``_stop``; an error that the maker's package raises
     in them is an interruption.
 
     Args:
-        rate_hz: pictures per second; None: 30.
-        size: width and height of the pictures.
-        package: the maker's; None: imported.
+        rate_hz: images per second; None: 30.
+        size: width and height of the images.
+        package: the maker's package; None: import it.
 
     Attributes:
-        camera: the factory's intrinsics of the colour picture.
+        camera: the factory's intrinsics of the colour image.
 
     Raises:
-        ConfigError: the package is missing, or no device delivers such pictures.
+        ConfigError: the package is missing, or no device delivers such images.
     """
 
     waits = False
     name: ClassVar[str]
     module: ClassVar[str]
-    """The maker's package, by the name under which it is imported and installed."""
+    """Name under which the maker's package is imported and installed."""
     stamps = "the device's time stamps"
     stamped = "by the device"
     metres_per_unit = 0.001
@@ -66,7 +66,7 @@ class DepthCamera(ABC):
             pixels, raw, exposed_ns = self._take()
         except self._errors() as error:
             self.close()
-            raise SourceError(f"{self.name}: it delivers no picture ({_said(error)})") from None
+            raise SourceError(f"{self.name}: it delivers no image ({_said(error)})") from None
         self._number += 1
         metres: Float32 = raw.astype(np.float32) * np.float32(self.metres_per_unit)
         metres[raw == 0] = np.nan
@@ -98,14 +98,14 @@ class DepthCamera(ABC):
 
     @abstractmethod
     def _open(self) -> Camera:
-        """Open the device, and return the intrinsics of its colour picture."""
+        """Open the device, and return the intrinsics of its colour image."""
 
     @abstractmethod
     def _take(self) -> tuple[Any, Any, int]:
         """Return pixels (H, W, 3) BGR, depth (H, W), 0 where not known, and the exposure's time.
 
         Raises:
-            SourceError: this picture cannot be used.
+            SourceError: this image cannot be used.
         """
 
     @abstractmethod
@@ -116,12 +116,12 @@ class DepthCamera(ABC):
         """Return the time of an exposure, by ``time.monotonic_ns``, if it is plausible.
 
         Raises:
-            SourceError: a clock is wrong, or the picture is too old; the device is opened again.
+            SourceError: a clock is wrong, or the image is too old; the device is opened again.
         """
         age_s = (time.monotonic_ns() - exposed_ns) / 1e9
         if not 0 <= age_s <= MAX_AGE_S:
             self.close()
-            raise SourceError(f"{self.name}: dropped a picture that is {age_s:.1f} s old")
+            raise SourceError(f"{self.name}: dropped an image that is {age_s:.1f} s old")
         return exposed_ns
 
     def _imported(self) -> Any:

@@ -1,4 +1,4 @@
-"""Pictures from a webcam, a video file or image files, each with its time of exposure.
+"""Images from a webcam, a video file or image files, each with its time of exposure.
 
 No input opens a network connection: addresses are refused, and FFmpeg may read files only.
 """
@@ -24,14 +24,14 @@ DEPTH = ".depth.png"
 """NAME.depth.png has the depth of NAME.png in the same folder: aligned, 16 bits, millimetres."""
 DEFAULT_HZ = 30.0
 MAX_STEP_S = 10.0
-"""Maximum time between two pictures of a video; a larger step is an error in its times."""
+"""Maximum time between two images of a video; a larger step is an error in its times."""
 
 
 class Input(Protocol):
-    """Delivers pictures to one thread.
+    """Delivers images to one thread.
 
     Attributes:
-        waits: whether it keeps a picture until it is read; a camera does not.
+        waits: whether the input keeps an image until it is read; a camera does not.
         stamps: how the time of the exposure is known, as readable text.
     """
 
@@ -39,21 +39,21 @@ class Input(Protocol):
     stamps: str
 
     def read(self) -> Image | None:
-        """Return the next picture as soon as it is available; None at the end.
+        """Return the next image as soon as it is available; None at the end.
 
         Raises:
-            SourceError: no picture is available now; the next call tries again.
+            SourceError: no image is available now; the next call tries again.
         """
 
     def close(self) -> None:
-        """Close it. Safe to call twice."""
+        """Close the input. Safe to call twice."""
 
 
 def check_input(text: str, *, loop: bool, latency_s: float | None) -> None:
     """Refuse an input that cannot be opened, without opening it.
 
     Args:
-        text: a camera's number or device, a video, a picture, or a folder of pictures.
+        text: a camera's number or device, a video, an image, or a folder of images.
         loop: begin again at the end.
         latency_s: from exposure to arrival; None: not given.
 
@@ -80,19 +80,19 @@ def check_input(text: str, *, loop: bool, latency_s: float | None) -> None:
     path = Path(text)
     if not (path.is_file() or path.is_dir()):
         raise ConfigError(
-            f"input {text}: no such file; give a camera's number such as 0, a video, a picture or "
-            f"a folder of pictures"
+            f"input {text}: no such file; give a camera's number such as 0, a video, an image or "
+            f"a folder of images"
         )
 
 
 def open_input(
     text: str, *, rate_hz: float | None, loop: bool, latency_s: float | None, size: tuple[int, int]
 ) -> Input:
-    """Open a camera by its number or device, a video, a picture, or a folder of pictures.
+    """Open a camera by its number or device, a video, an image, or a folder of images.
 
     Args:
         text: the input, in one of these forms.
-        rate_hz: pictures per second; None: a video's own, and ``DEFAULT_HZ``.
+        rate_hz: images per second; None: a video's own, and ``DEFAULT_HZ``.
         loop: begin again at the end of a video or folder.
         latency_s: from exposure to arrival, for a camera that does not report it; None:
             ``LATENCY_S``.
@@ -125,15 +125,15 @@ def is_depth_camera(text: str) -> bool:
 
 
 class Video:
-    """A video file, played at its own rate: a picture that is not read in time is skipped.
+    """A video file, played at its own rate: an image that is not read in time is skipped.
 
     Args:
-        path: of the file.
-        rate_hz: pictures per second instead of the file's own.
+        path: path of the file.
+        rate_hz: images per second instead of the file's own.
         loop: begin again at the end.
 
     Raises:
-        ConfigError: it is not a video.
+        ConfigError: the file is not a video.
     """
 
     waits = False
@@ -155,7 +155,7 @@ class Video:
             raise ConfigError(f"input {path}: not a video that can be read; give another file")
 
     def begin(self, at_s: float) -> None:
-        """Set the time of the first picture, so that several videos start together.
+        """Set the time of the first image, so that several videos start together.
 
         Args:
             at_s: by ``time.monotonic``.
@@ -181,7 +181,7 @@ class Video:
         self._file.release()
 
     def _next(self) -> tuple[UInt8, float] | None:
-        """Return the next picture, and its time in seconds from the first one."""
+        """Return the next image, and its time in seconds from the first one."""
         import cv2
 
         pixels = next_of(self._file)
@@ -205,16 +205,16 @@ class Pictures:
     """Image files in the order of their names; none is skipped.
 
     Args:
-        path: a picture, or a folder with pictures.
-        rate_hz: pictures per second.
+        path: an image, or a folder with images.
+        rate_hz: images per second.
         loop: begin again at the end.
 
     Raises:
-        ConfigError: there are none.
+        ConfigError: there are no images.
     """
 
     waits = True
-    stamps = "the time at which each picture is taken"
+    stamps = "the time at which each image is taken"
 
     def __init__(self, path: Path, *, rate_hz: float | None, loop: bool) -> None:
         found = sorted(path.iterdir()) if path.is_dir() else [path]
@@ -224,7 +224,7 @@ class Pictures:
             if p.suffix.lower() in PICTURES and p.is_file() and not p.name.endswith(DEPTH)
         ]
         if not self._paths:
-            what = f"no pictures ({', '.join(PICTURES)}) in it" if path.is_dir() else "no such file"
+            what = f"no images ({', '.join(PICTURES)}) in it" if path.is_dir() else "no such file"
             raise ConfigError(f"input {path}: {what}; check the path")
         self._period_s = 1.0 / (rate_hz or DEFAULT_HZ)
         self._loop = loop
@@ -258,5 +258,5 @@ def _colours(path: Path) -> UInt8:
 
     pixels = read_picture(path, cv2.IMREAD_COLOR)
     if pixels is None:
-        raise SourceError(f"picture {path}: cannot be read")
-    return checked(pixels, f"picture {path}")
+        raise SourceError(f"image {path}: cannot be read")
+    return checked(pixels, f"image {path}")

@@ -18,19 +18,19 @@ SIZES = {
 }  # fmt: skip
 RATES = (5, 15, 30)
 LATENCY_S = 0.1
-"""Time from the middle of the exposure to the arrival of the fastest pictures. Microsoft measured
+"""Time from the middle of the exposure to the arrival of the fastest images. Microsoft measured
 68 ms at 1280 x 720, "rough numbers" (Azure-Kinect-Sensor-SDK, issues 816 and 1446)."""
 LEARNING = 15
-"""Number of first pictures used only to measure how fast pictures arrive."""
+"""Number of first images used only to measure how fast images arrive."""
 MAX_DRIFT = 200e-6
 """Maximum drift of the device's clock against this machine's; see ``offset_line``."""
 
 
 class Kinect(DepthCamera):
-    """See ``DepthCamera``. It uses the device's smallest picture size of at least ``size``."""
+    """See ``DepthCamera``. It uses the device's smallest image size of at least ``size``."""
 
     name, module = "Kinect", "pyk4a"
-    stamps = f"the device's clock, as the fastest pictures show it less {LATENCY_S:g} s"
+    stamps = f"the device's clock, as the fastest images show it less {LATENCY_S:g} s"
     stamped = f"on arrival less {LATENCY_S:g} s"
     _device: Any = None
     _offset_ns: int | None = None
@@ -43,7 +43,7 @@ class Kinect(DepthCamera):
         k4a = self._package
         fitting = [s for s in SIZES if s[0] >= self._size[0] and s[1] >= self._size[1]]
         if not fitting:
-            raise SourceError("its largest picture is 3840 x 2160")
+            raise SourceError("the largest image is 3840 x 2160")
         rate = min((r for r in RATES if r >= self._rate_hz), default=RATES[-1])
         # the depth mode that reaches farthest: 5.5 m
         config = k4a.Config(
@@ -74,14 +74,14 @@ class Kinect(DepthCamera):
         exposed_ns = self._exposed(capture)
         pixels, raw = capture.color, capture.transformed_depth
         if pixels is None or raw is None:
-            raise SourceError("Kinect: a picture arrived without its depth")
+            raise SourceError("Kinect: an image arrived without its depth")
         return pixels[:, :, :3], raw, self._recent(exposed_ns)
 
     def _exposed(self, capture: Any) -> int:
         """Return the time of the middle of the exposure, by ``time.monotonic_ns``.
 
         The device's clock drifts slowly, and has its own epoch, which is estimated from the
-        pictures that arrive fastest. The meaning of the SDK's system time depends on the vendor.
+        images that arrive fastest. The meaning of the SDK's system time depends on the vendor.
         """
         now_ns, stamp_ns = time.monotonic_ns(), 1000 * capture.color_timestamp_usec
         offset_ns = now_ns - stamp_ns

@@ -1,8 +1,8 @@
 """Detects from the background whether a camera was moved since the start.
 
-Points of the background are found in the first picture and again now (ORB: E. Rublee et al., "ORB:
+Points of the background are found in the first image and again now (ORB: E. Rublee et al., "ORB:
 an efficient alternative to SIFT or SURF", ICCV 2011), and a shift, turn and scale that most of them
-agree on is fitted (RANSAC). Points on people are ignored. If both pictures have many points that do
+agree on is fitted (RANSAC). Points on people are ignored. If both images have many points that do
 not agree, the camera looks elsewhere, or something large hides the background. If there are few
 points, the background has no texture and nothing can be decided.
 """
@@ -16,7 +16,7 @@ from hri_drivers.camera.seen import Image, UInt8
 from hri_predict.base.arrays import Floats
 
 MOVED = 0.015
-"""Maximum mean displacement of the picture's corners, as a fraction of its width: 1 degree of
+"""Maximum mean displacement of the image's corners, as a fraction of its width: 1 degree of
 64."""
 CHECK_NS = 500_000_000
 IN_A_ROW = 3
@@ -24,11 +24,11 @@ IN_A_ROW = 3
 MIN_POINTS, MIN_SHARE = 15, 0.3
 """Minimum number of points that must agree, and minimum fraction of the points found again."""
 MANY_POINTS = 100
-"""With this many points in both pictures, some must agree if the background is the same."""
+"""With this many points in both images, some must agree if the background is the same."""
 _WIDTH, _POINTS, _MISFIT = 480, 600, 3.0
 _AROUND = 0.25  # of a person's size: hair, clothes and shadows beyond the joints
 _Points = tuple[Floats, UInt8]
-"""(N, 2) positions in picture widths, and (N, 32) descriptors of what is around them."""
+"""(N, 2) positions in image widths, and (N, 32) descriptors of what is around them."""
 WHY = (
     "the background has changed since the start: the camera was moved, and people's positions "
     "are wrong, or something large blocks the view; restore the camera or the view, or calibrate "
@@ -37,7 +37,7 @@ WHY = (
 
 
 class MovedWatch:
-    """Compares the background with that of the first picture, twice a second.
+    """Compares the background with that of the first image, twice a second.
 
     Attributes:
         checks: number of comparisons.
@@ -56,7 +56,7 @@ class MovedWatch:
         """Return the fault as readable text; None: no fault, or undecided.
 
         Args:
-            image: the picture.
+            image: the current image.
             people: (J, 2) pixels of each person in it; NaN where not found.
         """
         if self._due_ns is None or image.exposed_ns >= self._due_ns:
@@ -76,7 +76,7 @@ class MovedWatch:
         return {"checks": self.checks, "undecided": self.undecided}
 
     def _looks_moved(self, pixels: UInt8, people: Sequence[Floats]) -> bool | None:
-        """Whether the background has moved since the first picture; None if undecided."""
+        """Whether the background has moved since the first image; None if undecided."""
         now = self._background(pixels, people)
         if len(now[0]) < MIN_POINTS:
             return None
@@ -93,7 +93,7 @@ class MovedWatch:
 
         Args:
             first, now: the points at first and now.
-            ratio: the picture's height divided by its width.
+            ratio: the image's height divided by its width.
         """
         pairs = self._matcher.match(first[1], now[1])
         if len(pairs) < MIN_POINTS:

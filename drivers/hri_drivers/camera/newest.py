@@ -1,4 +1,4 @@
-"""The newest picture of an input; older ones that were never used are counted."""
+"""The newest image of an input; older ones that were never used are counted."""
 
 import threading
 import time
@@ -17,9 +17,9 @@ class Newest:
         pictures: the input; the thread closes it.
 
     Attributes:
-        dropped: number of pictures that a newer one replaced before they were used.
-        interruptions: number of times that the input had no picture.
-        trouble: why no picture arrives now; None: one arrived, or the first is still awaited.
+        dropped: number of images that a newer one replaced before they were used.
+        interruptions: number of times that the input had no image.
+        trouble: why no image arrives now; None: one arrived, or the first is still awaited.
         ended: whether the input has ended.
     """
 
@@ -41,7 +41,7 @@ class Newest:
         return self._input.stamps
 
     def take(self, timeout_s: float) -> Image | None:
-        """Wait for the newest picture and return it once; None if no picture arrives in time.
+        """Wait for the newest image and return it once; None if no image arrives in time.
 
         If the input's ``waits`` is true, the exposure time is set to now.
 
@@ -79,7 +79,7 @@ class Newest:
             self._input.close()
 
     def _step(self, back_off: BackOff) -> bool:
-        """Read one picture; return whether there may be another."""
+        """Read one image; return whether there may be another."""
         try:
             image = self._input.read()
         except HriPredictError as error:

@@ -1,7 +1,7 @@
 """A Luxonis OAK camera with stereo depth, through Luxonis' package ``depthai``.
 
 Uses the API of depthai 3 (``RGBD``, ``RGBDData``, ``ImgTransformation``). Tested with the package's
-own pictures and clock and a stand-in for the device, not yet with a device.
+own images and clock and a stand-in for the device, not yet with a device.
 """
 
 import os
@@ -16,7 +16,7 @@ from hri_drivers.camera.place.camera import Camera
 from hri_predict.base.errors import ConfigError, SourceError
 
 FIRST_S = 10.0
-"""Maximum time from the start to the first picture."""
+"""Maximum time from the start to the first image."""
 MAX_MM = 4000
 """Maximum depth. Farther away the error is not "below 2 %" (Luxonis, depth accuracy with 7.5 cm
 between the lenses), which ``by_depth`` relies on."""
@@ -47,12 +47,12 @@ class Oak(DepthCamera):
         self._device = self._package.Device()
         self._pipeline = pipeline = self._package.Pipeline(self._device)
         colour = pipeline.create(node.Camera).build()
-        # the default preset mixes depth with that of earlier pictures, where a person no longer is
+        # the default preset mixes depth with that of earlier images, where a person no longer is
         stereo = pipeline.create(node.StereoDepth).build(
             True, node.StereoDepth.PresetMode.FAST_ACCURACY, fps=self._rate_hz
         )
         stereo.setSubpixel(True)
-        # takes pictures at most 10 ms apart, undistorted, with depth aligned and in millimetres
+        # takes images at most 10 ms apart, undistorted, with depth aligned and in millimetres
         aligned = pipeline.create(node.RGBD).build(colour, stereo, self._size, self._rate_hz)
         self._queue = aligned.rgbd.createOutputQueue(maxSize=1, blocking=False)
         pipeline.start()
@@ -73,7 +73,7 @@ class Oak(DepthCamera):
         middle = self._package.CameraExposureOffset.MIDDLE
         first = min(colour.getTimestamp(middle), depth.getTimestamp(middle))
         # the package maps the device's clock to its own, which is this machine's; ours is read
-        # first, so that a pause between the two makes the picture older, never newer
+        # first, so that a pause between the two makes the image older, never newer
         now_ns = time.monotonic_ns()
         age_s = (self._package.Clock.now() - first).total_seconds()
         exposed_ns = self._recent(now_ns - round(1e9 * age_s))

@@ -46,7 +46,7 @@ SizeOption = Annotated[
     str | None,
     typer.Option(
         "--size",
-        help="Picture size to request from a camera.",
+        help="Image size to request from a camera.",
         show_default="that of its file, or 640x480",
     ),
 ]
@@ -66,7 +66,7 @@ def need_cv2() -> None:
     """Refuse to continue without OpenCV.
 
     Raises:
-        ConfigError: it is not installed, or cannot be loaded.
+        ConfigError: OpenCV is not installed, or cannot be loaded.
     """
     need_extra("cv2", "camera")
     try:
@@ -92,12 +92,12 @@ def size_of(size: str | None, source: str, known: "Camera | None") -> tuple[int,
     """Return the width and height to ask a camera for.
 
     Args:
-        size: ``--size``; None: that of the camera's file, or ``DEFAULT_SIZE``.
+        size: ``--size``; None: the size in the camera's file, or ``DEFAULT_SIZE``.
         source: the input.
         known: the calibrated camera.
 
     Raises:
-        ConfigError: the input is not a camera, or the camera was calibrated with other pictures.
+        ConfigError: the input is not a camera, or the camera was calibrated with other images.
     """
     if size is None:
         return DEFAULT_SIZE if known is None else known.size
@@ -133,11 +133,11 @@ def print_scenes(summary: dict[str, Any], stamps: str) -> None:
     """Print the part of the summary that both commands share.
 
     Args:
-        summary: of ``Pipeline`` or ``Rig``.
-        stamps: how the times of the pictures are known.
+        summary: summary of ``Pipeline`` or ``Rig``.
+        stamps: how the times of the images are known.
     """
     print(
-        f"scenes: {summary['scenes']}, {summary['late']} pictures too late for their order, "
+        f"scenes: {summary['scenes']}, {summary['late']} images too late for their order, "
         f"{summary['unsent']} datagrams refused by the system, the clock was set "
         f"{summary['clock_steps']} times"
     )

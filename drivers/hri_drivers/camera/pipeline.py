@@ -1,4 +1,4 @@
-"""Turns pictures into scenes, one at a time, always the newest."""
+"""Turns images into scenes, one at a time, always the newest."""
 
 import sys
 import time
@@ -18,8 +18,8 @@ from hri_drivers.camera.tracking import Tracker
 from hri_drivers.sources.sent import SentPerson
 
 SILENT_S, MAX_SILENT_S, INTERVALS = 0.2, 2.0, 2.5
-"""Time without a picture after which scenes report that the room is not seen. If pictures arrive
-seldom, it is this many of their intervals, up to the maximum."""
+"""Time without an image after which scenes report that the room is not seen. If images arrive
+seldom, the time is this many intervals between images, up to the maximum."""
 
 
 @dataclass(slots=True)
@@ -27,10 +27,10 @@ class Counts:
     """Events since the start.
 
     Attributes:
-        pictures: number of pictures taken from the input.
-        skipped: number of those dropped to keep the maximum rate.
+        pictures: number of images taken from the input.
+        skipped: number of these images dropped to keep the maximum rate.
         blind: number of scenes without a view of the room, by reason.
-        most_people: maximum number of people in one picture.
+        most_people: maximum number of people in one image.
         processor_s: processor time of the whole process while it ran.
     """
 
@@ -42,23 +42,23 @@ class Counts:
 
 
 class Pipeline:
-    """Finds, places and sends the people of each picture.
+    """Finds, places and sends the people of each image.
 
-    A scene *sees the room* only if the picture shows something, at least one person is in it, and
-    all who were found are in the scene. A picture without people does not prove an empty room: one
+    A scene *sees the room* only if the image shows something, at least one person is in it, and
+    all who were found are in the scene. An image without people does not prove an empty room: one
     camera cannot see behind objects, and the network may miss a person.
 
     Args:
         newest: the input.
         finder: the network.
-        placer: places them.
-        sender: to the node; None: nothing is sent.
+        placer: places the people.
+        sender: sends scenes to the node; None: nothing is sent.
         max_hz: maximum rate of scenes; None: as fast as the network runs.
         stands: the camera's place in the room is relied on, so it must not be moved.
 
     Attributes:
         counts: see ``Counts``.
-        last: the last picture that was processed, and the people in it.
+        last: the last image that was processed, and the people in it.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Pipeline:
         self.last: tuple[Image, list[Seen]] | None = None
 
     def run(self, seconds: float | None = None, once: bool = False) -> None:
-        """Run until the input ends, for some seconds, or for one picture."""
+        """Run until the input ends, for some seconds, or for one image."""
         began_s = time.process_time()
         try:
             self._run(None if seconds is None else time.monotonic() + seconds, once)
@@ -99,7 +99,7 @@ class Pipeline:
             elif self._newest.ended:
                 return
             elif now - heard > silent_s or self._newest.trouble is not None:
-                self._blind(self._newest.trouble or "no picture arrives")
+                self._blind(self._newest.trouble or "no image arrives")
 
     def close(self) -> None:
         """Close the input."""
@@ -107,11 +107,11 @@ class Pipeline:
 
     @property
     def trouble(self) -> str | None:
-        """The reason why no picture arrives now."""
+        """The reason why no image arrives now."""
         return self._newest.trouble
 
     def take(self, image: Image) -> None:
-        """Process one picture."""
+        """Process one image."""
         self.counts.pictures += 1
         if self._period_ns and image.exposed_ns < self._due_ns - self._period_ns // 4:
             self.counts.skipped += 1
@@ -139,7 +139,7 @@ class Pipeline:
         if not finding.is_whole:
             self.counts.blind["there may be more people than are followed"] += 1
         elif not placed:
-            self.counts.blind["no person in the picture"] += 1
+            self.counts.blind["no person in the image"] += 1
         self._send(placed, sees_room=finding.is_whole and bool(placed), stamp_ns=image.exposed_ns)
         self._times.looked_at(image.exposed_ns)
 
@@ -190,5 +190,5 @@ class Pipeline:
         if why == self._said:
             return
         self._said = why
-        line = "pictures are good again" if why is None else f"{why}: the room is not seen"
+        line = "images are good again" if why is None else f"{why}: the room is not seen"
         print(f"camera: {line}", file=sys.stderr, flush=True)

@@ -14,7 +14,7 @@ MIN_SIDE, MAX_SIDE = 64, 8192
 
 
 def read_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
-    """Return a picture decoded by ``cv2.imdecode`` with ``flags``; None if the file is not one.
+    """Return an image decoded by ``cv2.imdecode`` with ``flags``; None if the file is not an image.
 
     Raises:
         ConfigError: the file does not exist.
@@ -28,18 +28,18 @@ def read_picture(path: Path, flags: int) -> NDArray[np.generic] | None:
         if path.stat().st_size > MAX_BYTES:
             return None
         data = cv2.imdecode(np.fromfile(path, np.uint8), flags)
-    except (cv2.error, OSError):  # an empty file, or a size that no picture has
+    except (cv2.error, OSError):  # an empty file, or a size that no image has
         return None
     return None if data is None else np.asarray(data)
 
 
 def next_of(device: Any) -> Any:
-    """Return the next picture of a ``cv2.VideoCapture``; None if there is none."""
+    """Return the next image of a ``cv2.VideoCapture``; None if there is none."""
     import cv2
 
     try:
         came, pixels = device.read()
-    except cv2.error:  # of a picture that it cannot convert
+    except cv2.error:  # of an image that it cannot convert
         return None
     return pixels if came else None
 
@@ -48,13 +48,13 @@ def checked(pixels: Any, where: str) -> UInt8:
     """Return pixels as bytes (H, W, 3).
 
     Raises:
-        SourceError: they are of another kind, or too small or large.
+        SourceError: the pixels are of another kind, or the image is too small or too large.
     """
     array = np.asarray(pixels)
     if array.ndim == 2:
         array = np.repeat(array[:, :, np.newaxis], 3, axis=2)
     if array.ndim != 3 or array.shape[2] != 3 or array.dtype != np.uint8:
-        raise SourceError(f"{where}: not a colour picture with 8 bits for each channel")
+        raise SourceError(f"{where}: not a colour image with 8 bits for each channel")
     height, width = array.shape[:2]
     if min(height, width) < MIN_SIDE or max(height, width) > MAX_SIDE:
         raise SourceError(

@@ -1,6 +1,6 @@
-"""Places the people of a picture for the node's scene stream: in metres, in the camera's axes.
+"""Places the people of an image for the node's scene stream: in metres, in the camera's axes.
 
-It uses the picture's depth if available, otherwise the network's landmarks in metres.
+It uses the image's depth if available, otherwise the network's landmarks in metres.
 """
 
 from collections import Counter
@@ -19,10 +19,10 @@ class Placer:
     """Places the people of one camera.
 
     Args:
-        camera: calibrated; None: guessed from the field of view.
-        field_of_view_deg: horizontal, for a camera that is not calibrated; None: that of most
+        camera: the calibrated camera; None: guessed from the field of view.
+        field_of_view_deg: horizontal field of view of an uncalibrated camera; None: as for most
             webcams.
-        height_m: stature of everyone who is seen; None: of adults.
+        height_m: stature of everyone who is seen; None: an adult's.
 
     Attributes:
         unplaced: number of people in scenes whose position was not known, by reason.
@@ -51,8 +51,8 @@ class Placer:
         """Return a person in metres, without observed joints if the position is not known.
 
         Raises:
-            ConfigError: the camera was calibrated with pictures of another shape, the depth has
-                another size than the picture, or there is neither depth nor landmarks in metres.
+            ConfigError: the camera was calibrated with images of another shape, the depth has
+                another size than the image, or there is neither depth nor landmarks in metres.
         """
         camera = self._of(image)
         if image.depth is None:

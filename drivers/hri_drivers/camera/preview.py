@@ -1,4 +1,4 @@
-"""Draws the people that were found into a picture."""
+"""Draws the people found in an image onto a copy of it."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -29,7 +29,7 @@ _COLOURS = ((0, 200, 255), (255, 160, 0), (80, 220, 80), (220, 100, 255))
 
 
 def check(path: Path) -> None:
-    """Refuse, before the start, a file name to which no picture can be written.
+    """Reject, before starting, a path to which the image cannot be written.
 
     Raises:
         ConfigError: the ending is wrong, or the folder does not exist.
@@ -41,7 +41,9 @@ def check(path: Path) -> None:
 
 
 def write(path: Path, image: Image, people: list[Seen]) -> None:
-    """Draw people into a copy of their picture: joints, bones and ids; hidden joints are hollow.
+    """Draw people onto a copy of the image they were found in: joints, bones and ids.
+
+    Hidden joints are hollow.
 
     Raises:
         ConfigError: the file cannot be written.

@@ -14,10 +14,10 @@ from hri_drivers.camera.place.camera import Camera
 from hri_predict.base.errors import SourceError
 
 LATENCY_S = 0.06
-"""Time from the exposure to the arrival of aligned pictures, for a device that reports no time on
+"""Time from the exposure to the arrival of aligned images, for a device that reports no time on
 this machine's clock, or only the arrival time (``system_time``)."""
 MAX_APART_S = 0.05
-"""Maximum time between the exposures of colour picture and depth; a person walks 8 cm in it."""
+"""Maximum time between the exposures of colour image and depth; a person walks 8 cm in it."""
 
 
 class RealSense(DepthCamera):
@@ -48,7 +48,7 @@ class RealSense(DepthCamera):
         frames = self._align.process(self._pipeline.wait_for_frames(TIMEOUT_MS))
         colour, depth = frames.get_color_frame(), frames.get_depth_frame()
         if not colour or not depth:
-            raise SourceError("RealSense: a picture arrived without its depth")
+            raise SourceError("RealSense: an image arrived without its depth")
         pixels, raw = np.asanyarray(colour.get_data()), np.asanyarray(depth.get_data())
         return pixels, raw, self._exposed(colour, depth)
 
@@ -58,20 +58,21 @@ class RealSense(DepthCamera):
             pipeline.stop()
 
     def _exposed(self, colour: Any, depth: Any) -> int:
-        """Return the time of the earlier exposure of the two, by the monotonic clock.
+        """Return the time of the earlier exposure, of colour image or depth, by the monotonic
+        clock.
 
         Raises:
-            SourceError: the two pictures are not of one moment.
+            SourceError: the two images are not of one moment.
         """
         now_ns, utc_ms = time.monotonic_ns(), time.time_ns() / 1e6
         domain = self._package.timestamp_domain
         of = colour.get_frame_timestamp_domain()
         if depth.get_frame_timestamp_domain() != of:
-            raise SourceError("RealSense: a picture and its depth are stamped by different clocks")
+            raise SourceError("RealSense: an image and its depth are stamped by different clocks")
         stamps_ms = colour.get_timestamp(), depth.get_timestamp()
         if not max(stamps_ms) - min(stamps_ms) <= 1e3 * MAX_APART_S:  # NaN, too
             raise SourceError(
-                f"RealSense: a picture and its depth are more than {1e3 * MAX_APART_S:.0f} ms apart"
+                f"RealSense: an image and its depth are more than {1e3 * MAX_APART_S:.0f} ms apart"
             )
         age_ms = utc_ms - min(stamps_ms)
         is_ours = of in (domain.system_time, domain.global_time) and age_ms >= 0
@@ -88,7 +89,7 @@ class RealSense(DepthCamera):
         return arrival_ns - round(LATENCY_S * 1e9)
 
     def _sent_ms(self, frame: Any) -> float:
-        """Return the time from the middle of a picture's exposure to its stamp.
+        """Return the time from the middle of an image's exposure to its stamp.
 
         A device stamps the start of the transmission (librealsense, issue 2188). If it does not
         report the exposure time, a whole period before the stamp is assumed.

@@ -1,4 +1,4 @@
-"""Combines simultaneous pictures of several calibrated cameras in one room into a scene."""
+"""Combines simultaneous images of several calibrated cameras in one room into a scene."""
 
 import sys
 import time
@@ -23,10 +23,10 @@ from hri_drivers.camera.tracking import MAX_ID, Tracker
 from hri_drivers.sources.sent import SentPerson
 
 SILENT_S = 0.2
-"""Time without simultaneous pictures after which scenes report that the room is not seen."""
+"""Time without simultaneous images after which scenes report that the room is not seen."""
 REMEMBERED = 1000
 """Number of newest tracker ids kept, over all cameras. For 4 cameras that follow 4 people each,
-this covers some seconds even if every picture brings new ids."""
+this covers some seconds even if every image brings new ids."""
 _WAIT_S = 0.005
 
 
@@ -35,9 +35,9 @@ class Eye:
     """One camera of a rig.
 
     Attributes:
-        name: of the input.
-        newest: its pictures.
-        finder: a network of its own, which follows people from picture to picture.
+        name: name of the input.
+        newest: its images.
+        finder: a network of its own, which follows people from image to image.
         camera: calibrated, with its pose in the room.
     """
 
@@ -54,7 +54,7 @@ class Eye:
 class CommonIds:
     """Ids of people for all cameras, from the ids that each camera's tracker gave.
 
-    A person keeps an id as long as one camera follows him.
+    A person keeps an id as long as one camera follows that person.
     """
 
     def __init__(self) -> None:
@@ -62,7 +62,7 @@ class CommonIds:
         self._given = 0
 
     def assign(self, people: Sequence[Together]) -> list[int]:
-        """Return an id, 1..65535, for each person; no two have the same."""
+        """Return an id, 1..65535, for each person; no two people have the same id."""
         found: list[int] = []
         for person in people:
             members = [(v, seen.id) for v, seen in enumerate(person.seen) if seen is not None]
@@ -88,17 +88,17 @@ class CommonIds:
 class Rig:
     """Finds, places and sends the people that several cameras see at one moment.
 
-    A scene *sees the room* only if all pictures show something, at least one person is in them, and
-    all who were found could be placed. Pictures whose times come from different kinds of stamps
+    A scene *sees the room* only if all images show something, at least one person is in them, and
+    all who were found could be placed. Images whose times come from different kinds of stamps
     never count as simultaneous.
 
     Args:
         eyes: two or more cameras; people are sent in the axes of the first one.
-        sender: to the node; None: nothing is sent.
+        sender: sends scenes to the node; None: nothing is sent.
 
     Attributes:
-        scenes: number of sets of pictures that were processed.
-        unpaired: number of pictures without a simultaneous picture from each other camera.
+        scenes: number of sets of images that were processed.
+        unpaired: number of images without a simultaneous image from each other camera.
         blind: number of scenes without a view of the room, by reason.
         unplaced: number of people whose position was not known, by reason.
     """
@@ -135,12 +135,12 @@ class Rig:
 
     @property
     def trouble(self) -> str:
-        """The reason why no simultaneous pictures arrive now."""
+        """The reason why no simultaneous images arrive now."""
         wrong = [f"{e.name}: {e.newest.trouble}" for e in self._eyes if e.newest.trouble]
-        return "; ".join(wrong) or "no pictures taken at the same time arrive"
+        return "; ".join(wrong) or "no images taken at the same time arrive"
 
     def together(self) -> list[Image] | None:
-        """Return the newest simultaneous pictures, one from each camera; None if there are none."""
+        """Return the newest simultaneous images, one from each camera; None if there are none."""
         for eye in self._eyes:
             if eye.image is None:
                 eye.image = eye.newest.take(_WAIT_S)
@@ -155,12 +155,12 @@ class Rig:
         return None if late else images
 
     def take(self, images: Sequence[Image]) -> None:
-        """Process simultaneous pictures."""
+        """Process simultaneous images."""
         self.scenes += 1
         if len({image.stamped for image in images}) > 1:
             kinds = (f"{e.name} {i.stamped}" for e, i in zip(self._eyes, images, strict=True))
             self._blind(
-                f"pictures are stamped differently ({', '.join(kinds)}); use cameras of one kind"
+                f"images are stamped differently ({', '.join(kinds)}); use cameras of one kind"
             )
             return
         for eye, image in zip(self._eyes, images, strict=True):
@@ -193,7 +193,7 @@ class Rig:
         )
         why = None if is_whole else "there may be more people than are followed"
         if not people:
-            why = "no person in the pictures"
+            why = "no person in the images"
         elif any(isinstance(each.placed, Unplaced) for each in people):
             why = why or "a person could not be placed"
         if why is not None:
@@ -238,6 +238,6 @@ class Rig:
     def _say(self, why: str | None) -> None:
         """Print the reason for a blind view when it changes."""
         if why != self._said:
-            line = "pictures are good again" if why is None else f"{why}: the room is not seen"
+            line = "images are good again" if why is None else f"{why}: the room is not seen"
             print(f"cameras: {line}", file=sys.stderr, flush=True)
         self._said = why

@@ -49,7 +49,7 @@ def cameras(
     port: PortOption = PORT,
     key_file: KeyFileOption = None,
     size: SizeOption = None,
-    fps: Annotated[float | None, typer.Option(help="Pictures per second to request.")] = None,
+    fps: Annotated[float | None, typer.Option(help="Images per second to request.")] = None,
     threads: ThreadsOption = 1,
     seconds: SecondsOption = None,
     as_json: JsonOption = False,
@@ -113,11 +113,11 @@ def cameras(
     summary = rig.summary()
     print(json.dumps(summary)) if as_json else _print(summary)
     if not summary["scenes"]:
-        raise SourceError(f"cameras: no pictures taken at the same time arrived; {rig.trouble}")
+        raise SourceError(f"cameras: no images taken at the same time arrived; {rig.trouble}")
 
 
 def _print(summary: dict[str, Any]) -> None:
     dropped = ", ".join(f"{count} of {name}" for name, count in summary["dropped"].items())
-    print(f"pictures without a match: {summary['unpaired']}; dropped for newer ones: {dropped}")
+    print(f"images without a match: {summary['unpaired']}; dropped for newer ones: {dropped}")
     stamps = "; ".join(f"{how} ({name})" for name, how in summary["stamps"].items())
     print_scenes(summary, stamps)

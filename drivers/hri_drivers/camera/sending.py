@@ -22,14 +22,14 @@ class Sender:
     Args:
         host: IP address at which the node listens.
         port: UDP port of the node.
-        joints: names of the joints, of the node's joint map.
-        key: the node's; needed for an address that is not this machine's own.
+        joints: names of the joints in the node's joint map.
+        key: the node's key; needed for an address that is not this machine's own.
 
     Attributes:
         scenes: number of scenes that were sent.
         unsent: number of datagrams that the system refused.
-        clock_steps: number of times that this machine's UTC was set. The pictures' own times do not
-            follow it; the node sees that the sender's clock jumped.
+        clock_steps: number of times that this machine's UTC was set. The images' own times do not
+            follow the change; the node sees that the sender's clock jumped.
 
     Raises:
         ConfigError: the host is not an IP address, or needs a key.

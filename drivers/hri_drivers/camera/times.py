@@ -8,19 +8,19 @@ import numpy as np
 BLIND_PERIOD_S = 0.05
 """Interval between scenes that only report that the room is not seen."""
 UNKNOWN_LATENCY_NS = 100_000_000
-"""Latency assumed until the first picture has been processed."""
+"""Latency assumed until the first image has been processed."""
 _KEPT = 100_000  # latencies; an hour at 30 Hz
 
 
 class SceneTimes:
-    """Decides which pictures are in time, and the time of a scene without a picture.
+    """Decides which images are in time, and the time of a scene without an image.
 
-    A scene without a picture is as old as one with a picture would be. The node estimates a
+    A scene without an image is as old as one with an image would be. The node estimates a
     sender's clock from the scene with the shortest delay. A scene stamped with the current time
-    would be that scene, and all later pictures would seem late.
+    would be the one with the shortest delay, and all later images would seem late.
 
     Attributes:
-        late: number of pictures that were refused because a newer scene had been sent.
+        late: number of images that were refused because a newer scene had been sent.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class SceneTimes:
         self._latencies_ns: deque[int] = deque(maxlen=_KEPT)
 
     def admit(self, exposed_ns: int) -> bool:
-        """Return whether a picture is newer than all scenes; if so, its scene is sent next.
+        """Return whether an image is newer than all scenes; if so, its scene is sent next.
 
         Args:
             exposed_ns: by ``time.monotonic_ns``.
@@ -41,7 +41,7 @@ class SceneTimes:
         return True
 
     def blind_ns(self) -> int:
-        """Return the time of a scene without a picture that is sent now."""
+        """Return the time of a scene without an image that is sent now."""
         latency_ns = self._latencies_ns[-1] if self._latencies_ns else UNKNOWN_LATENCY_NS
         stamp_ns = time.monotonic_ns() - latency_ns
         if self._newest_ns is not None:
@@ -50,7 +50,7 @@ class SceneTimes:
         return stamp_ns
 
     def looked_at(self, exposed_ns: int) -> None:
-        """Note that the scene of a picture was sent now."""
+        """Note that the scene of an image was sent now."""
         self._latencies_ns.append(time.monotonic_ns() - exposed_ns)
 
     def summary(self) -> dict[str, float | None]:

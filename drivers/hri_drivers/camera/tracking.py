@@ -46,7 +46,7 @@ class _Track:
 
 
 class Tracker:
-    """Gives each person an id that stays from picture to picture."""
+    """Gives each person an id that stays from image to image."""
 
     def __init__(self) -> None:
         self._tracks: list[_Track] = []
@@ -58,11 +58,11 @@ class Tracker:
         return self._last_id
 
     def assign(self, people: Sequence[Floats], now_ns: int) -> list[int]:
-        """Return an id, 1..65535, for each person of a picture.
+        """Return an id, 1..65535, for each person of an image.
 
         Args:
-            people: (J, 2) pixels of each; NaN where not found.
-            now_ns: time of the picture.
+            people: (J, 2) pixels of each person; NaN where not found.
+            now_ns: time of the image.
         """
         oldest = now_ns - round(KEPT_S * 1e9)
         self._tracks = [track for track in self._tracks if track.seen_ns >= oldest]

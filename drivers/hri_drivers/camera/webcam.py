@@ -1,4 +1,4 @@
-"""A camera of this machine, and the time at which each of its pictures was exposed."""
+"""A camera of this machine, and the time at which each of its images was exposed."""
 
 import re
 import time
@@ -10,12 +10,12 @@ from hri_drivers.camera.seen import Image
 from hri_predict.base.errors import ConfigError, SourceError
 
 LATENCY_S = 0.05
-"""Time from the middle of the exposure to the picture's arrival, for a webcam at 30 Hz: half its
-exposure (up to 33 ms), read-out and transfer. Underestimating a picture's age is the dangerous
+"""Time from the middle of the exposure to the image's arrival, for a webcam at 30 Hz: half its
+exposure (up to 33 ms), read-out and transfer. Underestimating an image's age is the dangerous
 error, so this value is rather large."""
 HALF_EXPOSURE_S = 0.017
-"""Time from the middle of the exposure to a device's time stamp: a Linux driver stamps a
-picture when its first bytes arrive (uvcvideo, without ``hwtimestamps``), after the exposure."""
+"""Time from the middle of the exposure to a device's time stamp: a Linux driver stamps an
+image when its first bytes arrive (uvcvideo, without ``hwtimestamps``), after the exposure."""
 MAX_DEVICE_AGE_S = 1.0
 
 
@@ -25,16 +25,17 @@ def is_device(text: str) -> bool:
 
 
 def stamp_of(now_ns: int, device_ms: float, *, is_believed: bool = False) -> int | None:
-    """Return the device's time stamp in nanoseconds; None if it is not from this machine's clock.
+    """Return the device's time stamp in nanoseconds; None if the stamp is not from this machine's
+    clock.
 
-    The driver of a Linux webcam (V4L2) stamps a picture with the monotonic clock, in milliseconds
+    The driver of a Linux webcam (V4L2) stamps an image with the monotonic clock, in milliseconds
     (``V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC``). Other systems report another value or 0.
 
     Args:
         now_ns: time of the arrival, nanoseconds of the monotonic clock.
         device_ms: the device's time stamp.
-        is_believed: whether the previous stamp was from this clock. If so, any age is accepted: a
-            picture that a stalled driver kept must not pass as new.
+        is_believed: whether the previous stamp was from this clock. If so, any age is accepted: an
+            image that a stalled driver kept must not pass as new.
     """
     if not 0 < device_ms <= now_ns / 1e6:  # NaN, too
         return None
@@ -47,8 +48,8 @@ class Webcam:
     """A camera of this machine. A lost camera is opened again.
 
     Args:
-        name: its number, or the path of its device.
-        rate_hz: pictures per second to request; None: the camera's choice.
+        name: number of the camera, or path of its device.
+        rate_hz: images per second to request; None: the camera's choice.
         latency_s: see ``open_input``.
         size: width and height to request.
         capture: opens a device, like ``cv2.VideoCapture``.
@@ -93,7 +94,7 @@ class Webcam:
         pixels = next_of(self._device)
         if pixels is None:
             self.close()
-            raise SourceError(f"camera {self._name}: it delivers no picture; is it unplugged?")
+            raise SourceError(f"camera {self._name}: it delivers no image; is it unplugged?")
         now_ns = time.monotonic_ns()
         self._number += 1
         pixels = checked(pixels, f"camera {self._name}")

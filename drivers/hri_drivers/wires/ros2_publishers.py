@@ -6,7 +6,7 @@ CONTRADICTED_NS = 1_000_000_000
 """Two publishers on a topic within this time contradict each other: neither is believed."""
 MAX_KNOWN = 16
 MAX_LOST = 100_000
-"""Maximum number of lost messages; a larger jump of the counter is not a loss."""
+"""Maximum jump in the counter that is counted as lost messages."""
 
 
 class Publishers:

@@ -28,7 +28,7 @@ class Asleep:
         self._ahead_ns = self._measured_ns()
 
     def since_last_s(self) -> float:
-        """Return seconds; 0.0 if the machine was not suspended, or if the time is unknown."""
+        """Return the time suspended since the last call, in seconds; 0.0 if none or unknown."""
         now_ns, before_ns = self._measured_ns(), self._ahead_ns
         if now_ns is None:
             return 0.0  # the next answer has it

@@ -28,7 +28,7 @@ class StandingBody:
 
     Args:
         config: gives the mode, the limits, the coverage and the absent parts.
-        predictor: of that configuration.
+        predictor: predictor of the configuration.
     """
 
     def __init__(self, config: Config, predictor: Predictor) -> None:

@@ -91,7 +91,7 @@ def unseen_ends_note(risk: RiskSettings, mapped: Bools) -> list[str]:
     """Return a note that the robot stops near hands and feet if the tracker does not deliver them.
 
     Args:
-        risk: of the configuration.
+        risk: risk settings of the configuration.
         mapped: (J,) canonical joints that the source's joint map gives.
     """
     ends = ("l_hand", "r_hand", "l_foot", "r_foot")

@@ -230,7 +230,7 @@ def remedy(config: Config, people: Heard, rotation: Floats) -> str:
     Args:
         config: as it is.
         people: as received with it.
-        rotation: (3, 3) of the joint map now.
+        rotation: (3, 3) present rotation of the joint map.
     """
     now = refusals(config, people, np.eye(4))
     if now == [Verdict.OFF_FLOOR] * len(people) and uprightness(people, np.eye(4)) > STANDS:

@@ -100,7 +100,7 @@ def _echo(task: Task) -> Found:
         if name not in names:
             raise ConfigError(
                 f"echo.measured.{name}: no such link{nearest(name, names)} "
-                f"(there are: {', '.join(names) or 'none'})"
+                f"(available: {', '.join(names) or 'none'})"
             )
     live = task.live
     if task.people_simulated:
@@ -148,7 +148,7 @@ def _typed(task: Task) -> Found:
         if stop.robot not in names:
             raise ConfigError(
                 f"stopping.measured.{i}.robot: no robot '{stop.robot}'{nearest(stop.robot, names)} "
-                f"(there are: {', '.join(names)})"
+                f"(available: {', '.join(names)})"
             )
     found = stopping.typed_stops(
         task.config, [stopping.MeasuredStop(**stop.model_dump()) for stop in stops]

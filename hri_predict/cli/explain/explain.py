@@ -126,7 +126,7 @@ def _slowdowns(recordings: Recordings, robot: str | None) -> list[dict[str, Any]
     there = {name for file in recordings.files for name, _ in file.info.robots}
     if robot is not None and there and robot not in there:
         raise ConfigError(
-            f"--robot {robot}: no such robot{nearest(robot, there)}; there is: "
+            f"--robot {robot}: no such robot{nearest(robot, there)}; available: "
             f"{', '.join(sorted(there))}"
         )
     found = [e for e in episodes(recordings.read(["/advice"])) if robot in (None, e.robot)]

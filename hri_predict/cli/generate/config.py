@@ -1,4 +1,4 @@
-"""Write the JSON schema, or the page, of all settings in a configuration."""
+"""Write the JSON schema or the reference page of all configuration settings."""
 
 import json
 from pathlib import Path

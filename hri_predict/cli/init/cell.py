@@ -42,9 +42,9 @@ class Answers:
 
     Attributes:
         robot: shipped name, or path of a robot file.
-        max_speed_m_s: of its fastest point.
-        source, links: their blocks.
-        mode: of the risk stage.
+        max_speed_m_s: maximum speed of the robot's fastest point.
+        source, links: blocks of the source and of the links.
+        mode: mode of the risk stage.
         simulated: without hardware: ``source`` and ``links`` are not used.
     """
 

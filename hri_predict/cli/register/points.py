@@ -106,7 +106,7 @@ def tool_of(config: Config, robot: str, tool: Floats) -> Iterator[Tool]:
     names = [settings.name for settings in config.node.robots]
     if robot not in names:
         raise ConfigError(
-            f"--robot {robot}: no such robot{nearest(robot, names)} (there are: {', '.join(names)})"
+            f"--robot {robot}: no such robot{nearest(robot, names)} (available: {', '.join(names)})"
         )
     if config.node.robots[names.index(robot)].base is not None:
         raise ConfigError(

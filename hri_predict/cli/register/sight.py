@@ -88,8 +88,8 @@ class Sensor:
     """An open source, observed for some seconds at a time.
 
     Attributes:
-        source: as given.
-        captured_ns, arrived_ns: of the newest ``KEPT`` scenes of ``everybody``.
+        source: the source as given.
+        captured_ns, arrived_ns: times of the newest ``KEPT`` scenes of ``everybody``.
     """
 
     def __init__(self, source: Source, clock: Clock) -> None:

@@ -1,4 +1,4 @@
-"""Runs a command that exits whenever its parent process exits, even if that is killed.
+"""Runs a command that exits when its parent process exits, even if the parent is killed.
 
 ``python -m hri_predict.cli.tryout.beside WORDS``: the parent holds the standard input open.
 """

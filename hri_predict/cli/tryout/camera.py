@@ -31,12 +31,12 @@ class Camera:
     Its scenes are authenticated by a key that is created for this process and deleted with it.
 
     Args:
-        arguments: of the command, besides host, port and key.
+        arguments: arguments of the command, besides host, port and key.
         ended: called in a separate thread if the process exits before it is closed.
 
     Attributes:
-        port: the UDP port that it sends to.
-        key_file: the file with its key.
+        port: the UDP port to which the process sends.
+        key_file: the file with the key.
     """
 
     def __init__(self, arguments: Sequence[str], ended: Callable[[], None]) -> None:

@@ -194,7 +194,7 @@ def _plan(axes: Axes, about: Situation) -> None:
             bbox={"boxstyle": "round,pad=0.2", "fc": "white", "ec": "none", "alpha": 0.8}, zorder=7,
         )  # fmt: skip
     if not (seen.bodies or seen.robots):
-        axes.annotate("no zones and no picture were recorded then", (0.5, 0.5), ha="center",
+        axes.annotate("no zones and no picture were recorded at that time", (0.5, 0.5), ha="center",
                       xycoords="axes fraction")  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x, m")

@@ -18,8 +18,8 @@ from hri_predict.recording import RecordingInfo, Told
 _EVERY_NS = NS
 _KEPT_SCENES = 64
 _ROUNDED_M = 0.002
-"""Tolerance: zones and joints are rounded to 1 mm, so a joint at the edge may appear outside by
-both.
+"""Tolerance: zones and joints are each rounded to 1 mm, so the two roundings together may put a
+joint at the edge outside.
 """
 _NEAR_S = 0.021
 _SEGMENTS = {segment.name: segment for segment in CANONICAL.segments}

@@ -44,10 +44,10 @@ def page(shift: Mapping[str, Any], recordings: Sequence[str]) -> str:
 
 
 def _separations(rows: Sequence[tuple[float, float]]) -> Markup:
-    """Columns of (lower edge in metres, seconds); the last column holds all beyond."""
+    """Columns of (lower edge in metres, seconds); the last column holds all larger values."""
     step = rows[1][0] - rows[0][0] if len(rows) > 1 else 1.0
     plot = Plot(
-        x_label="m; the last column holds all beyond",
+        x_label="m; the last column holds all larger distances",
         y_label="seconds",
         xs=[edge + step for edge, _ in rows],
         ys=[seconds for _, seconds in rows if seconds] or [1.0],

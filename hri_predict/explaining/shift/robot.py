@@ -22,10 +22,10 @@ LONGEST = 10
 HOUR_NS = 3600 * NS
 _NOT_RECORDED_S = 1.0
 """Maximum interval between advices: after a longer pause the state is unknown until the next
-one.
+advice.
 """
 _NEAR_SHARE, _MOVING_M_S = 0.2, 0.01
-"""The same as in the node (``risk/levels/near_miss.py``)."""
+"""The same value as in the node (``risk/levels/near_miss.py``)."""
 
 
 @dataclass(slots=True)

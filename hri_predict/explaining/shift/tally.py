@@ -16,7 +16,7 @@ from hri_predict.recording import RecordingInfo, Told
 
 TOPICS = ("/advice", "/status", "/scene", "/forecast", "/zones", "/node", "/clock")
 BINS = 40
-"""Number of bins of the separation's histogram, 0.1 m each; the last one holds all beyond."""
+"""Number of bins of the separation's histogram, 0.1 m each; the last bin holds the rest."""
 _MOST_ROBOTS = 64
 """Above the node's maximum of robots; a forged file must not fill the memory."""
 

@@ -38,7 +38,7 @@ class Coverage:
     """Counts by recording. U recordings, H steps.
 
     Attributes:
-        names, actions: of the recordings.
+        names, actions: names and actions of the recordings.
         held, known: per question, (U, H) number of intervals inside, and of intervals known.
         windows: (U,) number of windows.
         widened_in, unlike_in: (U,) number of windows in which zones were widened, or in which

@@ -83,7 +83,7 @@ class DepthTracker:
 
         Args:
             presence: as recorded; z is up.
-            seed: of all random draws.
+            seed: seed of all random draws.
         """
         rng = np.random.default_rng(seed)
         every = max(1, round(presence.rate_hz / RATE_HZ))

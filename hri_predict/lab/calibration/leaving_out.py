@@ -34,10 +34,10 @@ class LeftOut:
     """One set. H steps.
 
     Attributes:
-        name: of the set.
+        name: name of the set.
         recordings, calibrated_on: number of recordings measured, and of those calibrated on.
-        calibration: the one that was made without the set.
-        coverage: (level, question) -> of the radii alone.
+        calibration: the calibration made without the set.
+        coverage: (level, question) -> coverage of the radii alone.
         run: zones as the node builds them, with its self-check, at the highest level.
         error_m: (H,) mean error of a joint.
         standing_m: (H,) mean error of a forecast that stands still.
@@ -65,9 +65,10 @@ def leave_out(
     """Leave out each of ``SETS`` that occurs.
 
     Args:
-        predictor, settings: of the zones to measure.
+        predictor: predictor of the zones to measure.
+        settings: settings of that predictor.
         scores: the recordings to calibrate on.
-        judged: the recordings to measure, as recorded; may hold those of ``scores``.
+        judged: the recordings to measure, as recorded; may include those of ``scores``.
         on_part: called with the name of each set.
         workers: workers that fit the scales; default: this process.
 

@@ -66,7 +66,7 @@ def scores_seen(
         predictor: on canonical joints.
         recordings: files; those that cannot be used are left out.
         see: the tracker.
-        seed: of all noise.
+        seed: seed of all noise.
         joint_map: the user's own for the files' joints; default: found by their names.
         on_recording: called with the name of each recording when it is done.
 
@@ -106,9 +106,10 @@ def with_noise(
     """Return the calibration, completed by the growth of its radii with noise.
 
     Args:
-        calibration: of the predictor that was scored.
-        clean, noisy: of the recordings that it was made with, see ``scores_seen``.
-        skeleton: of the forecasts.
+        calibration: calibration of the scored predictor.
+        clean, noisy: scores of the recordings that the calibration was made with, see
+            ``scores_seen``.
+        skeleton: skeleton of the forecasts.
     """
     bare = replace(calibration, noise=None)
     table = {of: np.zeros((len(LEVELS), calibration.steps)) for of in OFS}

@@ -115,7 +115,7 @@ def reliability(coverage: Coverages, predictor: str, rate_hz: float) -> Figure:
     single recording has no interval.
 
     Args:
-        coverage: of one set of recordings, with estimated radii; missing ways are skipped.
+        coverage: coverage of one set of recordings, with estimated radii; missing ways are skipped.
         predictor: name of the predictor, for the title.
         rate_hz: steps per second.
     """
@@ -243,7 +243,7 @@ def radii(
             windows.
         data: description of the recordings, for the title ("test recordings of walking").
         limits: see ``HumanLimits``.
-        level: of the calibrated radii.
+        level: level of the calibrated radii.
     """
     figure = Figure(figsize=(README_INCHES, 4.9), layout="constrained")
     panels = figure.subplots(1, len(LIMBS), sharey=True)

@@ -112,7 +112,7 @@ def as_tracked(presence: Presence, seed: int) -> tuple[Presence, Ints]:
 
     Args:
         presence: as recorded.
-        seed: of all random draws.
+        seed: seed of all random draws.
     """
     rng = np.random.default_rng(seed)
     thinned = np.arange(0, len(presence.stamps_ns), max(1, round(presence.rate_hz / FASTEST_HZ)))
@@ -149,7 +149,7 @@ def ar1(
     """Return correlated noise (F, ...) with standard deviation 1.
 
     Args:
-        rng: of the noise.
+        rng: random generator for the noise.
         dt_s: (F-1,) seconds between captures.
         lasts_s: correlation time, in which the correlation falls to 1/e.
         shape: F first.

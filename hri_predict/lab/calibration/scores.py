@@ -140,7 +140,7 @@ def scores_by(
 
     Args:
         workers: workers that run the tasks.
-        settings: of the predictor; each worker builds its own.
+        settings: settings of the predictor, which each worker builds for itself.
         paths, on_recording, on_left_out, joint_map, tracked: see ``score_recordings``.
 
     Raises:

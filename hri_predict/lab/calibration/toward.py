@@ -39,9 +39,9 @@ def with_toward(
     """The calibration with the shares of its radii by direction.
 
     Args:
-        calibration: of the predictor that was scored.
-        scores: of the recordings that it was made with.
-        skeleton: of the forecasts.
+        calibration: calibration of the scored predictor.
+        scores: scores of the recordings that the calibration was made with.
+        skeleton: skeleton of the forecasts.
     """
     by_name = [
         _joined([missed(scores[i], calibration, skeleton) for i in own])

@@ -17,7 +17,7 @@ def split(use: str, file: str = "splits.yaml") -> list[str]:
 
     Args:
         use: one of ``USES``.
-        file: of ``configs/training``, or the user's own.
+        file: a file in ``configs/training``, or the user's own.
 
     Raises:
         ConfigError: the file has no such list, or is of another version.

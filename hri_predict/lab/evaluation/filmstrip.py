@@ -76,7 +76,7 @@ def middle(motions: Sequence[Motion], history_steps: int) -> Scene | None:
     The choice favours neither good nor bad moments. ``None`` if no motion has 1 s of known future.
 
     Args:
-        motions: of one action; see ``windows.read_motions``.
+        motions: motions of one action; see ``windows.read_motions``.
         history_steps: T of the window.
     """
     found = [(origins(m), m) for m in motions]

@@ -38,10 +38,10 @@ REACH_M, APART_M = 0.5, 1.0
 """Radius of a place; minimum distance between the three places that show a moved sensor: larger
 than a pallet."""
 FIRST, NEWEST, PLACES = 10, 5, 3
-"""Seconds of standing required for the initial and for the current height of a place; number of
-places required."""
+"""Standing time, in seconds, required for the initial and for the current height of a place; number
+of places required."""
 LEARNT = 600
-"""Seconds of standing after which no new place is learnt, if at least ``PLACES`` are known."""
+"""Standing time, in seconds, after which no new place is learnt if ``PLACES`` are known."""
 MOST_PLACES = 256
 """Maximum number of places kept; the least recently visited are dropped first."""
 AGREES = 0.7
@@ -89,7 +89,7 @@ class FloorWatch:
         settings: ``floor_drift_m`` is the limit; without posture checks, the floor is not checked.
 
     Attributes:
-        seconds: seconds of standing that were judged.
+        seconds: total standing time that was evaluated, in seconds.
     """
 
     def __init__(self, settings: PeopleSettings) -> None:

@@ -236,7 +236,7 @@ def refusal_of(
 
 
 def _smooth(record: _Record, posture: Posture, capture_ns: int) -> float:
-    """Add a posture to the record; return the seconds since the previous posture, at most 0.5."""
+    """Add a posture to the record; return the time since the previous posture, at most 0.5 s."""
     first = record.judged_ns == NEVER
     elapsed_s = 0.0 if first else min((capture_ns - record.judged_ns) * 1e-9, SMOOTH_S)
     share = 1.0 if first else 1.0 - math.exp(-elapsed_s / SMOOTH_S)

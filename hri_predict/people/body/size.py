@@ -12,7 +12,7 @@ from hri_predict.base.geometry import norm
 from hri_predict.base.skeleton import CANONICAL
 
 MIDDLE_M = 2.0
-"""Greatest distance of a joint from the body's middle: 1.6 m for a tall man's raised fingers."""
+"""Maximum distance of a joint from the body's middle: 1.6 m for a tall man's raised fingers."""
 STRAY = 0.25
 """Maximum share of joints beyond that distance for which only the joints are wrong; see
 ``track``."""

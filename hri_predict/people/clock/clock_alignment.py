@@ -135,8 +135,8 @@ class ClockAlignment:
     Args:
         period_ns: the source's nominal time between captures.
         min_latency_ns: minimum time from capture to receipt.
-        jump_limit_ns: greatest deviation of a stamp; default: the longer of 0.1 s and 3 periods.
-        wander_ns: greatest rise of the offset beyond the clock's steady drift.
+        jump_limit_ns: maximum deviation of a stamp; default: the longer of 0.1 s and 3 periods.
+        wander_ns: maximum rise of the offset beyond the clock's steady drift.
 
     Attributes:
         jumps: jumps seen since start, restarts among them.

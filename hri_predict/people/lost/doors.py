@@ -24,9 +24,9 @@ from hri_predict.people.settings import Exit, lies_on
 from hri_predict.people.track import Track
 
 LATELY_S = 0.2
-"""Time before the newest capture over which motion is measured: part of a step."""
+"""Interval up to the newest capture over which motion is measured; shorter than one footstep."""
 PACE_M_S = 0.4
-"""Minimum speed of a person who leaves; a slower one may be about to stop."""
+"""Minimum speed of a person who leaves; a slower person may be about to stop."""
 OUT_M = 0.1
 """Half of a body's depth, without arms: a person nearer to the side is still in the exit."""
 THROUGH_M = 0.3
@@ -43,7 +43,7 @@ line."""
 BACK_M = 0.05
 """A person who has moved inwards by more than this since crossing is coming back."""
 RESUMED_S, RESUMED_M = 1.0, 0.1
-"""A track resumed on the way out counts as left if it moves this far onwards within this time."""
+"""A person found again on the way out has left after moving this far onwards within this time."""
 
 
 class Doors:
@@ -116,7 +116,7 @@ class Doors:
             visit.fits = way is not None and self._fits(door, place, way)
 
     def _fits(self, door: int, place: Floats, way: Way) -> bool:
-        """Return whether a body walking there is inside the exit with its whole width."""
+        """Return whether a body walking at ``place`` is inside the exit with its whole width."""
         if way.speed_m_s < PACE_M_S:
             return False
         aside = HALF_M * np.array([-way.moved[1], way.moved[0]]) / np.hypot(*way.moved)
@@ -125,7 +125,7 @@ class Doors:
         return all(exit_.contains(np.append(place + a, middle_z)) for a in (aside, -aside))
 
     def _crossed(self, track: Track, visit: Visit, before: Floats, place: Floats) -> Crossed | None:
-        """Return the side through which a body that was in an exit has left it."""
+        """Return the side through which a body has left the exit that it was in."""
         way = floor_way(track, LATELY_S)
         found = self._out(visit, before, place, track.error_m)
         if way is None or found is None or way.along(found.side.out) < PACE_M_S:

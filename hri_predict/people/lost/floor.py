@@ -1,7 +1,8 @@
 """Position and motion of a body on the floor, from its hips or both feet.
 
 The mean of all seen joints does not give a position on the floor: it moves by half a metre when a
-pallet hides the legs. So positions and motion use the same few joints, and only if these were seen.
+pallet hides the legs. So positions and motion use the same few joints, and only if those joints
+were seen.
 """
 
 from collections.abc import Iterable
@@ -30,7 +31,7 @@ _FEET = np.array([JOINTS.index(name) for name in ("l_ankle", "l_foot", "r_ankle"
 
 
 class Way(NamedTuple):
-    """Motion of a body over the floor: (2,) metres, and the seconds in between."""
+    """Motion of a body over the floor: (2,) metres, and the time it took."""
 
     moved: Floats
     seconds: float
@@ -58,8 +59,8 @@ def floor_place(track: Track) -> Floats | None:
 def floor_way(track: Track, span_s: float) -> Way | None:
     """Return the body's motion over the floor in the ``span_s`` before it was last seen.
 
-    The same joints are used at both ends; ``None``: they were not seen, or for less than half of
-    that time.
+    The same joints are used at both ends; ``None``: those joints were not seen, or for
+    less than half of ``span_s``.
     """
     stamps, positions, observed = track.history.samples()
     recent = np.flatnonzero(stamps >= track.capture_ns - round(span_s * 1e9))
@@ -80,7 +81,7 @@ def floor_way(track: Track, span_s: float) -> Way | None:
 def standing_in(tracks: Iterable[Track], capture_ns: int) -> list[Floats]:
     """Return (2,) floor positions of the bodies that a scene shows down to an ankle or a foot.
 
-    Bodies with a stated position error are left out: they prove nothing.
+    Bodies with a stated position error are left out: such bodies prove nothing.
     """
     places = []
     for track in tracks:

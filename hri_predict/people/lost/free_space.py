@@ -8,14 +8,14 @@ shadow, and not behind (or at) another body. A lost person may be in any cell wi
 distance of where they were last seen, except in cells that can be reached only by staying in the
 open for ``free_captures`` captures.
 
-So a person who steps behind a pallet can only be there, or within reach of it, until the sensor
-sees behind it.
+So a person who steps behind a pallet can only be there, or within reach of the pallet, until the
+sensor sees behind it.
 
 No person vanishes in the open. If the place where a person was last seen counts as open, and no
-person is seen there again, it is in fact hidden: an unknown object (such as a vehicle) stands
-between it and the camera, with unknown size and motion. For this person, no place then counts as
-seen free until a body is seen down to its feet at that place, or just behind it on the same line of
-sight. A drop-out of the tracker thus ends when the body is found again.
+person is seen there again, that place is in fact hidden: an unknown object (such as a vehicle) of
+unknown size and motion stands between the place and the camera. For this person, no place then
+counts as seen free until a body is seen down to its feet at that place, or just behind it on the
+same line of sight. A drop-out of the tracker thus ends when the body is found again.
 
 A body with a stated position error may hide other places than it appears to. So scenes with such a
 body prove nothing, and for a lost person with such an error no place counts as seen free.
@@ -50,8 +50,8 @@ ON_LINE_M, BEFORE_M, BEHIND_M = 0.2, 0.2, 0.5
 it, at which the body shows that the line is free. From a camera 2.4 m high and 4 m away, such a
 line is at most half a metre above the place: lower objects do not hide a person."""
 MOST_PLACES = 16
-"""Maximum number of discs; at most the number of a body's segments, as a zone has a capsule for
-each."""
+"""Maximum number of discs; at most the number of a body's segments, because a zone has one capsule
+for each segment."""
 _HALF_M = CELL_M * math.sqrt(0.5)  # from a cell's middle to its corner
 _BORDER_M = 1.0  # of the grid around the field of view: cells that are never open
 
@@ -157,7 +157,7 @@ class FreeSpace:
         return distance
 
     def _behind(self, viewpoint: Floats, bodies: Floats) -> Bools:
-        """Return cells hidden from one camera by these (B, 2) bodies: behind them, or at them."""
+        """Return cells hidden from one camera, behind or at the (B, 2) places of bodies."""
         way = self.centres - viewpoint  # (X, Y, 2)
         length = np.maximum(np.hypot(way[..., 0], way[..., 1]), 1e-9)
         hidden = np.zeros(self.shape, bool)
@@ -209,8 +209,8 @@ class Whereabouts:
 
         Args:
             capture_ns: capture time of the scene.
-            free: cells that are open in it; ``None``: the scene proves nothing, and cells seen
-                before must be seen again.
+            free: cells that are open in the scene; ``None``: the scene proves nothing, and cells
+                seen before must be seen again.
             standing: (2,) places of the bodies seen down to their feet in the scene.
         """
         self._shown = self._shown or self._space.shows(self._place, standing)

@@ -5,11 +5,12 @@ that grows at the last measured speed (in the risk stage). Scenes without that p
 this. A person stops being lost only by
 
 - being seen again: see ``Roster``;
-- ``acknowledge``, some time after the person was last seen, if ``to_acknowledge`` counted them;
+- ``acknowledge``, some time after the person was last seen, if ``to_acknowledge`` counted that
+  person;
 - exclusion of every possible place, if the source sees free space, and a body was seen again where
   the person was last seen: see ``free_space``.
 
-Time alone never ends it.
+Time alone never ends a loss.
 """
 
 from collections.abc import Sequence
@@ -38,7 +39,8 @@ class Lost:
     Attributes:
         id: id of the body when last seen.
         positions: (J, 3) last seen position of each joint; NaN if never seen.
-        joint_age_s: (J,) seconds from that observation to ``capture_ns``; inf if never.
+        joint_age_s: (J,) seconds from a joint's last observation to ``capture_ns``; inf if never
+            seen.
         capture_ns: capture in which the person was last seen.
         speed_m_s: maximum speed of the body.
         limbs_m_s: (J,) speed of each joint in excess of the body's.
@@ -133,8 +135,8 @@ class LostPeople:
     def found_speed_of(self, track: Track) -> float:
         """Return the maximum speed of a body that is found elsewhere, m/s.
 
-        As ``speed_of``, but the standard's speed if none was measured: a person seen only briefly
-        is not found again at the other end of the room.
+        As ``speed_of``, but the standard's speed if no speed was measured: a person seen only
+        briefly is not found again at the other end of the room.
         """
         measured, _ = track.speeds(SPEED_SPAN_S)
         return self._settings.lost_speed_m_s if measured is None else self.speed_of(track)
@@ -210,7 +212,7 @@ class LostPeople:
     def acknowledge(self) -> int:
         """Remove the people last counted by ``to_acknowledge``; return their number.
 
-        Call this when an operator confirms that they are gone.
+        Call this when an operator confirms that these people are gone.
         """
         before, asked = len(self.people), self._asked
         self.people = [p for p in self.people if p not in asked]

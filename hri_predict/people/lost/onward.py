@@ -39,7 +39,7 @@ def speeding(track: Track) -> tuple[float, float] | None:
 
 
 def _measured(track: Track, apart_s: float) -> tuple[float, float, float] | None:
-    """Return the newest speed, the previous one, and the seconds between their midpoints."""
+    """Return the newest speed, the previous speed, and the seconds between their midpoints."""
     stamps, positions, observed = track.history.samples()
     apart_ns, anchors = round(apart_s * 1e9), [len(stamps) - 1]
     recent = track.capture_ns - round(WITHIN_S * 1e9)

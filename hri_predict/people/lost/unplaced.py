@@ -1,8 +1,8 @@
 """People in scenes who are not tracked, so their positions are unknown.
 
-A person may have no visible joint, exceed the maximum number, share the id of another, or appear
-only in scenes that do not advance. While such a person is in scenes, the input has a fault. If the
-person disappears without having been tracked, it is unknown where they went: a person may be
+A person may have no visible joint, exceed the maximum number, share the id of another person, or
+appear only in scenes that do not advance. While such a person is in scenes, the input has a fault.
+If the person disappears without having been tracked, it is unknown where they went: a person may be
 anywhere in the room until an acknowledgement. A phantom of a few captures without a position has no
 lasting effect.
 """
@@ -25,7 +25,8 @@ class Why(Enum):
 
     Attributes:
         reason: the fault.
-        ends_if_tracked: whether it ends when the id is tracked, because the track is this person.
+        ends_if_tracked: whether the fault ends when the id is tracked, because the track is this
+            person.
         certain: whether a single capture proves that a person is there.
     """
 
@@ -60,7 +61,7 @@ class Unplaced:
 
     Args:
         gap_ns: shorter gaps in a person's presence are ignored.
-        captures: number of captures that prove a person's presence if a single one does not.
+        captures: number of captures that prove a person's presence if a single capture does not.
         keeps_ids: whether an id always belongs to the same person.
     """
 
@@ -114,7 +115,7 @@ class Unplaced:
         return {why.reason for why, _ in self._present}
 
     def __bool__(self) -> bool:
-        """Whether any such person is present."""
+        """Whether any untracked person is present."""
         return bool(self._present)
 
     def _is_over(self, presence: _Presence, capture_ns: int) -> bool:

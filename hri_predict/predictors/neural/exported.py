@@ -63,7 +63,7 @@ class Stored:
 
     Attributes:
         model: the exported network.
-        history_steps, horizon_steps: of the predictor.
+        history_steps, horizon_steps: steps of the predictor.
         rest: (28, 3) m; see ``Network``.
         probes: (positions, observed, wanted) of windows and torch's forecasts.
         warnings: for the user, at each start.

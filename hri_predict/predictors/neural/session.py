@@ -39,7 +39,7 @@ class Session:
 
     Args:
         model: the exported network.
-        shape: (H, J, 3 or 4) of its forecasts.
+        shape: (H, J, 3 or 4) shape of the forecasts.
         threads: CPU threads that it may use.
 
     Raises:

@@ -16,8 +16,8 @@ class Description:
     """The attributes of a predictor; see ``contracts.predictor.Predictor``.
 
     Attributes:
-        digest: of the files that its forecasts depend on; a restarted worker must have read the
-            same files.
+        digest: digest of the files that the forecasts depend on; a restarted worker must have read
+            the same files.
     """
 
     skeleton: Skeleton

@@ -129,7 +129,7 @@ class Job:
     """Message to a worker at its start.
 
     Attributes:
-        settings: of the predictor, with resolved paths.
+        settings: settings of the predictor, with resolved paths.
         people: maximum number of people.
         cpus: cores that it may use; none: all.
         lock_memory: keep its memory from being swapped out.

@@ -76,7 +76,8 @@ class SINNOptions(NetworkOptions):
         representation: Table 4, without SRE: ``displacement`` or ``position`` instead.
         splitting: Eq. 3 by ``direction``; by ``joint`` as well; or ``none``, one GRU for all.
         shared: use one GRU for all three directions instead of one for each.
-        pose: feed joints relative to the pelvis, in that ``direction``, in ``all``, or not.
+        pose: coordinates relative to the pelvis that each GRU also receives: along its own
+            ``direction``, along ``all`` three, or ``none``.
         start_frames: frames from which the first momentum and the last pose are filtered; 0: the
             paper's difference of the last two.
         gate: with ``start_frames``: scale each joint's change by a gate on its recent motion.

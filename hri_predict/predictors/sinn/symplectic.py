@@ -95,7 +95,8 @@ class Operator(nn.Module):
         splitting: ``direction``: a GRU per direction reads its channels of all joints (Eq. 3);
             ``joint``: the same for one joint at a time; ``none``: one GRU reads everything.
         shared: use one GRU for all directions.
-        pose: feed the coordinates relative to the root: of that ``direction``, ``all``, or none.
+        pose: coordinates relative to the root that each GRU also receives: along its own
+            ``direction``, along ``all`` three, or ``none``.
     """
 
     def __init__(

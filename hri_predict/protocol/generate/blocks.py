@@ -25,7 +25,7 @@ def renewed(text: str, blocks: Blocks, marks: str = CODE) -> str:
         name = match[2]
         if name not in blocks:
             kind = "table" if marks == DOCUMENT else "block"
-            raise ConfigError(f"no {kind} '{name}'; there are: {', '.join(sorted(blocks))}")
+            raise ConfigError(f"no {kind} '{name}'; available: {', '.join(sorted(blocks))}")
         return f"{match[1]}{blocks[name]()}{match[3]}"
 
     return re.sub(marks, part, text, flags=re.DOTALL)

@@ -266,7 +266,7 @@ def _choice() -> str:
 
 
 _NUMBERS = """\
-/* Kind of the frame of this number; HRI_NOTHING if it is of another robot or sender. */
+/* Kind of the frame with this number; HRI_NOTHING if it belongs to another robot or sender. */
 uint8_t hri_lib_kind(uint32_t number, uint32_t robot, bool wide)
 {{
     uint8_t kind = HRI_NOTHING;

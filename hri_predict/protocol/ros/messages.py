@@ -54,7 +54,7 @@ def of_cdr(store: Any, data: bytes, kind: str) -> Any:
     """Decode a ROS 2 message with the definition that consumes all of its bytes.
 
     Raises:
-        Exception: of any type, if the message is damaged.
+        Exception: any type, if the message is damaged.
     """
     try:
         return store.deserialize_cdr(data, kind)

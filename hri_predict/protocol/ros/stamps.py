@@ -9,10 +9,10 @@ StampClock = Literal["utc", "boot", "other"]
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Return the nanoseconds of a ``builtin_interfaces/Time``.
+    """Return a ``builtin_interfaces/Time`` in nanoseconds.
 
     Raises:
-        ValueError: it has more than 999,999,999 nanoseconds.
+        ValueError: its field ``nanosec`` exceeds 999,999,999.
     """
     if not 0 <= stamp.nanosec < 10**9:
         raise ValueError("a stamp with a second or more of nanoseconds")
@@ -20,9 +20,10 @@ def stamp_ns(stamp: Any) -> int:
 
 
 def clock_of(at_ns: int, utc_ns: int, boot_ns: int) -> StampClock:
-    """Return the clock of a stamp, found by comparison with this machine's clocks at that time.
+    """Return which clock a stamp was taken from.
 
-    Simulated time and the boot clock of another machine are "other".
+    The stamp is compared with this machine's clocks at the same time. Simulated time and the boot
+    clock of another machine are "other".
 
     Args:
         at_ns: the stamp.

@@ -1,8 +1,9 @@
 """NumPy archives in the style of AMASS: joints of one person, and the capture rate.
 
 AMASS (https://amass.is.tue.mpg.de; Mahmood et al., ICCV 2019) keeps parameters of the SMPL body
-model. Only that model turns them into joints; it is licensed, and we may not ship it. This module
-reads joints that were computed and saved in addition to the parameters or instead of them.
+model. Only the body model turns these parameters into joints; the model is licensed, and we may not
+ship it. This module reads joints that were computed and saved in addition to the parameters or
+instead of them.
 
 | key | shape | what |
 |---|---|---|
@@ -42,16 +43,17 @@ them."""
 
 
 def is_amass(path: Path) -> bool:
-    """Whether an archive has keys of this kind, and none of the data pack's."""
+    """Whether an archive has AMASS keys, and no keys of the data pack."""
     names = {name.removesuffix(".npy") for name in names_in_zip(path) or ()}
     return bool(names & {*JOINTS, *PARAMETERS}) and not names & {"positions_world", "positions"}
 
 
 def read_amass(path: Path, wanted: Wanted) -> Recording:
-    """Read the joints of such an archive; in metres, x forward and z up if nothing else is wanted.
+    """Read the joints of an AMASS archive; in metres, x forward and z up if nothing else is wanted.
 
     Raises:
-        RecordingError: it is damaged, has other shapes, or has only the body model's parameters.
+        RecordingError: the archive is damaged, has other shapes, or has only the body model's
+            parameters.
         ConfigError: impossible units or axes.
     """
     arrays = read_arrays(path, {*JOINTS, *RATES, "joint_names"})
@@ -59,9 +61,8 @@ def read_amass(path: Path, wanted: Wanted) -> Recording:
     if key is None:
         raise RecordingError(
             f"recording {path}: contains only SMPL body-model parameters, and computing joints "
-            f"needs that licensed model; compute them there and add them as 'joints' (frames, "
-            f"joints, 3), "
-            f"metres"
+            f"requires the licensed model; compute the joints with the model, and add them as "
+            f"'joints' (frames, joints, 3), metres"
         )
     raw = np.asarray(arrays[key])
     if raw.ndim != 3 or raw.shape[2] != 3 or 0 in raw.shape or raw.dtype.kind not in "fiu":

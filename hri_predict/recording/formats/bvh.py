@@ -31,8 +31,8 @@ _AT_ONCE = 4096  # frames; bounds the memory of the rotations
 def read_bvh(path: Path, wanted: Wanted) -> Recording:
     """Read a BVH file; common joint names are known, see ``check_known``.
 
-    Bodies of further roots get the next ids. BVH states neither units nor axes: without a wish,
-    they are centimetres, and y up.
+    Bodies of further roots get the next ids. BVH states neither units nor axes: by default, the
+    unit is the centimetre and y is up.
 
     Raises:
         RecordingError: the file is truncated, empty, or not BVH.

@@ -29,7 +29,7 @@ class BvhNode:
     """A joint or an End Site.
 
     Attributes:
-        name: as in the file, with its spaces; of an End Site ``<joint>_End``.
+        name: as in the file, with its spaces; ``<joint>_End`` for an End Site.
         parent: index of the joint that carries it; -1 for a root.
         offset: (3,) from its parent; every node of a valid file has one.
         channels: names of its channels, in the order of their columns.
@@ -176,7 +176,7 @@ def _channels(number: int, name: str, rest: str) -> list[str]:
 
 
 def _header(lines: list[str], numbers: Numbers) -> tuple[int, float]:
-    """Return the number of frames and the seconds between them, as the file states both."""
+    """Return the number of frames and the interval between them in seconds, as stated."""
     found: dict[str, str] = {}
     for line in lines:
         if match := _HEADER.fullmatch(line.strip()):
@@ -197,7 +197,7 @@ def _header(lines: list[str], numbers: Numbers) -> tuple[int, float]:
     if not 0 < time_s < float("inf"):
         raise BvhError(
             f"'Frame Time' is {found['frame time'][:20] or 'missing'}; it must be above 0 s; "
-            f"correct it there"
+            f"correct the file"
         )
     return promised, time_s
 

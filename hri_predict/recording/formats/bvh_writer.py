@@ -76,7 +76,7 @@ def follow(targets: Floats, parents: Sequence[int], rest: Floats) -> Bones:
 
 
 def _turned(before: Floats, offsets: Floats, ends: Floats) -> Floats:
-    """(F, 3, 3) rotation of a joint that brings its bones' ends to ``ends`` (F, C, 3) from it."""
+    """Return (F, 3, 3) the rotation of a joint that moves its bones' ends to ``ends`` (F, C, 3)."""
     if len(offsets) == 0 or not offsets.any():
         return before
     if len(offsets) == 1:
@@ -135,7 +135,7 @@ HELPERS = {
     "torso": "LowerBack", "head": "Neck1", "l_shoulder": "LeftShoulder",
     "r_shoulder": "RightShoulder", "l_hip": "LHipJoint", "r_hip": "RHipJoint",
 }  # fmt: skip
-"""Names of the helpers: with several bones, a joint has one per bone, which turns only that
+"""Names of the helpers: a joint with several bones has one helper per bone, which turns only that
 bone."""
 _REST = {"knee": (0, -1, 0), "ankle": (0, -1, 0), "foot": (0, 0, 1)}  # y up, left is +x
 _SIDE = {"l_": (1, 0, 0), "r_": (-1, 0, 0)}

@@ -182,7 +182,7 @@ def _held(data: bytes, layout: _Layout) -> tuple[int, int]:
 def _points(data: bytes, parameters: Parameters, layout: _Layout) -> tuple[Floats, int]:
     """(F, points, 3) in the file's units and axes; NaN where a point was not seen.
 
-    Programs also write a missing point as 0, 0, 0 with a good residual: those are counted.
+    Programs also write a missing point as 0, 0, 0 with a good residual: such points are counted.
     """
     count = layout.frames * layout.frame_bytes // layout.word
     floats = layout.word == 4
@@ -218,7 +218,8 @@ def write_c3d(path: Path, recording: Recording) -> Written:
     """Write all people as points: 32-bit floats, millimetres, z up, residual -1 where not seen.
 
     Raises:
-        ConfigError: there are too many points for the format, or it cannot hold a joint's name.
+        ConfigError: there are too many points for the format, or the format cannot hold a joint's
+            name.
     """
     frames = frames_of(recording)
     labels = joined_labels(frames.ids, frames.joints)
@@ -249,7 +250,7 @@ class _Packed:
 
 
 def _parameters(labels: Sequence[str], frames: int, rate_hz: float) -> _Packed:
-    """The section of parameters, and the number of the block that follows it."""
+    """The section of parameters, and the number of the block after the section."""
     point: dict[str, object] = {
         "USED": len(labels),
         "SCALE": -1.0,

@@ -85,11 +85,11 @@ class Parameters:
         """(count,) 16-bit integers or 32-bit floats, in the writing machine's order.
 
         Raises:
-            Damaged: some are missing.
+            Damaged: some numbers are missing.
         """
         size = 4 if floats else 2
         if start + count * size > len(data):
-            raise Damaged("it ends too early")
+            raise Damaged("the file ends too early")
         order = ">" if self.processor == _MIPS else "<"
         if not floats:
             return np.frombuffer(data, f"{order}i2", count, start)
@@ -103,7 +103,7 @@ def read_parameters(data: bytes) -> Parameters:
     """Read the section that the header points to.
 
     Raises:
-        Damaged: it is not there, of an unknown machine, or records overlap its end.
+        Damaged: the section is missing, is from an unknown machine, or has records beyond its end.
     """
     start = (data[0] - 1) * BLOCK
     if start < BLOCK or start + BLOCK > len(data):

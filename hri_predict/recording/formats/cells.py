@@ -28,7 +28,8 @@ class Numbers:
         """Return the number in a cell; NaN for an empty cell or one that says "missing".
 
         Raises:
-            ValueError: it is not a number; the message says why, without the cell.
+            ValueError: the cell is not a number; the message gives the reason without the cell's
+                text.
         """
         if "_" in cell:  # Python reads 1_0 as 10; a program that writes numbers never does
             raise ValueError("is not a number")
@@ -52,10 +53,10 @@ class Numbers:
 
 
 class RowLengths:
-    """Checks that rows have as many cells as the first row names, and all the same number.
+    """Checks that all rows have the same number of cells, at least as many as the first row names.
 
     Args:
-        named: number of cells named; rows may have empty ones after them, all rows the same number.
+        named: number of cells that the first row names; rows may have further cells, all empty.
     """
 
     def __init__(self, named: int) -> None:

@@ -50,7 +50,7 @@ class Columns:
 
     Attributes:
         count: number of named columns.
-        names: of all columns.
+        names: names of all columns.
         time: column of the time, or of the frame's number; ``None``: a row is a frame.
         second_s: seconds per unit of the time; ``None``: seconds, or Unix time in any unit.
         not_times: columns of times where a rate was given instead; they must be empty.
@@ -83,7 +83,7 @@ class Columns:
 def rows_of(text: str) -> tuple[str, Iterator[tuple[int, list[str]]]]:
     """The delimiter of a table, and its rows with the numbers of their lines, the header first.
 
-    Lines of comments (#), empty ones, and the line ``sep=;`` of spreadsheets are skipped.
+    Comment lines (#), empty lines, and the ``sep=;`` line that spreadsheets write are skipped.
     """
     start, stated = 0, ""
     for line in io.StringIO(text):
@@ -114,7 +114,7 @@ def _numbered(rows: Iterator[list[str]], before: int) -> Iterator[tuple[int, lis
 
 
 def names_joints(header: Sequence[str]) -> bool:
-    """Whether at least one joint has an x, y and z here."""
+    """Whether at least one joint has an x, y and z in this header."""
     matches = [_COORDINATE.fullmatch(name.strip()) for name in header]
     axes = {(match[1], match[2].lower()) for match in matches if match}
     return any({(joint, axis) for axis in "xyz"} <= axes for joint, _ in axes)
@@ -129,7 +129,7 @@ def columns_of(path: Path, header: Sequence[str], rate_hz: float | None = None) 
         rate_hz: frames per second, if the table has no times.
 
     Raises:
-        RecordingError: there is no time, or no whole joint.
+        RecordingError: the table has no time, or no complete joint.
     """
     names = [name.strip() for name in header]
     while names and not names[-1]:
@@ -174,15 +174,15 @@ def _time(path: Path, names: Sequence[str]) -> tuple[int, float | None]:
     if not found:
         raise RecordingError(
             f"recording {path}: no column 'time_s' (its first row begins with "
-            f"{', '.join(names[:4])[:60]!r}); call the seconds that, or give the frames per "
-            f"second: {converted_by(path, '--fps 30')} (if it has 30)"
+            f"{', '.join(names[:4])[:60]!r}); rename the column of times in seconds to 'time_s', "
+            f"or give the frame rate: {converted_by(path, '--fps 30')} (for 30 frames per second)"
         )
     unit = _TIME.fullmatch(names[found[0]].lower())
     return found[0], None if unit is None else SECONDS[_LONG.get(unit[1], unit[1])]
 
 
 def _frame(names: Sequence[str], rate_hz: float) -> tuple[int | None, float]:
-    """The column of the frame's number, and the seconds of a frame."""
+    """Return the column of the frame number, and the duration of a frame in seconds."""
     bare = [re.sub("[^a-z]", "", name.lower()) for name in names]
     return next((bare.index(name) for name in FRAMES if name in bare), None), 1.0 / rate_hz
 

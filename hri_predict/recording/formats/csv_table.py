@@ -8,9 +8,9 @@
     0.066666667,0,,,,,,...             the source is blind
 
 Metres, z up. The reader accepts other delimiters and decimal commas; other names for the time, also
-in ms, us or ns, and Unix time; frames in place of times if ``wanted.rate_hz`` says how many there
-are in a second; tables without ``sees_room`` or ``person``, or with ``body_id`` and
-the like for it; coordinates named ``Waist.X``, ``waist:x`` or ``waist x``; and a joint's
+in ms, us or ns, and Unix time; frame numbers instead of times if ``wanted.rate_hz`` gives the frame
+rate; tables without ``sees_room`` or ``person``, or with ``body_id`` or similar instead of
+``person``; coordinates named ``Waist.X``, ``waist:x`` or ``waist x``; and a joint's
 ``waist_confidence``. An empty cell or ``nan`` means not observed. See ``csv_columns``.
 """
 
@@ -73,7 +73,7 @@ def read_csv(path: Path, wanted: Wanted) -> Recording:
     with names.
 
     Raises:
-        RecordingError: it is not such a table; one line names the row and column.
+        RecordingError: the file is not a table of joints; one line names the row and column.
         ConfigError: impossible units or axes.
     """
     text = read_text(path, "CSV")
@@ -94,7 +94,7 @@ def is_recording(path: Path) -> bool:
     """Whether a table in a folder is intended as a recording: its first row names joints.
 
     Raises:
-        RecordingError: it names joints, but not as a recording does.
+        RecordingError: the table names joints, but not as a recording does.
         OSError: it cannot be read.
     """
     names = _first_row(path)
@@ -114,7 +114,7 @@ def is_own_table(path: Path) -> bool:
 
 
 def _first_row(path: Path) -> list[str]:
-    """The names of the columns; empty if it is not a table."""
+    """The names of the columns; empty if the file is not a table."""
     with path.open("rb") as file:
         head = decoded(file.read(_MAX_HEAD)).replace("\r\n", "\n").replace("\r", "\n")
     try:
@@ -155,7 +155,7 @@ class _Table:
         time_ns = self._time_ns(number, str(self._rows) if time is None else row[time])
         if not self._times_ns or time_ns != self._times_ns[-1]:
             if self._times_ns and time_ns < self._times_ns[-1]:
-                raise self._wrong(number, "its time is before that of the row above; sort them")
+                raise self._wrong(number, "its time is before that of the row above; sort the rows")
             self._times_ns.append(time_ns)
             self._sees.append(True)
             self._people.append({})
@@ -181,7 +181,7 @@ class _Table:
         if self._stated:
             raise RecordingError(
                 f"recording {self._path}: has times of its own ({self._stated}); leave --fps out, "
-                f"or remove that column if they are wrong"
+                f"or remove that column if its times are wrong"
             )
         if len(self._times_ns) < 2:
             raise RecordingError(
@@ -225,7 +225,9 @@ class _Table:
                 f"identify the person of a row"
             )
         if len(names) > MAX_ID:
-            raise RecordingError(f"recording {self._path}: names {len(names)} people; cut it")
+            raise RecordingError(
+                f"recording {self._path}: names {len(names)} people; cut it into parts"
+            )
         return numbered(names, self._person)
 
     def _rate_hz(self) -> float:
@@ -239,7 +241,7 @@ class _Table:
             would = [
                 u for u, s in SECONDS.items() if 5 <= rate_hz * (self._second_s or 1) / s <= 500
             ]
-            hint = f"; if it is in {would[0]}, call it 'time_{would[0]}'" if would else ""
+            hint = f"; if the time is in {would[0]}, name it 'time_{would[0]}'" if would else ""
             raise RecordingError(f"{error}{hint}") from None
         return rate_hz
 
@@ -313,7 +315,7 @@ class _Table:
 
 
 def _clock_s(cell: str) -> float:
-    """Seconds of a date with time, or of a time of day; NaN if it is neither."""
+    """Return a date with time, or a time of day, in seconds; NaN if the cell holds neither."""
     for text in (cell.strip(), f"1970-01-01T{cell.strip()}"):
         try:
             moment = datetime.fromisoformat(text)

@@ -43,8 +43,8 @@ def frame_times(path: Path, numbers: Floats, times_s: Floats, nominal_hz: float)
 
     Args:
         path: the file, for errors.
-        numbers: (F,) the frames' own numbers; NaN where they have none.
-        times_s: (F,) their own times; NaN where they have none.
+        numbers: (F,) the frames' own numbers; NaN for a frame without a number.
+        times_s: (F,) the frames' own times; NaN for a frame without a time.
         nominal_hz: the rate that the file states.
 
     Raises:

@@ -3,7 +3,7 @@
 FreeMoCap (https://github.com/freemocap/freemocap, split_and_save.py and path_getters.py) writes
 ``output_data/mediapipe_body_3d_xyz.npy``: (F, 33, 3), MediaPipe's landmarks in millimetres; and
 ``mediapipe_skeleton_3d.npy``, or ``mediapipe_3dData_numFrames_numTrackedPoints_spatialXYZ.npy``,
-with hands and, in most versions, the face after the body. Neither has names or times.
+with hands and, in most versions, the face after the body. Neither file has names or times.
 """
 
 import tokenize
@@ -19,7 +19,7 @@ from hri_predict.recording.recording import Recording, noted, recording_of_one
 from hri_predict.recording.wanted import Wanted
 
 POINTS = {33: "", 75: "hands", 543: "hands and face", 553: "hands and face"}
-"""Number of points in an array -> the ones after MediaPipe's body, which are not used."""
+"""Number of points in an array -> the points after MediaPipe's body, which are not used."""
 UNIT_M = 0.001
 _BROKEN: tuple[type[Exception], ...] = (ValueError, EOFError, SyntaxError, MemoryError)
 _BROKEN += (OverflowError, RecursionError, TypeError, tokenize.TokenError)
@@ -27,10 +27,10 @@ _BROKEN += (OverflowError, RecursionError, TypeError, tokenize.TokenError)
 
 
 def read_npy(path: Path, wanted: Wanted) -> Recording:
-    """Read such an array; in millimetres, z up if nothing else is wanted.
+    """Read an array of FreeMoCap; in millimetres, z up if nothing else is wanted.
 
     Raises:
-        RecordingError: it is damaged, has another shape, or ``wanted.rate_hz`` is not given.
+        RecordingError: the array is damaged, has another shape, or ``wanted.rate_hz`` is not given.
         ConfigError: impossible units or axes.
     """
     try:
@@ -42,9 +42,9 @@ def read_npy(path: Path, wanted: Wanted) -> Recording:
     known = array.ndim == 3 and array.shape[1] in POINTS and array.shape[2] == 3
     if not known or not len(array) or array.dtype.kind not in "fiu":
         raise RecordingError(
-            f"recording {path}: is an array of {array.dtype} of shape {array.shape}; of single "
-            f"arrays, FreeMoCap's (frames, {' or '.join(map(str, POINTS))}, 3) are read; save "
-            f"others as .npz with 'joints', 'joint_names' and 'fps'"
+            f"recording {path}: is an array of {array.dtype} of shape {array.shape}; the "
+            f"only single arrays read are FreeMoCap's (frames, {' or '.join(map(str, POINTS))}, 3);"
+            f" save other arrays as .npz with 'joints', 'joint_names' and 'fps'"
         )
     rate_hz = wanted.rate_of(path)
     names = load_joint_map("mediapipe33").source_joints

@@ -73,7 +73,8 @@ def read_arrays(path: Path, keys: Collection[str]) -> dict[str, Any]:
     """The arrays of an archive with one of ``keys``; without these keys, only the array names.
 
     Raises:
-        RecordingError: it is not an archive, is damaged, or unpacks to more than ``MAX_BYTES``.
+        RecordingError: the file is not an archive, is damaged, or unpacks to more than
+            ``MAX_BYTES``.
     """
     try:
         with path.open("rb") as file:
@@ -220,15 +221,15 @@ def single_number(array: Any) -> float:
 
 
 def rate_of(path: Path, arrays: Mapping[str, Any], usual: str) -> float:
-    """The frames per second of an archive, by any of the names in ``RATES``.
+    """Return the frame rate of an archive, under any of the names in ``RATES``.
 
     Args:
         path: the file.
         arrays: its content.
-        usual: the name that this kind of archive has, for the error.
+        usual: usual name of the rate in this kind of archive, for the error.
 
     Raises:
-        RecordingError: there is none, it is out of range, or two of them differ.
+        RecordingError: there is no rate, a rate is out of range, or two rates differ.
     """
     rates = {key: single_number(arrays[key]) for key in RATES if key in arrays}
     if not rates:
@@ -257,7 +258,7 @@ def write_pack(path: Path, recording: Recording) -> Written:
     """Write one person in the layout of cmu_mocap or assembly, depending on the joints' names.
 
     Raises:
-        ConfigError: the joints fit neither.
+        ConfigError: the joints fit neither layout.
     """
     frames = frames_of_one(recording)
     names = [name for name in ("cmu38", "assembly_arms") if _same(name, frames.joints)]

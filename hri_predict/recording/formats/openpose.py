@@ -3,7 +3,8 @@
 OpenPose, doc/02_output.md: ``NAME_000000000012_keypoints.json`` holds ``people``, each with
 ``pose_keypoints_2d`` (x, y, c of 25 joints of BODY_25, or 18 of COCO) and, of calibrated cameras
 with ``--3d``, ``pose_keypoints_3d`` (x, y, z, c; c is 0 where a joint was not reconstructed), in
-the unit of the calibration. Without ``--3d`` the latter is empty: pixels have no place in the room.
+the unit of the calibration. Without ``--3d``, ``pose_keypoints_3d`` is empty: pixels have no place
+in the room.
 """
 
 import json
@@ -37,7 +38,7 @@ _SHOWN = 4
 
 
 def frames_in(folder: Path) -> list[Path]:
-    """The keypoints' files of a folder; empty if it is not one, or cannot be read."""
+    """The keypoints' files of a folder; empty if the path is not a folder, or cannot be read."""
     try:
         return sorted(path for path in folder.iterdir() if _NAME.fullmatch(path.name))
     except OSError:
@@ -45,10 +46,10 @@ def frames_in(folder: Path) -> list[Path]:
 
 
 def read_openpose(path: Path, wanted: Wanted) -> Recording:
-    """Read all frames of the sequence of which ``path`` is one; metres in the camera's frame.
+    """Read all frames of the sequence to which ``path`` belongs; metres in the camera's frame.
 
     Raises:
-        RecordingError: it is other JSON, has pixels alone, shows several people, is damaged or
+        RecordingError: the file is other JSON, has only pixels, shows several people, is damaged or
             too large, or ``wanted.rate_hz`` is not given.
         ConfigError: impossible units or axes.
     """
@@ -119,7 +120,7 @@ def _person(path: Path) -> Floats | None:
     """(J, 3) of the person in a frame, NaN where not reconstructed; ``None`` without a person.
 
     Raises:
-        RecordingError: pixels alone, several people, or not OpenPose's.
+        RecordingError: the frame has only pixels, shows several people, or is not OpenPose's.
     """
     if path.stat().st_size > _MAX_FILE:
         raise RecordingError(f"recording {path}: larger than {_MAX_FILE} bytes; OpenPose's are not")

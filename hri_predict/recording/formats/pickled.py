@@ -246,7 +246,7 @@ def read_pickle(data: bytes) -> Any:
     """Return a pickle's object: dictionaries, lists, tuples, text, numbers and ``Array``.
 
     Raises:
-        ValueError: it is damaged, or contains more than data.
+        ValueError: the pickle is damaged, or contains more than data.
     """
     try:
         return _Reader(io.BytesIO(data), encoding=_LATIN).run()

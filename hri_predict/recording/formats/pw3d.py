@@ -34,17 +34,17 @@ def names_3dpw(path: Path) -> bool:
     """Whether a pickle names 3DPW's joints.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     with path.open("rb") as file:
         return KEY.encode() in file.read(MAX_BYTES)
 
 
 def read_3dpw(path: Path, wanted: Wanted) -> Recording:
-    """Read a sequence: all its people, ``wanted.person`` and the ids after it.
+    """Read a sequence: all its people, with ids from ``wanted.person`` on.
 
     Raises:
-        RecordingError: it is another pickle, holds more than data, is damaged or too large.
+        RecordingError: the file is another pickle, holds more than data, is damaged or too large.
         ConfigError: impossible units or axes.
     """
     with path.open("rb") as file:
@@ -100,7 +100,7 @@ def _body(path: Path, each: Any, most: int) -> Floats:
 
 
 def _placed(path: Path, content: Mapping[str, Any], shape: tuple[int, ...]) -> Any:
-    """(F, P) whether a person is placed; all are if the file does not state it."""
+    """(F, P) whether a person is placed; all are placed if the file does not say."""
     flags = content.get("campose_valid")
     if flags is None:
         return np.ones(shape, np.bool_)

@@ -133,8 +133,8 @@ def _table(path: Path, rows: Sequence[tuple[int, str]], count: int, numbers: Num
     """(F, 2 + 3 count) numbers of all rows; NaN for empty cells.
 
     Raises:
-        RecordingError: a row has too few or too many cells, or a marker has not three of them:
-            then joints would be metres away.
+        RecordingError: a row has too few or too many cells, or a marker does not have three cells:
+            joints would then be metres away.
     """
     table = np.full((len(rows), 2 + 3 * count), np.nan)
     for k, (line, row) in enumerate(watched(rows, READING, len(rows))):

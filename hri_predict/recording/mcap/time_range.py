@@ -66,7 +66,7 @@ class Unpacker:
     """Unpacks chunks, in the order of the file.
 
     Args:
-        is_wanted: of a topic: whether its messages are; ``None``: all are.
+        is_wanted: whether the messages of a topic are wanted; ``None``: all are.
     """
 
     def __init__(self, is_wanted: Callable[[str], bool] | None = None) -> None:

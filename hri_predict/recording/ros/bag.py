@@ -85,7 +85,7 @@ class Bag:
         """A message as plain values.
 
         Raises:
-            Exception: of any kind, if it is damaged.
+            Exception: any type, if the message is damaged.
         """
         if self._is_1:
             return self._store.deserialize_ros1(data, kind)

@@ -21,16 +21,16 @@ LOOKED_AT = 100
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagTopic:
-    """A topic whose type can place people.
+    """A topic whose message type can carry people's positions.
 
     Attributes:
-        name: of the topic.
-        kind: type of its messages.
-        count: their number.
+        name: the topic's name.
+        kind: type of the messages.
+        count: number of messages.
         joints: number of poses, or of different joints among markers, in the first message with
             people; 0 if there are none, or if ``/tf`` has them.
-        frame: their frame; "" if there are none.
-        joint_maps: shipped maps with that many joints; or the one of this type of messages.
+        frame: frame of these people; "" if there are none.
+        joint_maps: shipped maps with that many joints; or the map for this message type.
         is_named: whether the bag names the joints, because this node wrote it.
     """
 
@@ -81,7 +81,7 @@ def connections_of(path: Path, bag: Bag, topic: str | None) -> list[Any]:
     if not found:
         raise RecordingError(
             f"recording {path}: no topic {wanted} of a type that can be people"
-            f"{nearest(wanted, names)} (there are: {', '.join(names[:5])}); correct --topic"
+            f"{nearest(wanted, names)} (available: {', '.join(names[:5])}); correct --topic"
         )
     return found
 

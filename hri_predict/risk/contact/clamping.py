@@ -66,8 +66,8 @@ class Clamping:
         """Return (V, N, S) whether a link may press a segment against a fixture or another robot.
 
         Args:
-            motion: of the robot.
-            zones: (N, K, S) of the people.
+            motion: the robot's motion.
+            zones: (N, K, S) people's zones.
             touched: (V, N, S, C) whether each link may reach each segment at each of V speeds.
             travel: (V, K) maximum travel of any point by the end of each step, m.
             others: R, space that each other robot may occupy during this time; ``None``: anywhere.

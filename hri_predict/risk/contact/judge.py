@@ -104,7 +104,7 @@ class ContactJudge:
         """Return the speed limits with permitted contact.
 
         Args:
-            motion: of the robot.
+            motion: the robot's motion.
             bodies: all people.
             people: finding from the zones, which provides the distances of the result.
             others: space that each other robot may occupy until this robot stops; ``None``:

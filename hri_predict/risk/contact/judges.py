@@ -30,8 +30,8 @@ def contact_judges(
 
     Args:
         settings: see ``RiskSettings``.
-        robots: all of them.
-        segments: of the zones.
+        robots: all robots.
+        segments: the zones' segments.
         floor_m: height of the floor.
         base_dir: base of relative paths.
 

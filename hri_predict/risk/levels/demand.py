@@ -88,7 +88,7 @@ class Demand:
         )
 
     def __or__(self, other: "Demand") -> "Demand":
-        """Combine demands that both apply: the severer level with its reason, the lower limits."""
+        """Combine demands that both apply: the stricter level with its reason, the lower limits."""
         rank, other_rank = self.level.rank, other.level.rank
         worse = other if (other_rank, self.limit_m_s) > (rank, other.limit_m_s) else self
         release = max(self.release, other.release, key=by_rank)

@@ -1,6 +1,6 @@
 """The level machine: determines the advised level from this tick's demand and its memory.
 
-Levels become severer without delay: one capture is enough, and the speed limit falls immediately.
+Levels become stricter without delay: one capture is enough, and the speed limit falls immediately.
 They become milder slowly: a milder level requires its condition, plus a band, for a number of
 *distinct* captures, and the speed limit rises at a limited rate. A latch also requires an
 acknowledgement, which alone does not start any motion. The causes of a latch are configured
@@ -236,7 +236,7 @@ class LevelMachine:
             self._has_grown = False
 
     def _advance(self, demand: Demand, captures: int) -> Reason | None:
-        """Update the level. Return why it is severer than the demand; ``None`` if it is not."""
+        """Update the level. Return why it is stricter than the demand; ``None`` if it is not."""
         if demand.level is Level.STOP:
             self.latch("stop")
         if self._causes and demand.level.may_move:

@@ -93,11 +93,11 @@ class Modes:
 
     Args:
         settings: the allowed modes.
-        name: of the robot.
-        max_speed_m_s: its highest speed.
+        name: the robot's name.
+        max_speed_m_s: the robot's highest speed.
 
     Attributes:
-        mode: in force.
+        mode: the mode in force.
         muted_time: remaining time for muting; ``None``: muting is not allowed.
         counters: number of times that each mode started (``teach``, ``recovery``, ``muted``) and
             that a request was ``refused``.
@@ -119,8 +119,8 @@ class Modes:
         """Return the mode for this tick.
 
         Args:
-            situation: of this tick.
-            now_ns: its time.
+            situation: the situation at this tick.
+            now_ns: time of the tick.
         """
         asked, before = situation.asked, self.mode
         released = asked.heard and asked.agreed and asked.request is not OperatingMode.MUTED

@@ -61,7 +61,7 @@ class MutedTime:
 
     @property
     def left_s(self) -> float:
-        """Remaining seconds of muting."""
+        """Remaining muting time, in seconds."""
         return 0.0 if self._used_up else self._max_s - self._debt_ns / self._rate / _NS
 
     @property

@@ -3,8 +3,8 @@
 A person at the threshold between "too close" and "may get too close" can cross it with every
 capture. An operator cannot read a reason that changes thirty times a second, and its log is
 useless. Some reasons change into each other continuously. Among these, a milder reason replaces a
-severer one only after a number of captures, which doubles each time the severer reason returns at
-the same level. A severer reason, a different level, and every reason for a fault are shown without
+stricter one only after a number of captures, which doubles each time the stricter reason returns at
+the same level. A stricter reason, a different level, and every reason for a fault are shown without
 delay. Level and speed limit do not depend on this.
 """
 
@@ -24,7 +24,7 @@ class SteadyReason:
         self._first = self._needed = captures
         self._level: Level | None = None
         self._reason = Reason.NONE
-        self._waiting = Reason.NONE  # the severest of the milder ones that were seen meanwhile
+        self._waiting = Reason.NONE  # the strictest of the milder reasons seen since then
         self._waiting_rank = 0
         self._agreed = 0
         self._last_capture: int | None = None

@@ -69,8 +69,8 @@ class TimeByTime:
     over all links and people: a robot may be faster only if no link comes too close to a person.
 
     Attributes:
-        times_s: (K+1,) as in ``Zones``; a course's steps are 1..K of it.
-        speed_m_s: of the robot's fastest point now.
+        times_s: (K+1,) as in ``Zones``; a course's steps are 1..K of these times.
+        speed_m_s: present speed of the robot's fastest point.
         stopping: T_s and S_s at that speed.
         curve: the robot's stopping curve.
         reaction_s: time from *now* until the robot starts to brake.

@@ -117,7 +117,7 @@ class BodiesInTime:
         count: Ints | None = None,
         enough_m: Floats | None = None,
     ) -> NearestInTime:
-        """Call ``search``; ``first``: initial steps and positions of the courses.
+        """Call ``search`` for courses that start at the steps and positions in ``first``.
 
         Without ``count``, each course is one step, without a limit on the distance.
         """

@@ -149,11 +149,11 @@ def judge_fixed(
     Args:
         found: the separation from ``judge_iso``; its distances are kept.
         from_base_m: horizontal distance of the nearest body's surface from the base's axis.
-        radius_m: of the circle.
-        max_speed_m_s: of the robot.
+        radius_m: radius of the circle.
+        max_speed_m_s: the robot's highest speed.
         margins_m: margins for the limits. The first one is the circle's edge, because mode
             ``fixed`` has no slow speed.
-        speed_m_s: of the robot's fastest point now.
+        speed_m_s: present speed of the robot's fastest point.
     """
     slack = from_base_m - radius_m
     beyond = [slack - (margin - margins_m[0]) for margin in margins_m]
@@ -288,7 +288,7 @@ def _nearest_now(
 
     Args:
         zones: (P, K+1, S).
-        motion: of the robot.
+        motion: the robot's motion.
         who, segments: indices of the people and segments to consider; ``None``: all.
     """
     persons, _, count = zones.radius.shape

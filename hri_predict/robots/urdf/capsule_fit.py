@@ -40,7 +40,7 @@ def needed_radius(points: Floats, radii: Floats, a: Floats, b: Floats) -> float:
 
     Args:
         points: (N, 3) centres.
-        radii: (N,) of the spheres, 0 for points.
+        radii: (N,) radii of the spheres, 0 for points.
         a, b: (3,) ends.
     """
     return float(np.max(segment_distance(points, points, a, b) + radii))
@@ -52,7 +52,7 @@ def fit_capsule(points: Floats, radii: Floats | None = None) -> FittedCapsule:
 
     Args:
         points: (N, 3) centres, metres, N >= 1; a mesh's vertices (it lies in their convex hull).
-        radii: (N,) of the spheres; points where ``None``.
+        radii: (N,) radii of the spheres; ``None``: all are points.
 
     Raises:
         ValueError: no points, or one that is not finite.

@@ -81,10 +81,10 @@ class State:
     """The newest facts, for any number of browsers. Threads wait for updates.
 
     Attributes:
-        history: of the alerts.
+        history: history of the alerts.
         ended: whether the pictures have ended.
         who: name of the sender of the pictures.
-        told_s: minimum interval of updates to browsers, unless there is an alert.
+        told_s: minimum interval between updates to browsers, unless there is an alert.
     """
 
     who = "the node"

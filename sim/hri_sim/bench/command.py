@@ -41,14 +41,14 @@ SECTIONS = {
     "speed": Section("Faster than real time", speed.rows),
     "links": Section("From a scene to the last byte, by kind of link", links.rows, detail=True),
     "plants": Section("To the registers of another process", plants.rows, detail=True),
-    "ports": Section("What each receiver receives of one node", ports.rows, detail=True),
+    "ports": Section("Messages of one node at each receiver", ports.rows, detail=True),
     "fleet": Section("From posting to decoding, over zenoh", fleet.rows, detail=True),
     "trackers": Section("Walks up to a robot and away", trackers.rows, detail=True),
     "joint-maps": Section("Zones around a standing body", joint_maps.rows, detail=True),
 }
 """All measurements, in order. Each receives a ``Scope`` and yields rows as they are measured.
-Variants that it compares must take turns, and part names must not change, so that runs stay
-comparable.
+Variants that a measurement compares must take turns, and part names must not change, so that runs
+stay comparable.
 """
 
 app = typer.Typer(invoke_without_command=True, add_completion=False)
@@ -162,7 +162,7 @@ def _factor(baseline: Path | None, worse_than: float | None) -> float:
 def _measured(
     chosen: list[str], scope: Scope, machine: dict[str, Any], save: Path | None
 ) -> dict[str, list[Row]]:
-    """Measure these sections, and save each as soon as it is done."""
+    """Measure the chosen sections, and save each section as soon as it is finished."""
     told: dict[str, list[Row]] = {}
     with progress() as bar:
         task = bar.add_task("", total=len(chosen))

@@ -48,7 +48,7 @@ def fleet(
     """Measure the zenoh link: time from posting a message to its decoding in another process.
 
     The table also shows processor time and payload. This runs in real time, so other programs
-    disturb it. With --recovery: the seconds until messages of a cell arrive. With --cells:
+    disturb it. With --recovery: the time until messages of a cell arrive. With --cells:
     processor time of 'fleet --operator' and of its page, and the delay from posting a message until
     a browser has it.
 

@@ -1,7 +1,7 @@
 """The cost of the zenoh link on this machine: ``hri-predict bench fleet``.
 
 A link posts the messages of a node with one robot and one person. Another process receives them,
-directly or through a router in a third process. Both read the machine's monotonic clock.
+directly or through a router in a third process. Both processes read the machine's monotonic clock.
 """
 
 import contextlib
@@ -102,7 +102,7 @@ def routed() -> Iterator[str]:
 
 
 def recovery(times: int) -> dict[str, list[float]]:
-    """Measure, ``times`` times each, the seconds until messages of a cell arrive.
+    """Measure, ``times`` times each, the time until messages of a cell arrive, in seconds.
 
     Returns:
         ``joins``: time from the start of a link, while router and listener run; ``heals``: time

@@ -2,8 +2,8 @@
 
 Real processes over real loopback sockets: ``hri-predict fleet --operator`` as the router, its
 page's process, one process that plays all cells, each with its own link and zenoh session, and, in
-this process, a client that reads the page's events as a browser does. All read the machine's
-monotonic clock.
+this process, a client that reads the page's events as a browser does. All processes read the
+machine's monotonic clock.
 """
 
 import contextlib
@@ -44,13 +44,13 @@ def page(cells: int, seconds: float) -> dict[str, Any]:
 
     Returns:
         ``cpu_s_per_s``: seconds of processor time per second, for ``hri-predict fleet``, its page's
-            process, and the process that plays all cells; ``memory_mib``: memory of the first two,
-            at the end;
+            process, and the process that plays all cells; ``memory_mib``: memory of the first two
+            processes, at the end;
         ``number_ms``: time from a link's ``post`` of an Advice until an event that shows it, or a
-        newer one, has arrived: p50, p99 and max; ``change_ms``: the same for Advice that changes
-        the level, ``None`` without any; ``unshown``: Advice messages that no event showed;
+        newer one, has arrived: p50, p99 and max; ``change_ms``: the same time for Advice that
+        changes the level, ``None`` without any; ``unshown``: Advice messages that no event showed;
         ``gone``: how often a tile showed no level although its cell was sending; ``load``: the load
-        average before.
+            average before the measurement.
     """
     load = os.getloadavg()[0]
     with (
@@ -167,7 +167,7 @@ def _used_s(fleet: int, speakers: int) -> dict[str, float]:
 def speak(pipe: Connection, cells: int, end: str, seconds: float) -> dict[str, Any]:
     """Play all cells; for ``child``. Reports when each Advice was posted, by cell.
 
-    It sends a message when all cells are connected, and starts when it receives one.
+    The process sends a message when all cells are connected, and starts when it receives a message.
     """
     links = [
         ZenohLink(

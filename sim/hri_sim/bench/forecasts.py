@@ -124,7 +124,7 @@ def measure(
 
 
 def _floor_ms(predictor: Predictor, people: int, rate: float) -> float | None:
-    """Return the milliseconds that the products of all its networks take, at this rate."""
+    """Return the time for the products of all the predictor's networks at this rate, in ms."""
     from hri_predict.predictors.neural.floor import products
 
     members = getattr(predictor, "members", [predictor])
@@ -140,8 +140,8 @@ def _has_weights(name: str) -> bool:
 
 
 def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:
-    """Return the predictor by engine, in this order; under the single name "–" if it has no
-    network.
+    """Return the predictor by engine, in the order of ``wanted``; under the single name "–" if the
+    predictor has no network.
 
     An engine that is not installed is left out; the first must be installed.
     """
@@ -171,7 +171,7 @@ def _walk(steps: int, people: int) -> tuple[Floats, Bools]:
 def _paced(
     built: Sequence[Predictor], history: Floats, observed: Bools, seconds: float
 ) -> list[list[float]]:
-    """Return the milliseconds of each predictor's forecasts, made in turn, one period apart."""
+    """Return the durations of each predictor's forecasts, in ms, made in turn, one period apart."""
     taken: list[list[float]] = [[] for _ in built]
     begin = time.perf_counter()
     for number in range(round(seconds * _RATE_HZ) * len(built)):
@@ -183,7 +183,7 @@ def _paced(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the milliseconds of a forecast, hot and at 25 Hz, by engine and number of people."""
+    """Yield the duration of a forecast in ms, hot and at 25 Hz, by engine and number of people."""
     for name in (scope.baseline, *(scope.predictors or with_weights())):
         floors: dict[int, float] = {}
         for paced in measure([name], scope.batches, max(1.0, 0.3 * scope.seconds)):
@@ -232,7 +232,7 @@ def _difference(mm: float) -> str:
 
 
 def _hot(engines: dict[str, Predictor], people: int, seconds: float) -> dict[str, list[float]]:
-    """Return the milliseconds of forecasts in a hot loop; the engines take turns."""
+    """Return the durations of forecasts in a hot loop, in ms; the engines take turns."""
     taken: dict[str, list[float]] = {engine: [] for engine in engines}
     history, observed = _walk(next(iter(engines.values())).history_steps, people)
     end = time.perf_counter() + 0.1 * seconds * len(engines)

@@ -58,7 +58,7 @@ def heard(
         captures_hz: capture rate of the source; default: five a second more than ticks.
         change: called with the configuration's settings before the node starts.
         partner: a function for ``child`` and its arguments: another process, started once the node
-            runs; it sends a message when it is ready.
+            runs; that process sends a message when it is ready.
 
     Returns:
         ``summary``: the node's output on exit; ``partner``: the other process's report;
@@ -67,8 +67,9 @@ def heard(
         ``resident_mib``: memory of the node's processes at the end; ``cpu_percent``: share of one
         core, by group of threads; ``cores_percent``: load of each core; ``deviation_ms``: deviation
         from the period of the intervals between its Status and Advice messages, and ``bare_ms`` the
-        same for the bare loop; ``missing``: number of cycles without a Status; ``stamps``,
-        ``priority``: the clock that stamped the messages, and the receiver's scheduling.
+        same deviation for the bare loop; ``missing``: number of cycles without a Status;
+        ``stamps``, ``priority``: the clock that stamped the messages, and the receiver's
+        scheduling.
 
     Raises:
         LinkError: this machine has no such wire, or the node did not start; the error gives the
@@ -119,7 +120,9 @@ def heard(
 
 @contextlib.contextmanager
 def receiving(wire: str, rate_hz: float) -> Iterator[Child]:
-    """Start the receiver at a wire's end, and the bare loop, whose bytes it receives as well."""
+    """Start the receiver at a wire's end, and the bare loop, whose bytes the receiver also
+    receives.
+    """
     reading, writing = multiprocessing.Pipe(duplex=False)
     with child(hear, wire, reading) as receiver, child(bare_loop, writing, rate_hz):
         reading.close()
@@ -153,7 +156,7 @@ def running_node(
 
 
 def used_by(pid: int, seconds: float) -> dict[str, Any]:
-    """Let the node run; return the resources it used in that time."""
+    """Let the node run for ``seconds``; return the resources that it used."""
     before, cores, begin_ns = processor_time(pid), cores_busy(), time.monotonic_ns()
     time.sleep(seconds)
     after, cores_after, end_ns = processor_time(pid), cores_busy(), time.monotonic_ns()

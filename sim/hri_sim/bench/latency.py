@@ -171,24 +171,24 @@ def latency(
     predictor: str = "zero_velocity",
     people: int = 2,
 ) -> dict[str, Any]:
-    """Run the node on a wire of this kind.
+    """Run the node on a wire of the given kind.
 
     Args:
-        kind: of ``KINDS``.
+        kind: one of ``KINDS``.
         rate_hz: tick rate at a fixed rate, and capture rate of the source.
-        seconds: measured time, after a warm-up.
+        seconds: measurement time, after a warm-up.
         ticks: as in the configuration: ``fixed`` or ``capture``.
         predictor: name of the predictor.
         people: number of people near the robot.
 
     Returns:
-        Milliseconds, p50, p99 and max: ``wait`` from a scene's arrival until the next tick begins;
-        ``inference`` in that tick; ``node`` from its start until Advice and Status are posted,
-        without inference; ``link`` from there until their last byte was written; ``total`` is the
-        sum of these. ``scenes`` is the number of measured scenes, ``missed`` the number of ticks
-        whose Status was replaced by a newer one and never written. ``ticks``, ``late_ticks``,
-        ``missed_ticks``, ``sheds``, ``predictor_late``, ``superseded``, ``decimated``: counted over
-        the whole run.
+        Durations in ms, p50, p99 and max: ``wait`` from a scene's arrival until the next tick
+        begins; ``inference`` in that tick; ``node`` from the tick's start until Advice and Status
+        are posted, without inference; ``link`` from then until the last byte of both was written;
+        ``total`` is the sum of these durations. ``scenes`` is the number of measured scenes,
+        ``missed`` the number of ticks whose Status was replaced by a newer one and never written.
+        ``ticks``, ``late_ticks``, ``missed_ticks``, ``sheds``, ``predictor_late``, ``superseded``,
+        ``decimated``: counted over the whole run.
 
     Raises:
         LinkError: this machine has no such wire.

@@ -128,7 +128,7 @@ def delay(kind: str, rate_hz: float, seconds: float, /, **load: Any) -> dict[str
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield milliseconds by stage for each kind of link, then the wait in a full serial port."""
+    """Yield latency by stage for each kind of link, in ms, then the wait in a full serial port."""
     for name, rate_hz in itertools.product(KINDS, scope.age_rates_hz):
         yield from rows_of([delay(name, rate_hz, scope.seconds)], "link", "rate_hz")
     for baudrate, reserved in itertools.product(BAUDRATES, RESERVED):
@@ -156,7 +156,7 @@ def _prompt_threads() -> Iterator[None]:
 
 
 def saturate(baudrate: int, seconds: float, reserved_load: float = 0.0) -> dict[str, Any]:
-    """Post more Zones and Poses than the wire can carry, and measure what it carried.
+    """Post more Zones and Poses than the wire can carry, and measure what the wire carried.
 
     Returns:
         ``used``: bytes carried, divided by the wire's capacity in that time; ``backlog_ms``: time
@@ -208,7 +208,7 @@ _AGE = "aim for age: 15 ms, plus one period at a fixed rate"
 
 
 def age(scope: Scope) -> Iterator[Row]:
-    """Yield milliseconds by stage: wait for the tick, node, predictor, link."""
+    """Yield latency by stage, in ms: wait for the tick, node, predictor, link."""
     modes = get_args(NodeSettings.model_fields["ticks"].annotation)
     predictors = (scope.baseline, scope.network)
     for wire, rate_hz, predictor, ticks in itertools.product(

@@ -2,8 +2,8 @@
 
 The hooks fail slowly: two servers accept the connection and never answer, and a command never
     exits. The process reads the data that the 3D view and the operator's page send to a browser,
-    but draws nothing, because a browser would run on another computer. For the same reason it has
-    the lowest priority.
+    but draws nothing, because a browser would run on another computer. For the same reason the
+    process has the lowest priority.
 """
 
 import contextlib

@@ -43,7 +43,7 @@ _LONG = ("Zone", "Pose")  # they go over classic CAN by ISO-TP alone
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the microseconds of one call of each part, in a hot loop."""
+    """Yield the duration of one call of each part in a hot loop, in us."""
     repeat = max(5, round(20 * scope.seconds))
     yield from _ring_buffer(repeat)
     yield from _codecs(repeat)
@@ -87,7 +87,7 @@ def _codecs(repeat: int) -> Iterator[Row]:
 
 
 def _codec(kind: str, message: Any, repeat: int) -> tuple[list[float], list[float]]:
-    """Return the seconds that encoding and decoding one message take."""
+    """Return the times to encode and to decode one message, in seconds."""
     if kind == "serial":
         sender, receiver = SerialSender(), SerialReceiver()
         coded: Iterator[Any] = iter([sender.encode(message) for _ in range(20 * repeat)])

@@ -2,7 +2,7 @@
 
 Each link posts an Advice about every 40 ms, in real time. The other end is a separate process: the
 simulated RTDE controller, a Modbus client that polls every 10 ms, and an OPC UA client that
-subscribes. All read the same clock.
+subscribes. All processes read the same clock.
 """
 
 import contextlib
@@ -61,9 +61,10 @@ def plants(
     as_json: JsonOption = False,
 ) -> None:
     """Measure RTDE, Modbus and OPC UA: the time from posting an advice until another process has
-    it; then, for Modbus and OPC UA, the time from a controller's write of its state until the node
-    has read it. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10
-    ms, that of OPC UA subscribes. This runs in real time, so other programs disturb it.
+    received it; then, for Modbus and OPC UA, the time from a controller's write of its state until
+    the node has read it. The other end of RTDE is `python -m hri_sim.rtde`; the Modbus client polls
+    every 10 ms, and the OPC UA client subscribes. This runs in real time, so other programs disturb
+    it.
 
     Example: hri-predict bench plants --seconds 5
     """
@@ -74,7 +75,7 @@ def plants(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the milliseconds of each link."""
+    """Yield the latency of each link, in ms."""
     need_extra("pymodbus", "modbus")
     return rows_of(costs(scope.seconds), "link")
 
@@ -92,7 +93,7 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
     ``heard``: numbers of Advice; ``superseded``: number that a newer one replaced in the link. For
         the clients, the time from the controller's write of a state until the link has it;
         ``sent``: readings,
-    ``heard``: those with a new state.
+    ``heard``: readings with a new state.
     """
     yield {"link": "rtde, 125 Hz", **_rtde(seconds)}
     yield {"link": "modbus, polled every 10 ms", **_modbus(seconds)}
@@ -133,7 +134,7 @@ class RtdeController:
     """The simulated robot controller in a separate process.
 
     Attributes:
-        port: to connect to.
+        port: port to connect to.
         heard: (ns, watchdog count) of each received advice.
     """
 

@@ -47,7 +47,7 @@ def plot(path: Path, sections: Sections, caption: str) -> None:
 
 
 def _columns(panels: Sequence[Panel]) -> list[list[Panel]]:
-    """Return two columns of about the same height, in order; one for a single panel."""
+    """Return two columns of about the same height, in order; one column for a single panel."""
     half, first = _total(panels) / 2.0, list[Panel]()
     for panel in panels:
         if first and _total(first) + 0.5 * _height(panel[1]) > half:

@@ -61,7 +61,7 @@ def ports(
     rows = measure(costs(seconds, predictor), 7, "ports")
     if not as_json:
         rows = [{key: _DASHES if v is None else v for key, v in row.items()} for row in rows]
-    report(rows, as_json, "What each receiver receives of one node", _COLUMNS)
+    report(rows, as_json, "Messages of one node at each receiver", _COLUMNS)
 
 
 def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
@@ -69,7 +69,8 @@ def costs(seconds: float, predictor: str) -> Iterator[dict[str, Any]]:
 
     ``heard``: number of Advice, or of states of the registers; ``lost``: number of skipped cycles,
         heartbeats or watchdog counts; ``deviation_ms``: deviation of the intervals from the period;
-        ``age_ms``: age stated in the advice; both ``None`` if a port has none.
+        ``age_ms``: age stated in the advice; the last two are ``None`` for a port without such a
+            figure.
     """
     need_extra("pymodbus", "modbus")
     need_extra("rclpy", "ros2")
@@ -118,7 +119,7 @@ def _run(seconds: float, predictor: str, **others: Any) -> dict[str, Any]:
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the milliseconds at each receiver, with all ports and with CAN alone."""
+    """Yield the latency at each receiver, in ms, with all ports and with CAN alone."""
     return rows_of(costs(2.0 * scope.seconds, scope.network), "receiver")
 
 

@@ -162,9 +162,9 @@ class Heard:
 
 def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
     """Receive a node's messages at the end of a wire, and the bytes of a bare loop; for ``child``.
-    It sends the node's entry of ``links:``, then the arrival time of the first advice of a running
-    node, and finally reports everything received. Units are decoded on arrival up to that advice;
-    later ones are decoded at the end, so that decoding delays no stamp.
+    The process sends the node's entry of ``links:``, then the arrival time of the first advice of a
+    running node, and finally reports everything received. Units are decoded on arrival up to that
+    advice; later ones are decoded at the end, so that decoding delays no stamp.
     """
     ear = EARS[wire]()
     heard, kept, bare = Heard(ear.receiver), list[Stamped](), list[int]()

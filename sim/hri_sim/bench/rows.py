@@ -15,14 +15,14 @@ class Row:
 
     Attributes:
         part: the measured part, unique within a section.
-        unit: unit of all its figures. p50, p99, max: median, 99th percentile, largest; a figure
-            without a spread has only ``p50``.
-        floor: lower bound on this machine, explained by ``why``; compared with ``p50``. aim:
-            desired maximum (minimum, if more is better) of the figure ``aim_of``.
+        unit: unit of all figures in the row.
+        p50, p99, max: median, 99th percentile, largest; a figure without a spread has only ``p50``.
+        floor: lower bound on this machine, explained by ``why``; compared with ``p50``.
+        aim: desired maximum (minimum, if more is better) of the figure ``aim_of``.
         why: one phrase that explains the floor or the aim.
         more_is_better: true for speeds, for example.
         axis, size, series: place on a line of a plot: people, 4, "sinn".
-        drawn: whether a plot shows it; false for growth, which the lines of a plot show anyway.
+        drawn: whether a plot shows the row; false for growth, which the lines show anyway.
         note: one more line, such as the reason why there is no figure.
         more: further figures, only for JSON.
     """
@@ -57,8 +57,9 @@ class Scope:
         people, joint_maps, horizons_s, robots, rates_hz: values that section ``scaling`` goes
             through.
         batches: numbers of people in one forecast.
-        wires, age_rates_hz: number of wires, and the rates.
-        episodes: approaches of the closed loop; 0: left out.
+        wires: number of wires.
+        age_rates_hz: capture rates of the sections ``age`` and ``links``.
+        episodes: number of simulated approaches in the closed-loop section; 0: skip the section.
         cold: whether the start is also measured with an empty cache.
     """
 
@@ -99,7 +100,7 @@ class Section:
     """One of the bench's measurements.
 
     Attributes:
-        about: its title.
+        about: title of the section.
         rows: yields each row as soon as it is measured.
         detail: measured only where ``--only`` names it.
     """
@@ -118,7 +119,7 @@ def spread(values: Sequence[float] | Floats, digits: int | None = None) -> dict[
 
 
 def measured(part: str, unit: str, values: Sequence[float] | Floats, **beside: Any) -> Row:
-    """Return a row of these values; ``beside`` gives its other fields."""
+    """Return a row of these values; ``beside`` gives the row's other fields."""
     if not len(values):
         return Row(part=part, unit=unit, note="nothing was measured", **beside)
     figures: dict[str, Any] = beside | spread(values)

@@ -99,7 +99,7 @@ def load(scope: Scope) -> Iterator[Row]:
 
 
 def start(scope: Scope) -> Iterator[Row]:
-    """Yield the seconds until a receiver has the first Advice; MiB of the node's processes."""
+    """Yield the time until a receiver has the first Advice, in s, and the node's memory, in MiB."""
     for kind, predictor, library in (
         ("baseline", scope.baseline, "numpy"),
         ("network", scope.network, "torch"),
@@ -133,7 +133,9 @@ def short_name(wire: str) -> str:
 
 
 def _heard_s(scope: Scope) -> float:
-    """Return the measured time of a run; intervals need more than single calls do."""
+    """Return the measurement time of a run, in seconds; timing intervals takes longer than timing
+    single calls.
+    """
     return 2.0 * scope.seconds
 
 

@@ -32,7 +32,7 @@ class Change:
     """A figure compared with an earlier run.
 
     Attributes:
-        section, part: their names.
+        section, part: names of the section and of the part.
         p50, p99: ratio of new to old; ``None`` where one of them is missing.
         verdict: ``worse``, ``better``, ``as before``, ``new``, or ``gone``.
     """
@@ -54,7 +54,7 @@ def check(flag: str, path: Path) -> None:
     """Check that the file can be written, before anything is measured.
 
     Raises:
-        ConfigError: it is a folder, or its folder cannot be written.
+        ConfigError: the path is a folder, or its folder cannot be written.
     """
     with writing(f"{flag} {path}", "name another file"):
         if path.is_dir():
@@ -99,7 +99,7 @@ def compare(before: Sections, now: Sections, factor: float) -> list[Change]:
 
     Args:
         before, now: rows by section. Sections missing from ``now`` are left out.
-        factor: ratio of p50 or p99 from which it counts as worse (or better).
+        factor: ratio of p50 or p99 from which a figure counts as worse (or better).
     """
     changes = []
     for section, rows in now.items():
@@ -138,11 +138,14 @@ def other_machine(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator
     old = before.get("yardstick_us")
     if isinstance(old, int | float) and old > 0:
         ratio = now["yardstick_us"] / old
-        yield f"the machine itself: a fixed workload takes {ratio:.2f} times as long as in that run"
+        yield (
+            f"the machine itself: a fixed workload takes {ratio:.2f} times as long as in the "
+            "earlier run"
+        )
 
 
 def changes_json(changes: Sequence[Change]) -> dict[str, Any]:
-    """Return a comparison as plain data, empty if there was none."""
+    """Return a comparison as plain data, empty if there was no comparison."""
     return {"changes": [asdict(change) for change in changes]} if changes else {}
 
 
@@ -170,7 +173,7 @@ def machine() -> dict[str, Any]:
 
 
 def yardstick_us() -> float:
-    """Return the microseconds of a fixed workload in Python and numpy, to compare machines."""
+    """Return the duration of a fixed workload in Python and numpy, in us, to compare machines."""
     values = np.linspace(0.0, 1.0, 1000)
 
     def work() -> None:

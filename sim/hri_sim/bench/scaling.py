@@ -72,7 +72,7 @@ class _Case:
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the milliseconds of a tick without links, and their growth."""
+    """Yield the duration of a tick without links, in ms, and its growth."""
     both = (scope.baseline, scope.network)
     yield from _axis(scope, "people", both, [(n, {"people": n}) for n in scope.people])
     joints = [

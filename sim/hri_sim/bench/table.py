@@ -24,7 +24,7 @@ def demand(flag: str, value: float, low: float, high: float) -> float:
     """Return a number given on the command line.
 
     Raises:
-        ConfigError: it is not between ``low`` and ``high``.
+        ConfigError: the number is not between ``low`` and ``high``.
     """
     if not low <= value <= high:
         raise ConfigError(f"{flag} {value:g}: give {low:g} to {high:g}")
@@ -60,8 +60,8 @@ def figures(
     """Print a table of figures.
 
     Args:
-        title: of the table.
-        columns: of the table.
+        title: title of the table.
+        columns: columns of the table.
         rows: key -> figure.
         texts: headings of text columns other than the first.
     """

@@ -91,13 +91,13 @@ def trackers(
 
 
 def rows(scope: Scope) -> Iterator[Row]:
-    """Yield the figures of each tracker with each noise, one walk each; no noise in a quick run."""
+    """Yield rows for each tracker and kind of noise, from one walk; a quick run uses no noise."""
     found = walked(cases(None if scope.episodes else "none"), 1, scope.network)
     return rows_of(found, "tracker", "noise", more_is_better=("predictive_m_s", "iso_m_s"))
 
 
 def cases(only: str | None = None) -> list[tuple[str, str]]:
-    """Return each tracker with each noise; with ``only``, those whose name contains it."""
+    """Return each pair of tracker and noise; with ``only``, the pairs whose name contains it."""
     pairs = [(tracker, noise) for tracker in TRACKERS for noise in NOISES]
     return [p for p in pairs if only is None or only.lower() in f"{p[0]} {p[1]}".lower()]
 
@@ -130,7 +130,7 @@ def _at(angle: float, distance_m: float) -> list[float]:
 def walked(
     chosen: Sequence[tuple[str, str]], walks: int, predictor: str
 ) -> Iterator[dict[str, Any]]:
-    """Yield the figures of each tracker with a noise; see ``measured``."""
+    """Yield the figures of each tracker and kind of noise; see ``measured``."""
     base = configuration.load(configuration.shipped("demo.yaml")).quiet()
     base = base.with_predictor(predictor, horizon_s=1.2)
     for tracker, noise in chosen:
@@ -138,12 +138,13 @@ def walked(
 
 
 def measured(base: Config, tracker: str, noise: str, walks: int) -> dict[str, Any]:
-    """Return the figures of one tracker with one noise, over all ticks with a person in the room.
+    """Return the figures of one tracker with one kind of noise, over all ticks with a person in the
+    room.
 
     Shares are in percent of the ticks in mode predictive. ``ratio`` is the mean speed limit of
     predictive over that of iso. ``clear_too_near`` counts ticks of both modes with the level
     *clear* while a person's true body was within the robot's reach of its base, and
-    ``nearest_clear_m`` is the smallest distance from that reach at which it was *clear*.
+    ``nearest_clear_m`` is the smallest distance from that reach at which the level was *clear*.
     """
     seen: dict[str, list[_Counts]] = {mode: [] for mode in MODES}
     for mode in MODES:

@@ -28,7 +28,7 @@ class Path(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """Seconds of one cycle at nominal speed."""
+        """Duration of one cycle at nominal speed, in seconds."""
 
     def at(self, t_s: float | Floats) -> tuple[Floats, Floats]:
         """Joints (..., N) rad and velocities (..., N) rad/s, at times (...)."""

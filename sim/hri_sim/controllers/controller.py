@@ -174,7 +174,7 @@ class ControllerCore(Generic[U]):
             raise ValueError("the settings must be resolved first")
         self._settings = settings
         self._reaction_ns = int((settings.reaction_s or 0.0) * 1e9)
-        # the watchdogs run once per cycle, and the robot must brake before the time is over
+        # the watchdogs run once per cycle, and the robot must brake before the time is up
         silence_s = (settings.silence_timeout_s or 0.0) - settings.period_s
         self._silence_ns = int(max(silence_s, 0.0) * 1e9)
         self._state_ns = int(1e9 / (settings.state_rate_hz or 50.0))

@@ -19,7 +19,9 @@ class _Timed(Settings):
     duration_s: float | None = Field(None, gt=0, description="default: to the end")
 
     def active(self, since_s: float) -> bool:
-        """Return whether it is active at this time after the controller's first cycle."""
+        """Return whether the behaviour is active ``since_s`` seconds after the controller's first
+        cycle.
+        """
         end_s = float("inf") if self.duration_s is None else self.start_s + self.duration_s
         return self.start_s <= since_s < end_s
 

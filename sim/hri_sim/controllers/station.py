@@ -177,7 +177,7 @@ def posts(
         if name not in names:
             raise ConfigError(
                 f"{where}.robot: no robot '{name}'{nearest(name, names)}; "
-                f"there are: {', '.join(names)}"
+                f"available: {', '.join(names)}"
             )
         if link.robots is not None and name not in link.robots:
             raise ConfigError(
@@ -306,7 +306,7 @@ def _check_tools(settings: ControllerSettings, robot: RobotSettings, where: str)
             known = ", ".join(map(str, sorted(numbers))) or "none"
             raise ConfigError(
                 f"{where}.tools.{i}.tool: robot '{robot.name}' has no tool number {change.tool}; "
-                f"there are: {known}"
+                f"available: {known}"
             )
 
 

@@ -1,4 +1,4 @@
-"""Incidents: stories of people and faults on the virtual clock, played in every risk mode.
+"""Incidents: scripted scenarios of people and faults, run on the virtual clock in every risk mode.
 
 The whole node, the mock controllers and the referee take part, as in ``hri-predict run --speed
 max``. A row of the fault table shows one fault alone; an incident shows what a fault leads to.

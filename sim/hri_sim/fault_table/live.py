@@ -59,7 +59,7 @@ class LiveCase:
 
     @property
     def drain_s(self) -> float:
-        """Return the seconds from the fault's end to the arrival of the last delayed unit."""
+        """Return the seconds from the fault's end until the last delayed unit arrives."""
         return self.amount if self.kind == "delayed" else 0.0
 
 
@@ -209,7 +209,7 @@ class _Sending(threading.Thread):
         self._line: deque[tuple[int, bytes]] = deque()  # units on the way, with their arrival times
 
     def run(self) -> None:
-        """Send until the node has recovered or the time is over."""
+        """Send until the node has recovered or the time is up."""
         began_ns = due_ns = time.monotonic_ns()
         try:
             while not self._stopping.is_set():

@@ -49,7 +49,7 @@ def die(
     """End the demo's node by SIGKILL or SIGTERM while its robot moves; start it again.
 
     Args:
-        name: of the row.
+        name: name of the row.
         how: ``kill`` (SIGKILL: the node can send nothing more) or ``terminate`` (SIGTERM: the node
             sends a last message).
         people: people of the procedural source; they must let the robot move.
@@ -186,7 +186,7 @@ def _ended(node: "subprocess.Popen[bytes]") -> Callable[[], str]:
 def _end(
     node: "subprocess.Popen[bytes]", how: How, watch: ArmWatch
 ) -> tuple[dict[str, float], float, float]:
-    """Stop the node; return the seconds until each controller, the arm and the process stopped."""
+    """Stop the node; return the times until each controller, the arm and the process stopped."""
     stopped: dict[str, float] = {}
     stands = exited = None
     began = time.monotonic()

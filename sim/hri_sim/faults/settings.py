@@ -50,12 +50,12 @@ def fault_from(data: Any, kinds: Mapping[str, type[F]], where: str) -> F:
         ConfigError: unknown kind (the error lists the known ones), or a wrong key.
     """
     if not isinstance(data, Mapping) or not isinstance(data.get("kind"), str):
-        raise ConfigError(f"{where}: a fault needs a 'kind'; there are: {', '.join(sorted(kinds))}")
+        raise ConfigError(f"{where}: a fault needs a 'kind'; available: {', '.join(sorted(kinds))}")
     kind = data["kind"]
     if kind not in kinds:
         raise ConfigError(
             f"{where}: unknown fault '{kind}'{nearest(kind, kinds)}; "
-            f"there are: {', '.join(sorted(kinds))}"
+            f"available: {', '.join(sorted(kinds))}"
         )
     return validated(kinds[kind], dict(data), f"{where} ({kind})")
 

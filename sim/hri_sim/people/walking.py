@@ -34,7 +34,7 @@ def wrapped(angle: float) -> float:
 
 
 def step_length(speed_m_s: float) -> float:
-    """Return the metres per step at a walking speed."""
+    """Return the step length at a walking speed, in metres."""
     return min(math.sqrt(speed_m_s * 60 * WALK_RATIO), MAX_STEP_M)
 
 
@@ -42,8 +42,8 @@ class Path:
     """A curve through waypoints (N, 2): a natural cubic spline, so its curvature has no step.
 
     Attributes:
-        length_m: along the curve.
-        sharpest: greatest curvature, 1/m.
+        length_m: length along the curve.
+        sharpest: maximum curvature, 1/m.
     """
 
     def __init__(self, waypoints: Sequence[Floats]) -> None:
@@ -113,7 +113,7 @@ class Cruise:
         self.duration_s = length_m / self.speed_m_s + RAMP_S
 
     def at(self, t: float) -> float:
-        """Return the metres after ``t`` seconds."""
+        """Return the distance walked after ``t`` seconds, in metres."""
         if t > self.duration_s / 2:
             return self._length_m - self._rising(self.duration_s - t)
         return self._rising(t)

@@ -21,7 +21,7 @@ from hri_sim.senders.qualisys import Qtm
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Send until the time is over or Ctrl-C is pressed."""
+    """Send until the time is up or Ctrl-C is pressed."""
     parser = argparse.ArgumentParser(description="Send a person who sways.")
     parser.add_argument("kind", choices=sorted(PROGRAMS), help="kind of source that receives")
     parser.add_argument("--host", default="127.0.0.1", help="address to send to")

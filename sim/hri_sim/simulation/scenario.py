@@ -58,7 +58,7 @@ class Workspace:
     """The space in which all robots work.
 
     Attributes:
-        rounds: (x, y, radius, lowest z, highest z) of each robot, metres, room frame.
+        rounds: (x, y, radius, lowest z, highest z) for each robot, metres, room frame.
         capsules: (C,) capsules of all robots over a cycle, which cover the swept space.
         cycle_s: duration of the longest trajectory.
     """

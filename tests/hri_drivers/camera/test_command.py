@@ -108,7 +108,7 @@ def test_a_person_in_a_picture_reaches_the_node(model, picture, tmp_path, capsys
 def test_a_calibrated_camera_needs_its_own_kind_of_pictures(model, picture, tmp_path):
     path = tmp_path / "camera.yaml"
     path.write_text(yaml.safe_dump(CALIBRATED))
-    with pytest.raises(HriPredictError, match="calibrate again with pictures of this size"):
+    with pytest.raises(HriPredictError, match="calibrate again with images of this size"):
         call(picture, "--model", model, "--calibration", path)
 
 

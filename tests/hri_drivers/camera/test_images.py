@@ -195,7 +195,7 @@ def test_a_damaged_picture_is_an_interruption_not_the_end(tmp_path):
         ("http://127.0.0.1/a.mp4", {}, "addresses are not opened"),
         ("rtsp://127.0.0.1/a", {}, "addresses are not opened"),
         ("text.mp4", {}, "not a video"),
-        ("empty", {}, "no pictures"),
+        ("empty", {}, "no images"),
         ("missing.png", {}, "no such file"),
         ("0", {"loop": True}, "--loop: has no effect"),
         ("text.mp4", {"latency_s": 0.1}, "--latency: has no effect"),

@@ -254,7 +254,7 @@ def test_a_kinects_pictures_have_depth_in_metres_and_its_own_lens():
 def test_a_kinect_gives_its_smallest_picture_that_is_large_enough(size, found):
     package = FakeKinect()
     if found is None:
-        with pytest.raises(ConfigError, match="largest picture"):
+        with pytest.raises(ConfigError, match="largest image"):
             Kinect(rate_hz=None, size=size, package=package)
         return
     Kinect(rate_hz=10, size=size, package=package)

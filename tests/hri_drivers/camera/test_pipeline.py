@@ -85,7 +85,7 @@ def test_a_picture_without_a_person_is_not_an_empty_room():
     line, sent = pipeline([Finding(())])
     line.take(image())
     assert sent.views == [(0, False)]
-    assert line.summary()["without_view"] == {"no person in the picture": 1}
+    assert line.summary()["without_view"] == {"no person in the image": 1}
 
 
 def test_people_beyond_those_followed_are_not_left_out_silently():

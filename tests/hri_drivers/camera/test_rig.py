@@ -154,7 +154,7 @@ def test_one_covered_camera_blinds_all(capsys):
     one, _ = pictures(1)
     cameras.take([one, image(2, 33_000_000, np.zeros((SIZE[1], SIZE[0], 3), np.uint8))])
     assert [(people, sees_room) for people, sees_room, _ in sent.kept] == [((), False)]
-    assert "right: the picture is dark" in capsys.readouterr().err
+    assert "right: the image is dark" in capsys.readouterr().err
 
 
 def test_pictures_whose_times_are_known_differently_are_not_of_one_moment(capsys):

@@ -68,7 +68,7 @@ def test_an_opencv_that_cannot_be_loaded_is_one_line(monkeypatch, files):
 
 
 def test_a_run_without_a_picture_is_one_line(files):
-    with pytest.raises(SourceError, match="no pictures taken at the same time arrived; "):
+    with pytest.raises(SourceError, match="no images taken at the same time arrived; "):
         call("a.avi", "b.avi", "--seconds", "1e-9")
 
 

@@ -107,7 +107,7 @@ def test_check_shows_hooks_and_warns_of_what_goes_out_in_clear(cli, tmp_path):
     ("settings", "words"),
     [
         ({"robots": ["amr"]}, "alerts.to.0.robots: no robot 'amr'; did you mean 'arm'?"),
-        ({"zones": ["hatch"]}, "alerts.to.0.zones: no zone 'hatch'; there are: none"),
+        ({"zones": ["hatch"]}, "alerts.to.0.zones: no zone 'hatch'; available: none"),
     ],
 )
 def test_a_robot_or_zone_that_is_not_there_is_told(settings, words, cli, tmp_path):

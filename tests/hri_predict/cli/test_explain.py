@@ -32,7 +32,7 @@ def run(*words):
         (["--at", "3", "--robot", "arn"], "did you mean 'arm'"),
         (["--at", "3", "--picture", "why.gif"], "ends in .png or .svg"),
         (["--picture", "why.png"], "--picture: has no effect without --at"),
-        (["--robot", "arn"], "no such robot; did you mean 'arm'?; there is: arm"),
+        (["--robot", "arn"], "no such robot; did you mean 'arm'?; available: arm"),
         (["--next"], "--next: has no effect without --at"),
     ],
 )

@@ -113,7 +113,7 @@ def test_files_of_the_same_time_are_told_and_their_episodes_stay_apart(tmp_path)
     both = list(episodes(found.read(["/advice"])))
     assert [e.stopped_ns for e in both] == [5 * SECOND, 5 * SECOND]
     assert len(found.twice) == 1
-    assert "a.mcap and b.mcap are of the same time" in found.notes[0]
+    assert "a.mcap and b.mcap cover the same time" in found.notes[0]
     with pytest.raises(ConfigError, match=r"recorded twice.*name one file, .*a\.mcap or .*b\.mcap"):
         situation(found, AskedTime(NOON + 64 * SECOND, SECOND), None)
     one = situation(Recordings([tmp_path / "a.mcap"]), AskedTime(NOON + 64 * SECOND, SECOND), None)

@@ -250,7 +250,9 @@ def test_one_array_of_3dpw_is_not_unpacked_for_each_person(tmp_path, monkeypatch
 def test_parameters_of_amass_say_what_they_need(tmp_path, keys):
     arrays = dict.fromkeys(keys, np.zeros((3, 156))) | {"gender": np.array("female")}
     np.savez(tmp_path / "a.npz", **arrays)
-    assert "compute them there and add them as 'joints'" in refused(tmp_path / "a.npz")
+    assert "compute the joints with the model, and add them as 'joints'" in refused(
+        tmp_path / "a.npz"
+    )
 
 
 HALPE = (

@@ -191,7 +191,7 @@ def test_faults_go_where_they_are_put():
 @pytest.mark.parametrize("text", ["foo:vanish@1+1", "foo:vanish", "drve:drop:probability=0.5"])
 def test_a_fault_of_a_link_that_is_not_there_names_those_there_are(text):
     config = configuration.load(data_path("demo.yaml"))
-    with pytest.raises(ConfigError, match=r"no link '(foo|drve)'.*there are: drive, mon"):
+    with pytest.raises(ConfigError, match=r"no link '(foo|drve)'.*available: drive, mon"):
         config.with_faults([text])
 
 

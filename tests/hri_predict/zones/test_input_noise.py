@@ -208,12 +208,12 @@ def test_the_growth_survives_the_file(tmp_path, make_calibration):
         (lambda table: table.pop("body"), "joint and body"),
         (lambda table: table["joint"].pop(), "shape"),
         (lambda table: table["joint"][0].append(1), "not a table"),
-        (lambda table: table["joint"][0].__setitem__(0, -1), "from 0 to"),
-        (lambda table: table["joint"][2].__setitem__(2, 10**9), "from 0 to"),
-        (lambda table: table["joint"][0].__setitem__(1, 0), "shrinks"),
-        (lambda table: table["body"][1].__setitem__(0, 0), "shrinks"),
+        (lambda table: table["joint"][0].__setitem__(0, -1), "between 0 and"),
+        (lambda table: table["joint"][2].__setitem__(2, 10**9), "between 0 and"),
+        (lambda table: table["joint"][0].__setitem__(1, 0), "not decrease"),
+        (lambda table: table["body"][1].__setitem__(0, 0), "not decrease"),
         (lambda table: table["body"][1].__setitem__(0, "x"), "not a table"),
-        (lambda table: table["body"][1].__setitem__(0, None), "from 0 to"),
+        (lambda table: table["body"][1].__setitem__(0, None), "between 0 and"),
     ],
 )
 def test_a_growth_that_cannot_be_is_refused(tmp_path, make_calibration, change, said):

@@ -108,5 +108,5 @@ def test_another_machine_is_told():
     lines = list(saved.other_machine(MACHINE, now))
     assert lines == [
         "the earlier run had another processor: x, now y",
-        "the machine itself: a fixed workload takes 1.50 times as long as in that run",
+        "the machine itself: a fixed workload takes 1.50 times as long as in the earlier run",
     ]

@@ -24,7 +24,7 @@ def test_faults_from_the_command_line():
     [
         ("vanisch@3+2", None, "did you mean 'vanish'"),
         ("vanish@3+2", "link", "unknown fault 'vanish'"),
-        ("bit_errors", "source", "there are: .*vanish"),
+        ("bit_errors", "source", "available: .*vanish"),
         ("vanish@-1", None, "expected kind@start"),
         ("vanish@1.2.3", None, "expected kind@start"),
         ("vanish@3+0", None, "duration_s"),

@@ -1,4 +1,4 @@
-"""The chessboard: the sheet to print, and its corners in a picture.
+"""The chessboard: the sheet to print, and its corners in an image.
 
 The number of squares is odd along one side and even along the other, so the board looks different
 after half a turn: the square at the origin is black, the one in the opposite corner white.
@@ -21,7 +21,7 @@ MIN_CORNERS, MAX_CORNERS = 3, 40  # along a side
 MIN_SQUARE_M, MAX_SQUARE_M = 0.002, 1.0
 DOTS_PER_M = 11811  # 300 per inch
 MAX_SIDE_M = 2.0
-MIN_SIDE_PX = 64  # smaller pictures are refused by the detector with an exception
+MIN_SIDE_PX = 64  # smaller images are refused by the detector with an exception
 _UNTIL = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
 _MARGIN = 0.7  # of a square, white around the board; the default sheet is 285 x 210 mm
 
@@ -102,7 +102,7 @@ def write_sheet(path: Path, board: Board) -> None:
     """Write the sheet as a PNG that states its size on paper.
 
     Raises:
-        ConfigError: it is not a .png, too large, or cannot be written.
+        ConfigError: the path is not a .png, or the sheet is too large or cannot be written.
     """
     if path.suffix.lower() != ".png":
         raise ConfigError(f"--out {path}: must end with .png")
@@ -115,9 +115,9 @@ def write_sheet(path: Path, board: Board) -> None:
 
 
 def find(gray: UInt8, board: Board) -> Floats | None:
-    """Return the corners (N, 2) of a board in a picture (H, W), pixels; None if not all are seen.
+    """Return the corners (N, 2) of a board in an image (H, W), pixels; None if not all are seen.
 
-    They are in the order of ``Board.points``.
+    The corners are in the order of ``Board.points``.
     """
     if min(gray.shape) < MIN_SIDE_PX:
         return None

@@ -23,7 +23,7 @@ Square = Annotated[
 
 @app.command("board")
 def draw_board(
-    out: Annotated[Path, typer.Option(help="The picture to print, a .png.")] = Path("board.png"),
+    out: Annotated[Path, typer.Option(help="The image to print, a .png.")] = Path("board.png"),
     columns: Columns = 9,
     rows: Rows = 6,
     square: Annotated[float, typer.Option(help="Side of a square, m.")] = 0.025,
@@ -37,22 +37,22 @@ def draw_board(
 
     write_sheet(out, Board(columns, rows, square))
     print(
-        f"{out}: print it at 100 %, glue it onto something flat, and measure a square: it should "
-        f"have {square * 1e3:g} mm"
+        f"{out}: print it at 100 % scale, glue it to something flat, and measure a square: its "
+        f"sides should be {square * 1e3:g} mm long"
     )
 
 
 @app.command()
 def solve(
     *,
-    images: Annotated[Path, typer.Option(help="Folder with pictures of the board.")],
+    images: Annotated[Path, typer.Option(help="Folder with images of the board.")],
     square: Square,
     out: Annotated[Path, typer.Option(help="Camera file to write.")] = Path("camera.yaml"),
     columns: Columns = 9,
     rows: Rows = 6,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a camera's focal length, centre and distortion from pictures of the board.
+    """Find a camera's focal length, centre and distortion from images of the board.
 
     Take 15 to 30 pictures with the size and zoom used in operation: the board near and far, in the
     middle and at the edges, tilted by 20 to 45 degrees.
@@ -86,7 +86,7 @@ def solve(
     for name, why in found.left_out.items():
         print(f"{name:30}  left out: {why}")
     print(
-        f"{out}: {len(found.used)} pictures, corners {found.error_px:.2f} pixels off; horizontal "
+        f"{out}: {len(found.used)} images, corners {found.error_px:.2f} pixels off; horizontal "
         f"field of view {camera.field_of_view_deg:.1f} degrees, focal length known to "
         f"{100 * camera.focal_error:.1f} %; no pose yet: hri-predict camera-calibration pose"
     )
@@ -96,7 +96,7 @@ def solve(
 def pose(
     *,
     camera: Annotated[Path, typer.Option(help="Camera file; the pose is written into it.")],
-    image: Annotated[Path, typer.Option(help="Picture of the board, taken by this camera.")],
+    image: Annotated[Path, typer.Option(help="Image of the board, taken by this camera.")],
     square: Square,
     at: Annotated[str, typer.Option(metavar="X,Y,Z", help="The board's origin in the room, m.")],
     turned: Annotated[
@@ -115,7 +115,7 @@ def pose(
     rows: Rows = 6,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the pose of a calibrated camera from one picture of the board at a known place.
+    """Find the pose of a calibrated camera from one image of the board at a known place.
 
     Repeat this for each camera while the board stays in place, so that all cameras share one room
     frame. Copy the pose of the (first) camera into the node's configuration.
@@ -133,7 +133,7 @@ def pose(
     calibrated = read_camera(camera)
     gray = read_gray(image)
     if gray is None:
-        raise ConfigError(f"--image {image}: not a picture")
+        raise ConfigError(f"--image {image}: not an image")
     try:
         placed, error_px = pose_of(gray, calibrated, board, known)
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""Intrinsics from pictures of a chessboard, and the camera's pose from one of them.
+"""Intrinsics from images of a chessboard, and the camera's pose from one of them.
 
 Z. Zhang, "A flexible new technique for camera calibration", IEEE PAMI 22(11), 2000, as implemented
 in OpenCV's ``calibrateCamera``; the pose from T. Collins and A. Bartoli, "Infinitesimal plane-based
@@ -28,9 +28,9 @@ MIN_VIEWS, MAX_PICTURES = 6, 200
 SIMILAR = 0.02
 """Two views whose corners are on average closer than this fraction of the width are the same."""
 MIN_COVER = 4
-"""Minimum number, of the picture's nine parts, in which some view has a corner."""
+"""Minimum number, of the image's nine parts, in which some view has a corner."""
 MIN_TILT_DEG = 15.0
-"""If all boards are parallel to the picture, focal length and distance cannot be separated."""
+"""If all boards are parallel to the image, focal length and distance cannot be separated."""
 MAX_ERROR_PX, MAX_VIEW_RATIO = 1.5, 3.0
 MIN_FOCAL_ERROR, MAX_FOCAL_ERROR = 0.005, 0.05
 MAX_POSE_ERROR_PX = 3.0
@@ -40,12 +40,12 @@ TWOFOLD = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighted:
-    """The board in one picture.
+    """The board in one image.
 
     Attributes:
-        name: of the file.
+        name: name of the file.
         corners: (N, 2) pixels.
-        size: width and height of the picture.
+        size: width and height of the image.
     """
 
     name: str
@@ -59,8 +59,8 @@ class Calibration:
 
     Attributes:
         error_px: root mean square of the reprojection error.
-        used: file -> its own error.
-        left_out: file -> why.
+        used: file -> reprojection error in that file.
+        left_out: file -> reason.
     """
 
     camera: Camera
@@ -70,24 +70,24 @@ class Calibration:
 
 
 def pictures_of(folder: Path) -> list[Path]:
-    """Return the pictures of a folder by name.
+    """Return the images of a folder by name.
 
     Raises:
-        ConfigError: it is missing, not a folder, or has no or too many pictures.
+        ConfigError: the folder is missing, is not a folder, or has no or too many images.
     """
     if not folder.is_dir():
-        raise ConfigError(f"--images {folder}: not a folder; name one with pictures of the board")
+        raise ConfigError(f"--images {folder}: not a folder; name one with images of the board")
     found = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
     if not 0 < len(found) <= MAX_PICTURES:
         raise ConfigError(
-            f"--images {folder}: has {len(found)} pictures ({', '.join(ENDINGS)}); 15 to 30 of "
+            f"--images {folder}: has {len(found)} images ({', '.join(ENDINGS)}); 15 to 30 of "
             f"the board are best, and {MAX_PICTURES} is the maximum"
         )
     return found
 
 
 def read_gray(path: Path) -> UInt8 | None:
-    """Return a picture (H, W) in grey; None if the file is not one.
+    """Return an image (H, W) in grey; None if the file is not an image.
 
     Raises:
         ConfigError: the file does not exist.
@@ -97,17 +97,17 @@ def read_gray(path: Path) -> UInt8 | None:
 
 
 def calibrate(paths: Sequence[Path], board: Board) -> Calibration:
-    """Return the camera that took these pictures of the board.
+    """Return the camera that took these images of the board.
 
     Raises:
-        ConfigError: too few of them show the board, they are too similar, or do not fit.
+        ConfigError: too few images show the board, or the images are too similar or do not fit.
     """
     views, left_out = _views(paths, board)
     while True:
         if len(views) < MIN_VIEWS:
             why = "; ".join(f"{name}: {text}" for name, text in left_out.items())
             raise ConfigError(
-                f"{len(views)} of {len(paths)} pictures can be used, at least {MIN_VIEWS} are "
+                f"{len(views)} of {len(paths)} images can be used, at least {MIN_VIEWS} are "
                 f"needed, preferably 15 with the board in different places and tilts{_listed(why)}"
             )
         found, tilts = _solved(views, board, left_out)
@@ -129,13 +129,13 @@ def _listed(why: str) -> str:
 
 
 def _views(paths: Sequence[Path], board: Board) -> tuple[list[Sighted], dict[str, str]]:
-    """Return the pictures with distinct views of the board, and why each other one is left out."""
+    """Return the images with distinct views of the board, and why every other image is left out."""
     views: list[Sighted] = []
     left_out: dict[str, str] = {}
     for path in paths:
         gray = read_gray(path)
         if gray is None:
-            left_out[path.name] = "not a picture"
+            left_out[path.name] = "not an image"
             continue
         size = gray.shape[1], gray.shape[0]
         if views and size != views[0].size:
@@ -165,7 +165,7 @@ def _similar(one: Floats, other: Floats, width: int) -> bool:
 def _solved(
     views: Sequence[Sighted], board: Board, left_out: dict[str, str]
 ) -> tuple[Calibration, list[float]]:
-    """Return the calibration, and for each view the angle in degrees between board and picture."""
+    """Return the calibration, and for each view the angle in degrees between board and image."""
     points = [board.points.astype(np.float32)] * len(views)
     corners = [view.corners.astype(np.float32)[:, None] for view in views]
     size = views[0].size
@@ -175,7 +175,7 @@ def _solved(
         )
     except cv2.error:
         raise ConfigError(
-            "no camera model fits these pictures: are they from one camera with one zoom, and is "
+            "no camera model fits these images: are they from one camera with one zoom, and is "
             "the board flat?"
         ) from None
     tilts = [
@@ -205,7 +205,7 @@ def _check(found: Calibration, tilts: Sequence[float], views: Sequence[Sighted])
     cover = len(np.unique(cells, axis=0))
     if cover < MIN_COVER:
         raise ConfigError(
-            f"the board was only in {cover} of the 9 parts of the picture: also take pictures with "
+            f"the board was only in {cover} of the 9 parts of the image: also take pictures with "
             f"it near the edges"
         )
     if max(tilts) < MIN_TILT_DEG:
@@ -216,7 +216,7 @@ def _check(found: Calibration, tilts: Sequence[float], views: Sequence[Sighted])
     if not found.error_px <= MAX_ERROR_PX:
         raise ConfigError(
             f"the corners are {found.error_px:.1f} pixels off on average, the limit is "
-            f"{MAX_ERROR_PX:g}: is the board flat, the picture sharp and the zoom fixed?"
+            f"{MAX_ERROR_PX:g}: is the board flat, the image sharp and the zoom fixed?"
         )
     if not found.camera.focal_error <= MAX_FOCAL_ERROR:
         raise ConfigError(
@@ -231,10 +231,10 @@ def pose_of(
     """Return the camera with its pose in the room, and the reprojection error in pixels.
 
     Args:
-        gray: (H, W) picture of the board.
-        camera: calibrated, for pictures of this shape.
-        board: the board in the picture.
-        room_from_board: (4, 4) its pose, in the axes of ``Board.points``.
+        gray: (H, W) image of the board.
+        camera: calibrated, for images of this shape.
+        board: the board in the image.
+        room_from_board: (4, 4) pose of the board, in the axes of ``Board.points``.
 
     Raises:
         ConfigError: the board is not seen, or not well enough.
@@ -256,7 +256,7 @@ def pose_of(
         )
     if len(errors) > 1 and errors[1] < TWOFOLD * errors[0]:
         raise ConfigError(
-            "the board is too small in the picture for its tilt to be seen: move it closer, or "
+            "the board is too small in the image for its tilt to be seen: move it closer, or "
             "use a larger one"
         )
     turn, shift = cv2.solvePnPRefineLM(
@@ -282,7 +282,8 @@ def room_from_board(at: Floats, turned_deg: float, upright: bool) -> Floats:
     """Return (4, 4) the pose of a board whose origin is ``at`` (3,), metres.
 
     Args:
-        turned_deg: direction of its x axis, counter-clockwise from the room's, seen from above.
+        turned_deg: direction of the board's x axis, counter-clockwise from the room's, seen from
+            above.
         upright: the board stands with its top up; otherwise it lies face up.
     """
     cosine, sine = math.cos(math.radians(turned_deg)), math.sin(math.radians(turned_deg))

@@ -1,1 +1,1 @@
-"""Networks that find people in a picture: BlazePose, and others through a description file."""
+"""Networks that find people in an image: BlazePose, and others through a description file."""

@@ -1,7 +1,7 @@
 """BlazePose (MediaPipe Pose): a detector finds people, then landmarks follow each person.
 
-The landmarks give the person's square in the next picture. The detector runs when a person was lost
-or no person is followed, and every few pictures to find new people.
+The landmarks give the person's square in the next image. The detector runs when a person was lost
+or no person is followed, and every few images to find new people.
 
 V. Bazarevsky et al., "BlazePose: On-device Real-time Body Pose Tracking", arXiv:2006.10204; I.
 Grishchenko et al., "BlazePose GHUM Holistic", arXiv:2206.11678.
@@ -19,7 +19,7 @@ from hri_predict.base.errors import ConfigError
 
 MAX_PEOPLE = 4
 DETECT_EVERY = 3
-"""Number of pictures between two runs of the detector while all people are followed."""
+"""Number of images between two runs of the detector while all people are followed."""
 SAME_PLACE, SAME_SIZE = 0.15, 0.5
 """Two squares show one person if their hips are closer than the first fraction of the smaller
 square's side, and that side is at least the second fraction of the larger one. Otherwise a second
@@ -32,8 +32,8 @@ class BlazePose:
     """A ``Finder``.
 
     Args:
-        detector_net: of ``pose_detection.tflite``.
-        landmark_net: of ``pose_landmark_*.tflite``.
+        detector_net: network of ``pose_detection.tflite``.
+        landmark_net: network of ``pose_landmark_*.tflite``.
         people: maximum number of people.
 
     Raises:

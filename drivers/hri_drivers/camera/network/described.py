@@ -23,26 +23,26 @@ from hri_predict.base.files import read_yaml
 from hri_predict.base.settings import validated
 
 MAX_CANDIDATES = 200
-"""Number of people in a picture that are checked for duplicates, most confident first."""
+"""Number of people in an image that are checked for duplicates, most confident first."""
 
 
 class DescribedNetwork:
-    """A ``Finder``: one run of a network for each picture.
+    """A ``Finder``: one run of a network for each image.
 
     Args:
-        path: of the description.
+        path: path of the description.
         people: maximum number of people.
         threads: maximum number of threads.
 
     Attributes:
         layout: see ``Finder``.
-        has_world: whether it gives landmarks in metres.
+        has_world: whether the network gives landmarks in metres.
         room_for: number of people that the network's output has room for; 0 if that depends on the
-            picture. If the output is full, there may be more people than were found. The output of
+            image. If the output is full, there may be more people than were found. The output of
             a network for one person is full as soon as it finds one.
 
     Raises:
-        ConfigError: the description or the network is wrong, or they do not fit.
+        ConfigError: the description or the network is wrong, or the two do not fit each other.
     """
 
     def __init__(self, path: Path, people: int, threads: int = 1) -> None:
@@ -83,7 +83,7 @@ class DescribedNetwork:
         return Finding(tuple(people[: self._people]), is_whole)
 
     def _outputs(self, crop: UInt8) -> tuple[Floats, Floats, Floats, Floats | None]:
-        """Return the output for a square picture: places, joint scores, person scores, metres."""
+        """Return the output for a square image: places, joint scores, person scores, metres."""
         outputs = self._net.run(self._tensor(crop))
         try:
             if self._about.joints.heatmaps:

@@ -32,7 +32,7 @@ HIPS, CIRCLE = 0, 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """One detected person, in 0..1 of the detector's square picture.
+    """One detected person, in 0..1 of the detector's square image.
 
     Attributes:
         box: (4,) left, top, right, bottom, of the face.

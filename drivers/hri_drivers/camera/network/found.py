@@ -1,4 +1,4 @@
-"""The result of a network on one picture, before people have ids."""
+"""The result of a network on one image, before people have ids."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -28,7 +28,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """All people of one picture.
+    """All people of one image.
 
     Attributes:
         people: the most confident ones, at most as many as the network follows.
@@ -40,7 +40,7 @@ class Finding:
 
 
 class Finder(Protocol):
-    """Finds people; it may use its result of the previous picture.
+    """Finds people; it may use its result of the previous image.
 
     Attributes:
         layout: name of the joint map of the people, a key of ``JOINTS``.
@@ -49,7 +49,7 @@ class Finder(Protocol):
     layout: str
 
     def find(self, pixels: UInt8) -> Finding:
-        """Return the people in a picture (H, W, 3), BGR."""
+        """Return the people in an image (H, W, 3), BGR."""
 
 
 def logistic(values: Floats) -> Floats:
@@ -59,7 +59,7 @@ def logistic(values: Floats) -> Floats:
 
 
 def without_outside(pixels: Floats, visibility: Floats, picture: UInt8) -> Floats:
-    """Return pixels with NaN where a joint is outside the picture or not a number.
+    """Return pixels with NaN where a joint is outside the image or not a number.
 
     Args:
         pixels: (J, 2).
@@ -78,7 +78,7 @@ def distinct(people: list[Found], closer: float = 0.1) -> list[Found]:
     """Return people without duplicates, most confident first.
 
     Args:
-        people: found in one picture.
+        people: found in one image.
         closer: two detections are one person if the median distance of the joints that both show is
             less than this fraction of the larger body's extent.
     """

@@ -1,4 +1,4 @@
-"""BlazePose's landmark network: its outputs as joints of the picture.
+"""BlazePose's landmark network: its outputs as joints of the image.
 
 After MediaPipe's graphs ``modules/pose_landmark/tensors_to_pose_landmarks_and_segmentation.pbtxt``
 and ``pose_landmarks_and_segmentation_inverse_projection.pbtxt`` (Apache-2.0). Landmarks 0 to 32 are
@@ -55,10 +55,10 @@ class Outputs:
 
 
 def decode(outputs: Outputs, roi: Roi, picture: UInt8) -> tuple[Found, Roi] | None:
-    """Return the person in a square, and the square for the next picture.
+    """Return the person in a square, and the square for the next image.
 
     Args:
-        outputs: of the network.
+        outputs: outputs of the network.
         roi: the square that was the network's input.
         picture: (H, W, 3) that contains the square.
 

@@ -108,7 +108,7 @@ def read_model(path: Path) -> bytes:
     """Return the content of a model's file.
 
     Raises:
-        ConfigError: it is missing, too large, or cannot be read.
+        ConfigError: the file is missing, too large, or cannot be read.
     """
     try:
         refuse_named_pipe(path)

@@ -1,8 +1,8 @@
-"""The turned square of a picture that a network looks at.
+"""The turned square of an image that a network looks at.
 
 MediaPipe's graphs ``pose_detection_to_roi`` and ``pose_landmarks_to_roi`` (Apache-2.0) define it:
 its centre is the middle of the hips, a second point gives the circle around the whole body, and the
-line between them is vertical in the square.
+line between the two points is vertical in the square.
 """
 
 import math
@@ -17,7 +17,7 @@ from hri_predict.base.arrays import Floats
 MARGIN = 1.25
 """``RectTransformationCalculator``: scale_x and scale_y."""
 MIN_PIXELS, MAX_PICTURES = 8.0, 8.0
-"""Minimum side of a square that can show a person, and maximum side in picture widths."""
+"""Minimum side of a square that can show a person, and maximum side in image widths."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +25,9 @@ class Roi:
     """A turned square.
 
     Attributes:
-        x, y: its centre, in pixels of the picture; pixel centres are whole numbers.
+        x, y: its centre, in pixels of the image; pixel centres are whole numbers.
         size: its side, in pixels.
-        angle: radians from the picture's x axis to its own, clockwise as seen.
+        angle: radians from the image's x axis to its own, clockwise as seen.
     """
 
     x: float
@@ -41,12 +41,12 @@ class Roi:
 
     @property
     def turn(self) -> Floats:
-        """(2, 2) rotation from the square's axes to the picture's."""
+        """(2, 2) rotation from the square's axes to the image's."""
         c, s = math.cos(self.angle), math.sin(self.angle)
         return np.array([[c, -s], [s, c]])
 
     def crop(self, picture: UInt8, side: int) -> UInt8:
-        """Return the square as (side, side, 3); black where it exceeds the picture."""
+        """Return the square as (side, side, 3); black where it exceeds the image."""
         scaled = self.turn * (self.size / side)
         first = self.in_picture(np.full((1, 2), 0.5 / side))[0]  # centre of the first pixel
         matrix = np.column_stack([scaled, first])
@@ -56,7 +56,7 @@ class Roi:
 
 
 def whole(picture: UInt8) -> Roi:
-    """Return the upright square around a whole picture."""
+    """Return the upright square around a whole image."""
     height, width = picture.shape[:2]
     return Roi((width - 1) / 2, (height - 1) / 2, max(width, height), 0.0)
 

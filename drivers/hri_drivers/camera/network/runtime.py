@@ -11,12 +11,12 @@ from hri_predict.cli.common import need_extra
 
 
 class Net:
-    """A network with one picture as input.
+    """A network with one image as input.
 
     Attributes:
-        shape: of its input, for one picture.
+        shape: shape of the input, for one image.
         run: takes the input (float32), returns the outputs.
-        names: of the outputs.
+        names: names of the outputs.
     """
 
     def __init__(
@@ -34,12 +34,13 @@ def load_net(content: bytes, where: str, threads: int = 1) -> Net:
     """Build a network.
 
     Args:
-        content: of a TFLite or ONNX file.
+        content: content of a TFLite or ONNX file.
         where: the name of the network in errors.
         threads: maximum number of threads that compute it.
 
     Raises:
-        ConfigError: it is neither, is damaged, or does not take one picture of float32.
+        ConfigError: the content is neither TFLite nor ONNX, is damaged, or does not take one image
+            of float32.
     """
     build = _tflite if content[4:8] == b"TFL3" else _onnx
     if build is _tflite:
@@ -98,7 +99,7 @@ def _fixed(shape: list[Any]) -> tuple[int, ...]:
 
 def _picture_shape(inputs: list[tuple[tuple[int, ...], bool]]) -> tuple[int, ...]:
     if len(inputs) != 1 or len(inputs[0][0]) != 4 or not inputs[0][1]:
-        raise ValueError("it must have one input: a picture, four axes of float32")
+        raise ValueError("it must have one input: an image, four axes of float32")
     return inputs[0][0]
 
 

@@ -1,15 +1,15 @@
 """Locates a person with one camera without depth, from metric landmarks and their pixels.
 
-A network receives a crop of the picture without its position. Its metric landmarks therefore have
+A network receives a crop of the image without its position. Its metric landmarks therefore have
 the axes of a camera that looks straight at the person, so they are first rotated according to the
 ray to the middle of the hips. With the rotation known, the position t follows from linear least
 squares: a landmark (X, Y, Z) that is seen along the ray (x, y, 1) has X + tx = x (Z + tz) and Y +
 ty = y (Z + tz). Errors of the landmarks in metres are on the left, where least squares expect them.
 Outliers are down-weighted (P. Huber, "Robust Statistics", 1981).
 
-In one picture a tall person far away looks like a short person nearby. The network draws every
-person as an adult of common size, so its landmarks grow or shrink with the person's stature if that
-is known. docs/measured/camera-place.md describes how the errors were measured.
+In one image a tall person far away looks like a short person nearby. The network draws every
+person as an adult of common size, so the landmarks are scaled to the person's stature if the
+stature is known. docs/measured/camera-place.md describes how the errors were measured.
 """
 
 import math
@@ -33,10 +33,10 @@ from hri_predict.base.errors import ConfigError
 
 MIN_HEIGHT_M, MAX_HEIGHT_M = 1.2, 2.2
 WHOLE_ERROR, PART_ERROR = 0.18, 0.45
-"""99 % bounds of the scale error if the person's height is known: for a whole body in the picture,
+"""99 % bounds of the scale error if the person's height is known: for a whole body in the image,
 and for a body without shoulders or ankles, whose size the network cannot see."""
 WHOLE_FROM_M = 2.0, 2.5
-"""At shorter distances the picture cannot contain a whole body, even if the network reports one."""
+"""At shorter distances the image cannot contain a whole body, even if the network reports one."""
 BODY_ERROR_M = 0.4
 """99 % bound of the error that does not grow with distance, from joints and nearby bodies."""
 MAX_REACH_M = 3.0
@@ -53,12 +53,12 @@ _ROUNDS = 5
 
 
 def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Placed | Unplaced:
-    """Place a person by the pixels and the metric landmarks of one picture.
+    """Place a person by the pixels and the metric landmarks of one image.
 
     Args:
         seen: the person.
-        camera: of pictures of this size (``Camera.of_size``).
-        height_m: stature of all people in the picture, in shoes; None: adults.
+        camera: camera for images of this size (``Camera.of_size``).
+        height_m: stature of all people in the image, in shoes; None: adults.
 
     Raises:
         ConfigError: the network gives no landmarks in metres, or no person is so tall.
@@ -66,7 +66,7 @@ def place_alone(seen: Seen, camera: Camera, height_m: float | None = None) -> Pl
     check_height(height_m)
     if seen.world is None:
         raise ConfigError(
-            "this network finds joints in the picture only, which does not give the distance to a "
+            "this network finds joints in the image only, which does not give the distance to a "
             "person: use one with landmarks in metres, a depth camera, or two cameras"
         )
     used = (
@@ -97,7 +97,7 @@ def check_height(height_m: float | None) -> None:
     """Refuse a stature that is not a person's.
 
     Raises:
-        ConfigError: it is too small or too large.
+        ConfigError: the stature is too small or too large.
     """
     if height_m is not None and not MIN_HEIGHT_M <= height_m <= MAX_HEIGHT_M:
         raise ConfigError(

@@ -37,8 +37,8 @@ class Bones:
     """The bones of a layout that this module knows.
 
     Attributes:
-        ends: (B, 2) joints of each.
-        shares: (B,) its length as a share of the stature.
+        ends: (B, 2) joints at the ends of each bone.
+        shares: (B,) length of each bone as a share of the stature.
         hips, shoulders, ankles: the joints on the left and the right.
     """
 
@@ -49,11 +49,12 @@ class Bones:
     ankles: tuple[int, int]
 
     def stature(self, positions: Floats, known: Bools) -> float:
-        """Return the stature in metres from all bones with known ends; NaN if they are too few.
+        """Return the stature in metres from all bones with known ends; NaN if these bones are too
+        few.
 
         Args:
             positions: (J, 3) metres, in any axes.
-            known: (J,) which of them to use.
+            known: (J,) which joints to use.
         """
         whole = known[self.ends].all(axis=1)
         shares = float(self.shares[whole].sum())

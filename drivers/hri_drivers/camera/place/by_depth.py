@@ -1,4 +1,4 @@
-"""Locates a person with a depth picture, from the depth at each joint's pixel.
+"""Locates a person with a depth image, from the depth at each joint's pixel.
 
 A pixel at the edge of a limb may show the wall behind it, so the nearest surface of a small patch
 is used. An object in front of the person is then measured instead of the joint. The bone lengths
@@ -32,7 +32,7 @@ SHORTEST_M = 0.15
 MIN_VALID = 0.3
 """A patch with a smaller share of measured pixels has no depth."""
 NEAR_SHARE = 0.1
-"""Minimum fraction of a patch that the nearest surface covers; less are pixels between surfaces."""
+"""Minimum fraction of a patch covered by the nearest surface; fewer pixels are between surfaces."""
 THICK_M = 0.12
 """Maximum range of depths of one surface within a patch."""
 SKIN_M = 0.06
@@ -55,16 +55,16 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
 
     Args:
         seen: the person; landmarks in metres are not needed.
-        depth: (H, W) metres along the optical axis, aligned with the colour picture; 0 or NaN
+        depth: (H, W) metres along the optical axis, aligned with the colour image; 0 or NaN
             where not measured.
-        camera: of pictures of this size.
+        camera: camera for images of this size.
 
     Raises:
-        ConfigError: depth and colour pictures differ in size.
+        ConfigError: depth and colour images differ in size.
     """
     if depth.shape != (camera.size[1], camera.size[0]):
         raise ConfigError(
-            f"the depth picture is {depth.shape[1]} x {depth.shape[0]} and the colour picture "
+            f"the depth image is {depth.shape[1]} x {depth.shape[0]} and the colour image "
             f"{camera.size[0]} x {camera.size[1]}: align the depth with the colour first"
         )
     rays = camera.rays(seen.pixels)
@@ -95,26 +95,26 @@ def place_by_depth(seen: Seen, depth: Float32, camera: Camera) -> Placed | Unpla
 
 
 def read_depth(path: Path) -> Float32:
-    """Return a depth picture from a 16-bit PNG with one channel in millimetres; NaN where it is 0.
+    """Return a depth image from a 16-bit PNG with one channel in millimetres; NaN where it is 0.
 
     Raises:
-        ConfigError: the file is missing, or is not such a picture.
+        ConfigError: the file is missing, or is not a depth image.
     """
     import cv2
 
     data = read_picture(path, cv2.IMREAD_UNCHANGED)
     if data is None:
-        raise ConfigError(f"{path}: not a picture")
+        raise ConfigError(f"{path}: not an image")
     if data.dtype != np.uint16 or data.ndim != 2:
         raise ConfigError(
-            f"{path}: not a depth picture; expected a 16-bit PNG with one channel, in millimetres"
+            f"{path}: not a depth image; expected a single-channel 16-bit PNG in millimetres"
         )
     metres = data.astype(np.float32) * np.float32(0.001)
     return np.where(metres > 0, metres, np.float32(np.nan))
 
 
 def _patch(depth: Float32, pixel: Floats, radius: int) -> Floats:
-    """Return the depths around a pixel of the picture as a flat array."""
+    """Return the depths around a pixel of the image as a flat array."""
     x, y = (round(float(v)) for v in pixel)
     part = depth[max(y - radius, 0) : y + radius + 1, max(x - radius, 0) : x + radius + 1]
     return part.astype(np.float64).ravel()

@@ -24,8 +24,9 @@ from hri_predict.base.quantities.safe_side import Safety, harmless
 from hri_predict.base.settings import Pose, Settings, validated
 
 FIELD_OF_VIEW_DEG = 64.0
-"""Horizontal field of view assumed for an unknown webcam. Data sheets have 50 to 80 degrees for
-most webcams and laptops; the focal length of 64 is the geometric mean of theirs."""
+"""Horizontal field of view assumed for an unknown webcam. Data sheets give 50 to 80 degrees for
+most webcams and laptops; the focal length at 64 degrees is the geometric mean of those at 50 and
+80."""
 GUESSED_FOCAL_ERROR = 0.36
 """The focal length for 50 degrees is 34 % larger than for 64, for 80 degrees 26 % smaller."""
 STATED_FOCAL_ERROR = 0.06
@@ -43,7 +44,7 @@ class Camera:
 
     Attributes:
         matrix: (3, 3) intrinsics, pixels.
-        size: width and height in pixels of the pictures to which they apply.
+        size: image width and height, in pixels, for which ``matrix`` holds.
         distortion: (5,) k1, k2, p1, p2, k3; or (8,), with k4, k5, k6.
         focal_error: the focal length is known within this fraction, in 99 % of cameras.
         pose: pose in the room of the camera's REP-103 axes; None if not known.
@@ -63,7 +64,7 @@ class Camera:
     def rays(self, pixels: Floats) -> Floats:
         """Return (..., 2): x / z and y / z of the rays through ``pixels`` (..., 2).
 
-        NaN for a pixel that is not in the picture, or for which the distortion has no inverse.
+        NaN for a pixel that is not in the image, or for which the distortion has no inverse.
         """
         pixels = np.where(self.inside(pixels)[..., None], pixels, np.nan)
         distorted = (pixels - self.matrix[:2, 2]) / self.matrix[[0, 1], [0, 1]]
@@ -87,21 +88,21 @@ class Camera:
         return pixels
 
     def inside(self, pixels: Floats) -> Bools:
-        """Return (...,) which ``pixels`` (..., 2) are in the picture; false for NaN."""
+        """Return (...,) which ``pixels`` (..., 2) are in the image; false for NaN."""
         return np.asarray(((pixels >= 0) & (pixels <= np.asarray(self.size) - 1)).all(axis=-1))
 
     def of_size(self, width: int, height: int) -> "Camera":
-        """Return the camera for pictures of this size, of the same shape.
+        """Return the camera for images of another size, which must have the same shape.
 
         Raises:
-            ConfigError: pictures of another shape are cropped in an unknown way.
+            ConfigError: images of another shape are cropped in an unknown way.
         """
         scale = width / self.size[0]
         if abs(height - scale * self.size[1]) > 1.0:
             raise ConfigError(
-                f"the camera was calibrated with pictures of {self.size[0]} x {self.size[1]}, and "
+                f"the camera was calibrated with images of {self.size[0]} x {self.size[1]}, and "
                 f"these are {width} x {height}: give --size {self.size[0]}x{self.size[1]} if the "
-                f"camera supports that size, or calibrate again with pictures of this size"
+                f"camera supports that size, or calibrate again with images of this size"
             )
         matrix = self.matrix.copy()
         matrix[:2, 2] = (matrix[:2, 2] + 0.5) * scale - 0.5  # pixel centres are whole numbers
@@ -147,13 +148,13 @@ def guessed_camera(width: int, height: int, field_of_view_deg: float | None = No
 class CameraFile(Settings):
     """``camera.yaml``, as ``hri-predict camera-calibration`` writes it."""
 
-    width: int = Field(ge=16, le=16384, description="size of the pictures, pixels")
-    height: int = Field(ge=16, le=16384, description="size of the pictures, pixels")
+    width: int = Field(ge=16, le=16384, description="size of the images, pixels")
+    height: int = Field(ge=16, le=16384, description="size of the images, pixels")
     focal: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
         description="focal length, horizontal and vertical, pixels"
     )
     centre: Annotated[list[float], Field(min_length=2, max_length=2)] = Field(
-        description="where the optical axis meets the picture, pixels"
+        description="where the optical axis meets the image, pixels"
     )
     distortion: Annotated[
         list[Annotated[float, Field(ge=-100, le=100)]], Field(min_length=5, max_length=5)
@@ -169,7 +170,7 @@ class CameraFile(Settings):
     safety: ClassVar[Safety] = harmless("width", "height", "focal_error")
 
     def camera(self) -> Camera:
-        """Return the camera that this describes.
+        """Return the camera that these settings describe.
 
         Raises:
             ValueError: no camera has such a focal length or centre.
@@ -184,7 +185,7 @@ class CameraFile(Settings):
                     f"of {MAX_VIEW_DEG:g} to {MIN_VIEW_DEG:g} degrees; calibrate again"
                 )
         if not (0 <= self.centre[0] < self.width and 0 <= self.centre[1] < self.height):
-            raise ValueError("centre: lies outside the picture; calibrate again")
+            raise ValueError("centre: lies outside the image; calibrate again")
         (fx, fy), (cx, cy) = self.focal, self.centre
         return Camera(
             matrix=np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
@@ -199,7 +200,7 @@ def read_camera(path: Path) -> Camera:
     """Read ``camera.yaml``.
 
     Raises:
-        ConfigError: it is missing or wrong; one line names the key.
+        ConfigError: the file is missing or wrong; one line names the key.
     """
     data = read_yaml(path, "camera")
     try:
@@ -212,7 +213,7 @@ def write_camera(path: Path, camera: Camera) -> None:
     """Write ``camera.yaml``.
 
     Raises:
-        ConfigError: it cannot be written.
+        ConfigError: the file cannot be written.
     """
     data = {
         "width": camera.size[0],

@@ -1,4 +1,4 @@
-"""A person's position from a camera, or why it is not known."""
+"""A person's position from a camera, or the reason why the position is not known."""
 
 from dataclasses import dataclass
 

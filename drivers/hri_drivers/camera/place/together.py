@@ -40,8 +40,8 @@ MIN_PARALLAX_DEG = 5.0
 MIN_JOINTS = 6
 MIN_STATURE_M, MAX_STATURE_M = 1.1, 2.3
 RIVAL, RIVAL_M = 2.0, 0.01
-"""A match is ambiguous if a rival's miss is less than this factor times its own plus this
-distance."""
+"""A match is ambiguous if a rival match's miss is less than this factor times the match's own miss
+plus this distance."""
 LANDMARK_ERROR_M = 0.25
 """99 % bound of the error that all cameras share: the network's joints differ from those of the
 body."""
@@ -49,10 +49,10 @@ body."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera's picture.
+    """One camera's image.
 
     Attributes:
-        camera: with its pose in the room, of pictures of this size.
+        camera: the camera for images of this size, with its pose in the room.
         exposed_ns: time of the exposure, by one clock for all cameras.
         seen: the people in it.
     """
@@ -64,7 +64,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Together:
-    """One person in the pictures of several cameras.
+    """One person in the images of several cameras.
 
     Attributes:
         seen: by view, None where this person was not found.
@@ -97,7 +97,7 @@ class _Rays:
     Attributes:
         origin: (3,) the camera, room.
         ways: (J, 3) unit vectors, room.
-        known: (J,) which joints it saw.
+        known: (J,) which joints the camera saw.
     """
 
     origin: Floats
@@ -107,11 +107,11 @@ class _Rays:
 
 
 _Pair = tuple[tuple[int, int], tuple[int, int]]
-"""Two people, each as a view and an index in it."""
+"""Two people, each as a view and an index in that view."""
 
 
 def place_together(views: Sequence[View]) -> tuple[Together, ...]:
-    """Place all people of simultaneous pictures; each appears exactly once.
+    """Place all people of simultaneous images; each appears exactly once.
 
     Raises:
         ConfigError: fewer than two cameras, one without a pose, or networks with different layouts.
@@ -127,7 +127,7 @@ def place_together(views: Sequence[View]) -> tuple[Together, ...]:
             for view, m in zip(views, to_room, strict=True)]  # fmt: skip
     if apart_ns > APART_NS:
         return tuple(
-            Together(_members(views, {v: i}), Unplaced("pictures are not of one moment"))
+            Together(_members(views, {v: i}), Unplaced("images are not of one moment"))
             for v, view in enumerate(views)
             for i in range(len(view.seen))
         )
@@ -159,7 +159,9 @@ def _rays(seen: Seen, camera: Camera, to_room: Floats) -> _Rays:
 def _groups(
     views: Sequence[View], rays: Sequence[Sequence[_Rays]]
 ) -> list[tuple[dict[int, int], str]]:
-    """Return each person as view -> index in it, and why the person cannot be placed, or ``""``."""
+    """Return each person as view -> index in that view, and why the person cannot be placed, or
+    ``""``.
+    """
     costs = {
         ((v, i), (w, j)): cost
         for v, w in itertools.combinations(range(len(views)), 2)

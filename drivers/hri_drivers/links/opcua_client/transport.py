@@ -26,7 +26,7 @@ class OpcUaClientTransport(PolledTransport):
     """``Transport[Sample]`` of variables.
 
     Args:
-        url: of the server.
+        url: URL of the server.
         places: name and NodeId of each variable.
         files: certificate, key and the server's certificate; empty: no security.
         reply_s: a reply that takes longer means a lost connection.
@@ -149,7 +149,9 @@ def _end(loop: asyncio.AbstractEventLoop) -> None:
 
 
 def _number(found: Any) -> tuple[float | None, str]:
-    """The number of a DataValue, or ``None`` and the reason; a time in seconds of UTC."""
+    """Return the numeric value of a DataValue, or ``None`` and the reason; a datetime is converted
+    to seconds of UTC.
+    """
     status = getattr(found, "StatusCode", None)
     if status is None or not status.is_good():
         return None, f"its status is {getattr(status, 'name', 'missing')}; {_REMEDY}"

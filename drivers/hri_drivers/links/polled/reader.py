@@ -24,7 +24,7 @@ class Sample:
     """One reading.
 
     Attributes:
-        values: of ``StateAt.places``, in that order; ``None``: the server has no number there.
+        values: values of ``StateAt.places``, in that order; ``None``: the server has no number.
         span_s: time from the previous request to this reply: a value that has changed in between is
             at most this old. ``None`` for the first reading of a connection.
         why: why a value is ``None``; one line, or "".

@@ -43,8 +43,8 @@ class Publication:
     Attributes:
         data: a frame of E2E profile 4; a unit of ``Heard`` with a JointState; empty for Zone and
             Pose.
-        topic: of the frame, or ``joint_states``.
-        plain: the same for readers of plain ROS 2 messages; empty for a received publication.
+        topic: topic of the frame, or ``joint_states``.
+        plain: the same data for readers of plain ROS 2 messages; empty for a received publication.
     """
 
     data: bytes

@@ -101,7 +101,7 @@ class Ros2LinkSettings(Ros2Settings, ConfiguredLinkSettings):
             )
         if wrong := unknown(self.remap):
             raise ValueError(
-                f"remap: no topic '{wrong[0]}'; there are frames, zones, forecast, "
+                f"remap: no topic '{wrong[0]}'; available: frames, zones, forecast, "
                 "forecast_markers, /diagnostics, robot_0/speed_fraction, robot_0/speed_ovr, "
                 "robot_0/advice and so on"
             )

@@ -115,8 +115,8 @@ def recipe_number(recipe: Recipe, data: bytes, direction: str) -> int:
     """Return the number that the controller gave a recipe.
 
     Args:
-        recipe: as requested.
-        data: of the reply: the number (UINT8), then the types, separated by commas.
+        recipe: the requested recipe.
+        data: data of the reply: the number (UINT8), then the types, separated by commas.
         direction: "output" or "input", for the error.
 
     Raises:

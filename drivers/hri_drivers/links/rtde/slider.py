@@ -24,9 +24,9 @@ class Written:
     """Values written into the robot's registers together.
 
     Attributes:
-        fraction: of the speed slider, 0 to 1.
+        fraction: fraction set on the speed slider, 0 to 1.
         watchdog: counts fresh Advice; if it does not change, the robot must stop.
-        level: the Advice's; 0 (*unknown*) without a fresh one.
+        level: the Advice's level; 0 (*unknown*) without a fresh Advice.
     """
 
     fraction: float

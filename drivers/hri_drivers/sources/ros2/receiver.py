@@ -176,7 +176,7 @@ class Ros2Receiver:
             for topic, kinds in node.get_topic_names_and_types()
             if kinds[0] in READERS and topic not in self._settings.topics
         )
-        return f"; there are: {', '.join(possible[:5])}" if possible else ""
+        return f"; available: {', '.join(possible[:5])}" if possible else ""
 
 
 def _imported(kind: str) -> Any:

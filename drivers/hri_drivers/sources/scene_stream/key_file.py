@@ -46,7 +46,7 @@ def read_key(path: str, base_dir: Path | None = None) -> Key:
     """Read a key: the file's bytes without white space at both ends.
 
     Args:
-        path: of the file; relative to ``base_dir``.
+        path: path of the file; relative to ``base_dir``.
         base_dir: the configuration's folder.
 
     Raises:

@@ -36,9 +36,9 @@ def adapted(
 
     Args:
         base: the calibration that the parts were scored with.
-        base_digest: of the base's file, kept in the result.
-        parts: of the site's recordings.
-        skeleton: of the parts' joints.
+        base_digest: digest of the base's file, kept in the result.
+        parts: parts of the site's recordings.
+        skeleton: skeleton of the parts' joints.
         made: the current day, kept in the result.
     """
     group = groups(base, skeleton)
@@ -146,7 +146,7 @@ def _ranges(
     """The base's ranges, widened as far as the parts need.
 
     Args:
-        factors, limit: (3, H) and (3, G, H) of the highest level, of each joint.
+        factors, limit: (3, H) and (3, G, H) for each joint at the highest level.
         base, parts, pooled, group: see above.
     """
     fastest = np.stack([p.fastest_m_s for p in parts])

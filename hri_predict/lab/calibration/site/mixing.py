@@ -44,7 +44,7 @@ class Ratios:
     Attributes:
         values: (n,) ascending.
         above: (n,) weight of the ratios that are larger than each.
-        weight: of all ratios: the number of parts that they count as.
+        weight: total weight of all ratios, in parts.
     """
 
     values: Floats

@@ -40,7 +40,7 @@ class Part:
 
     Attributes:
         name: the recording's, and the minute at which the part begins.
-        digest: of the recording's file.
+        digest: digest of the recording's file.
         error_m, scale_m: (W, H, J) metres.
         speeds: (W,) speed class.
         fastest_m_s: (J,) highest speed of each joint; NaN where not measured.

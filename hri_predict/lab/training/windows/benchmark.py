@@ -295,7 +295,7 @@ def _check_actions(asked: Sequence[str], there: Sequence[str]) -> None:
     for action in asked:
         if there and action not in there:
             raise ConfigError(
-                f"data.actions {action}: no recording shows it; there are: "
+                f"data.actions {action}: no recording shows it; available: "
                 f"{', '.join(sorted(set(there)))}"
             )
 
@@ -305,7 +305,7 @@ def _of(actions: Sequence[str], names: Sequence[str]) -> list[str]:
     found = [name for name in names if not actions or action_of(name) in actions]
     if names and not found:
         raise ConfigError(
-            f"data.actions {', '.join(actions)}: no recording shows them; there are: "
+            f"data.actions {', '.join(actions)}: no recording shows them; available: "
             f"{', '.join(sorted({action_of(name) for name in names}))}"
         )
     return found

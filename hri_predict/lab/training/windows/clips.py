@@ -12,14 +12,14 @@ from hri_predict.lab.datasets.tracks import Track
 class Clips:
     """All tracks in one array.
 
-    Times are seconds; every track has its own, far from all others.
+    Times are in seconds; each track has its own time range, far from those of all other tracks.
 
     Attributes:
         positions: (F, J, 3) metres, float32.
         observed: (F, J).
         stamps: (F,) times of the captures.
         first_s: (N,) time of each track's first capture.
-        last_s: (N,) of its last.
+        last_s: (N,) time of each track's last capture.
         period_s: (N,) nominal time between captures.
     """
 

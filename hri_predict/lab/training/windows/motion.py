@@ -144,7 +144,7 @@ class MotionSamples:
 
     @property
     def _least_s(self) -> float:
-        """Seconds of motion from which a window is cut."""
+        """Minimum duration of a motion from which a window is cut, in seconds."""
         return (_LEAST_HISTORY + _LEAST_FUTURE) / self.shape.rate_hz
 
     @property

@@ -81,10 +81,10 @@ class Sight:
     """The joints of a person that a tracker sees.
 
     Attributes:
-        name: for ``--tracker`` and tables.
+        name: name in ``--tracker`` and in tables.
         tracker: joint map with the delivered joints; ``None``: all joints.
         lacks: canonical joints that are never delivered.
-        hidden: canonical joints that it knows but does not see here.
+        hidden: canonical joints that the tracker supports but cannot see in this case.
     """
 
     name: str

@@ -296,7 +296,7 @@ def notes(results: Sequence[Judged]) -> list[str]:
         "standing: touches of a standing robot; recorded people do not react to the robot and walk "
         "through it.",
         "Too near: the robot moved while a body was nearer than C + Z_d + Z_r; deepest: the "
-        "greatest shortfall.",
+        "maximum shortfall.",
         "Nearest while moving: the smallest distance between a body and the moving robot, mean "
         "over the approaches.",
         "A false stop: if the robot had continued at full speed along its plan, no person would "

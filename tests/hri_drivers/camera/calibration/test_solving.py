@@ -70,11 +70,11 @@ def test_each_useless_picture_is_named_with_the_reason(solved):
     assert "same view as 3.png" in left_out["3_again.png"]
     assert "320 x 480" in left_out["half.png"]
     assert "no board with 9 x 6" in left_out["table.png"]
-    assert left_out["text.png"] == "not a picture"
+    assert left_out["text.png"] == "not an image"
 
 
 def test_too_few_pictures_are_refused(pictures):
-    with pytest.raises(ConfigError, match=r"3 of 4 pictures can be used.*not a picture"):
+    with pytest.raises(ConfigError, match=r"3 of 4 images can be used.*not an image"):
         calibrate([*pictures_of(pictures)[:3], pictures / "text.png"], BOARD)
 
 

@@ -1,4 +1,4 @@
-"""Depth pictures: the joints' depth, what stands behind and before them, and missing pixels."""
+"""Depth images: the joints' depth, what stands behind and before them, and missing pixels."""
 
 from dataclasses import replace
 
@@ -125,5 +125,5 @@ def test_depth_files_are_millimetres(tmp_path):
         with pytest.raises(ConfigError, match="16-bit PNG"):
             read_depth(path)
     path.write_bytes(b"not a picture")
-    with pytest.raises(ConfigError, match="not a picture"):
+    with pytest.raises(ConfigError, match="not an image"):
         read_depth(path)

@@ -163,7 +163,7 @@ def test_pictures_of_two_moments_are_not_joined():
     late = views([standing(3, 1.5)])
     late[1] = replace(late[1], exposed_ns=1_000 + APART_NS + 1)
     found = place_together(late)
-    assert [each.placed for each in found] == [Unplaced("pictures are not of one moment")] * 2
+    assert [each.placed for each in found] == [Unplaced("images are not of one moment")] * 2
 
 
 def test_rays_that_are_nearly_parallel_place_no_person():

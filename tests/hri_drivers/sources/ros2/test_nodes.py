@@ -100,7 +100,7 @@ def test_a_flood_gives_the_newest_and_counts_the_others(listen, publish):
         ({"frame": "lidar"}, "/people: frame_id 'lidar' is not 'map': no transform connects"),
         ({"joints": 20}, "/people: 20 poses are not a multiple of the 21 joints"),
         ({"clock": "zero"}, "/people: header.stamp is zero"),
-        ({"topic": "/persons"}, "there are: /persons (PoseArray)"),
+        ({"topic": "/persons"}, "available: /persons (PoseArray)"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(listen, publish, options, words):

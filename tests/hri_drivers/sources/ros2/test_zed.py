@@ -61,7 +61,7 @@ def test_bodies_that_the_camera_does_not_see_are_there_without_a_place(listen, b
         ({"frame": "zed_left"}, {}, "frame_id 'zed_left' is not 'map': no transform connects"),
         ({}, {"joint_map": "zed38"}, "body_format 1 has 34 keypoints, and the joint map 38"),
         ({"clock": "zero"}, {}, f"{TOPIC}: header.stamp is zero"),
-        ({"topic": "/obj_det"}, {}, "there are: /obj_det (ObjectsStamped)"),
+        ({"topic": "/obj_det"}, {}, "available: /obj_det (ObjectsStamped)"),
     ],
 )
 def test_what_cannot_be_used_is_said_in_one_line(listen, publish, options, settings, words):

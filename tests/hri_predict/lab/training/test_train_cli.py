@@ -305,10 +305,10 @@ def test_help_has_an_example(cli):
         (["--set", "train.epochs=0"], "train.epochs: input should be greater than or equal to 1"),
         (
             ["--set", "judgement=dance"],
-            "unknown data set 'dance'; there are: benchmark, human36m, real",
+            "unknown data set 'dance'; available: benchmark, human36m, real",
         ),
         (["--set", "train.schedule=cosin"], "unknown schedule 'cosin'; did you mean 'cosine'?"),
-        (["--set", "train.optimiser=sgd"], "unknown optimiser 'sgd'; there are: adam, adamw"),
+        (["--set", "train.optimiser=sgd"], "unknown optimiser 'sgd'; available: adam, adamw"),
         (["--set", "predictor=kalman"], "predictor 'kalman' has no network: nothing to train"),
         (["--set", "predictor=kdforma"], "unknown predictor 'kdforma'; did you mean 'kdformer'?"),
         (["--set", "options.chanels=1"], "options: chanels: unknown key; did you mean 'channels'?"),

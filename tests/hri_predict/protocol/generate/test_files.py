@@ -34,7 +34,7 @@ def test_a_part_between_two_marks_is_written_again_and_the_rest_is_kept() -> Non
 
 
 def test_a_part_without_a_writer_is_an_error() -> None:
-    with pytest.raises(ConfigError, match="no table 'nonsense'; there are: Acknowledge"):
+    with pytest.raises(ConfigError, match="no table 'nonsense'; available: Acknowledge"):
         blocks.renewed("<!-- table: nonsense -->\n<!-- end -->", document.BLOCKS, blocks.DOCUMENT)
 
 

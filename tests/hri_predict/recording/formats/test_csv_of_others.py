@@ -124,7 +124,7 @@ def test_dates_and_times_of_day(path, stamp):
 def test_the_remedy_for_times_in_another_unit_works(path, unit, scale):
     rows = [[f"{k / 10 * scale:.0f}", *row[1:]] for k, row in enumerate(ROWS)]
     path.write_text(table(rows))
-    remedy = error(path).split("call it '")[1].rstrip("'")
+    remedy = error(path).split("name it '")[1].rstrip("'")
     assert remedy == f"time_{unit}"
     path.write_text(table(rows, HEAD.replace("time_s", remedy)))
     assert waists(path) == WAIST

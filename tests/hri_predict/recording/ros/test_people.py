@@ -185,7 +185,7 @@ def test_of_two_topics_one_must_be_named(tmp_path):
     with pytest.raises(RecordingError, match="2 topics could be people: /a, /b; give --topic"):
         read(path)
     assert len(read(path, topic="/b").scenes) == 20
-    with pytest.raises(RecordingError, match=r"no topic /c .*there are: /a, /b"):
+    with pytest.raises(RecordingError, match=r"no topic /c .*available: /a, /b"):
         read(path, topic="/c")
 
 

@@ -1,4 +1,4 @@
-"""Reasons are steady: the milder of two waits, a severer one and another level do not."""
+"""Reasons are steady: the milder of two waits, a stricter one and another level do not."""
 
 import itertools
 
@@ -24,7 +24,7 @@ def changes(values):
     return sum(a != b for a, b in itertools.pairwise(values))
 
 
-def test_alternating_reasons_give_the_severer():
+def test_alternating_reasons_give_the_stricter():
     assert given_for([APPROACHING, NEAR] * 50) == [APPROACHING] + [NEAR] * 99
 
 
@@ -39,7 +39,7 @@ def test_repeated_captures_do_not_count():
         assert steady.update(Level.STOP, APPROACHING, 1) is NEAR
 
 
-def test_each_return_of_the_severer_doubles_the_wait():
+def test_each_return_of_the_stricter_doubles_the_wait():
     found = given_for(([NEAR] + [APPROACHING] * 9) * 20)
     assert changes(found) <= 5  # 3, 6 and 12 captures: the third time it stays
 

@@ -34,14 +34,13 @@ REACH = "limits: {reach: {trunk: {speed_m_s: 5, burst_m_s: 1}, arm: {speed_m_s: 
         (people("found_within_s: 2"), "people.found_within_s: 2 (default 0.5): a body that appears"
          " up to 2 s after a loss"),
         (people("lost_speed_m_s: 1.2"), "people.lost_speed_m_s: 1.2 (default 1.6): the zone of a "
-         "lost person grows 0.4 m less in each second"),
+         "lost person grows 0.4 m/s more slowly"),
         (people("exits: [{polygon: [[3, 3], [9, 3], [9, 6], [3, 6]]}]"),
          "people.exits: 6.0 x 3.0 m (default none): a person who crosses"),
         (people("max_gap_s: 1"), "people.max_gap_s: 1 (default 0.1): a person may be unseen for 1"),
         (people("posture_unchecked: the sensor is a radar"), "people.posture_unchecked: the sen"),
         (risk("limits: {physical_speed_m_s: 1.2}"), "risk.limits.physical_speed_m_s: 1.2 (default "
-         "2): joints without a forecast and lost people are expected to move 0.8 m less in each "
-         "second"),
+         "2): joints without a forecast and lost people are assumed to be 0.8 m/s slower"),
         (risk("limits: {arm_speed_m_s: 5, body_speed_m_s: 5}"), "risk.limits.body_speed_m_s: 5 "
          "(default 1.6): a person who approaches at up to 5 m/s does not count as fast"),
         (risk("limits: {velocity_error_m_s: 0}"),

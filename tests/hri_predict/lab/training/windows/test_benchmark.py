@@ -79,7 +79,7 @@ def test_one_action_alone_as_sinn_s_paper_trains(pack):
     source = opened(pack, history=5, horizon=10, space="rotations", actions=["walking"])
     assert source.actions == ("walking",)
     assert source.window_count == 200 - 14
-    with pytest.raises(ConfigError, match=r"data.actions dance: .* there are: soccer, walking"):
+    with pytest.raises(ConfigError, match=r"data.actions dance: .* available: soccer, walking"):
         opened(pack, history=5, horizon=10, space="rotations", actions=["walking", "dance"])
 
 
