@@ -1,6 +1,8 @@
-"""Measures the true distances and touches between people and robots. Unlike the node, the referee
-knows the true positions of every body and of the arm. Bodies are capsules with their real radii,
-without any margin. A joint that is missing in the recording is skipped, never guessed.
+"""Measures the true distances and touches between people and robots.
+
+Unlike the node, the referee knows the true positions of every body and of the arm. Bodies are
+capsules with their real radii, without any margin. A joint that is missing in the recording is
+skipped, never guessed.
 """
 
 import math
@@ -31,15 +33,17 @@ Joints = Mapping[str, tuple[Floats, Floats]]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Contact:
-    """Touches of people and one robot between two observations. Arrays have P people and K
-    instants.
+    """Touches of people and one robot between two observations.
+
+    Arrays have P people and K instants.
 
     Attributes:
-        robot: name of the robot. bodies: (P, K, B) capsules, see ``body_capsules``.
+        robot: name of the robot.
+        bodies: (P, K, B) capsules, see ``body_capsules``.
         velocity: (P, B, 3) of both ends of each capsule, m/s.
         links: (K, C) the robot's capsules.
-        distance: (P, K, B, C); infinite for capsules that do not count. speed: (K,) speed of the
-            robot's fastest point.
+        distance: (P, K, B, C); infinite for capsules that do not count.
+        speed: (K,) speed of the robot's fastest point.
     """
 
     robot: str
@@ -70,7 +74,7 @@ class Tally:
 
     Attributes:
         contacts: touches during which some point of the robot moved faster than 10 mm/s.
-            contacts_standing: touches during which the robot did not move.
+        contacts_standing: touches during which the robot did not move.
         min_separation_m: smallest distance of any body from any robot, at most 0 after a touch;
             ``None`` before the first person.
         moving_separation_m: the same while the robot moved (faster than 10 mm/s).
@@ -115,7 +119,8 @@ class Referee(Tally):
             robots: robots by name, as in ``observe``.
             clearance_m: C + Z_d + Z_r.
             tool_of: robot name -> number of the tool that it carries; ``None``: all tools. Without
-                this function: all tools. on_contact: called with the touches of a moving robot.
+                this function: all tools.
+            on_contact: called with the touches of a moving robot.
         """
         super().__init__()
         self._tool_of = tool_of or (lambda _: None)

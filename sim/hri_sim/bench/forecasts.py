@@ -1,5 +1,6 @@
-"""Section ``predictors`` and ``bench predictors``: the duration of a forecast. The section also
-measures forecasts in a hot loop, the start-up time, and memory.
+"""Section ``predictors`` and ``bench predictors``: the duration of a forecast.
+
+The section also measures forecasts in a hot loop, the start-up time, and memory.
 """
 
 import time
@@ -59,9 +60,9 @@ def predictors(
     """Measure each predictor's forecasts, 25 a second as the node makes them, by engine.
 
     The engines take turns, so that other programs disturb them equally: compare ratios, never times
-        from two runs. The floor is the time of the network's matrix products alone, at the rate
-        that one core reaches in a large product: no program is faster, and a good one takes two or
-        three times as long.
+    from two runs. The floor is the time of the network's matrix products alone, at the rate that
+    one core reaches in a large product: no program is faster, and a good one takes two or three
+    times as long.
 
     Example: hri-predict bench predictors --predictor sinn
     """
@@ -140,8 +141,7 @@ def _has_weights(name: str) -> bool:
 
 
 def _engines(name: str, wanted: Sequence[str] = _ENGINES) -> dict[str, Predictor]:
-    """Return the predictor by engine, in this order; under the single name "–" if it has no
-    network.
+    """Return the predictor by engine, in this order; by the one name "–" if it has no network.
 
     An engine that is not installed is left out; the first must be installed.
     """

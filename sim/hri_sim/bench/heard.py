@@ -134,7 +134,8 @@ def running_node(
     """Run a node with this configuration until the context exits.
 
     Args:
-        path: the configuration. flags: options of ``hri-predict run``.
+        path: the configuration.
+        flags: options of ``hri-predict run``.
         cache: the node's cache folder; ``None``: the user's own.
     """
     command = command_of("hri_predict", "run", str(path), "--json", *flags)

@@ -176,8 +176,8 @@ def latency(
     Args:
         kind: of ``KINDS``.
         rate_hz: tick rate at a fixed rate, and capture rate of the source.
-        seconds: measured time, after a warm-up. ticks: as in the configuration: ``fixed`` or
-            ``capture``.
+        seconds: measured time, after a warm-up.
+        ticks: as in the configuration: ``fixed`` or ``capture``.
         predictor: name of the predictor.
         people: number of people near the robot.
 

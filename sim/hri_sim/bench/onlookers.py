@@ -1,9 +1,9 @@
 """Observers of a node while it is measured: both screens, a reader of each, and three alert hooks.
 
 The hooks fail slowly: two servers accept the connection and never answer, and a command never
-    exits. The process reads the data that the 3D view and the operator's page send to a browser,
-    but draws nothing, because a browser would run on another computer. For the same reason it has
-    the lowest priority.
+exits. The process reads the data that the 3D view and the operator's page send to a browser, but
+draws nothing, because a browser would run on another computer. For the same reason it has the
+lowest priority.
 """
 
 import contextlib
@@ -38,9 +38,10 @@ class Onlookers:
     """Options with which a node runs observed.
 
     Attributes:
-        flags: options of ``hri-predict run``. alerts: the block ``alerts:`` of its configuration.
-            process: the reader; it sends a message after data from both screens, and reports the
-            bytes received from each.
+        flags: options of ``hri-predict run``.
+        alerts: the block ``alerts:`` of its configuration.
+        process: the reader; it sends a message after data from both screens, and reports the bytes
+            received from each.
     """
 
     flags: list[str]

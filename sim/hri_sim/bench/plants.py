@@ -60,10 +60,11 @@ def plants(
     seconds: SecondsOption = 20.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure RTDE, Modbus and OPC UA: the time from posting an advice until another process has
-    it; then, for Modbus and OPC UA, the time from a controller's write of its state until the node
-    has read it. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10
-    ms, that of OPC UA subscribes. This runs in real time, so other programs disturb it.
+    """Measure RTDE, Modbus and OPC UA: time from posting an advice until another process has it.
+
+    Then, for Modbus and OPC UA, the time from a controller's write of its state until the node has
+    read it. The other end of RTDE is `python -m hri_sim.rtde`; that of Modbus polls every 10 ms,
+    that of OPC UA subscribes. This runs in real time, so other programs disturb it.
 
     Example: hri-predict bench plants --seconds 5
     """
@@ -88,11 +89,9 @@ def costs(seconds: float) -> Iterator[dict[str, Any]]:
     """Yield a row of each link.
 
     ``latency_ms``: time from ``post`` until the other end has the Advice: p50, p99 and max;
-        ``sent``,
-    ``heard``: numbers of Advice; ``superseded``: number that a newer one replaced in the link. For
-        the clients, the time from the controller's write of a state until the link has it;
-        ``sent``: readings,
-    ``heard``: those with a new state.
+    ``sent``, ``heard``: numbers of Advice; ``superseded``: number that a newer one replaced in the
+    link. For the clients, the time from the controller's write of a state until the link has it;
+    ``sent``: readings, ``heard``: those with a new state.
     """
     yield {"link": "rtde, 125 Hz", **_rtde(seconds)}
     yield {"link": "modbus, polled every 10 ms", **_modbus(seconds)}
@@ -203,8 +202,8 @@ def poll(
     """Poll registers every ``POLL_S``, as a PLC does; for ``child``.
 
     Args:
-        pipe: receives a message when polling starts; a message in it stops polling. port: port of
-            the link.
+        pipe: receives a message when polling starts; a message in it stops polling.
+        port: port of the link.
         fields: block (the node's, or its first robot's) and name of each register.
 
     Returns:

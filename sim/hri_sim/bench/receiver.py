@@ -1,7 +1,8 @@
-"""The other processes of ``heard``: a receiver at the end of a wire, and a bare loop. The bare loop
-only sleeps until an absolute deadline and writes a byte into a pipe. The receiver records the
-arrival of the node's messages and of the bare loop's bytes in the same way, so that both include
-its own lateness.
+"""The other processes of ``heard``: a receiver at the end of a wire, and a bare loop.
+
+The bare loop only sleeps until an absolute deadline and writes a byte into a pipe. The receiver
+records the arrival of the node's messages and of the bare loop's bytes in the same way, so that
+both include its own lateness.
 """
 
 import gc
@@ -33,8 +34,9 @@ class Ear(Protocol):
     """One end of a wire.
 
     Attributes:
-        link: entry of ``links:`` for the node at the other end. stamps: the clock that stamps
-            arrivals. receiver: decoder of the units.
+        link: entry of ``links:`` for the node at the other end.
+        stamps: the clock that stamps arrivals.
+        receiver: decoder of the units.
     """
 
     link: dict[str, Any]
@@ -56,8 +58,9 @@ class PtyEar:
 
     Args:
         link: entry of ``links:``, except for the line's path.
-        key: the entry's key for that path. transport: reads from the line. receiver: decoder of the
-            units read.
+        key: the entry's key for that path.
+        transport: reads from the line.
+        receiver: decoder of the units read.
     """
 
     stamps = "receiver's clock after a blocking read"
@@ -160,6 +163,7 @@ class Heard:
 
 def hear(pipe: Connection, wire: str, loop: Connection) -> dict[str, Any]:
     """Receive a node's messages at the end of a wire, and the bytes of a bare loop; for ``child``.
+
     It sends the node's entry of ``links:``, then the arrival time of the first advice of a running
     node, and finally reports everything received. Units are decoded on arrival up to that advice;
     later ones are decoded at the end, so that decoding delays no stamp.

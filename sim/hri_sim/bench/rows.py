@@ -14,15 +14,17 @@ class Row:
     """One figure with its spread.
 
     Attributes:
-        part: the measured part, unique within a section. unit: unit of all its figures. p50, p99,
-            max: median, 99th percentile, largest; a figure without a spread has only ``p50``.
-        floor: lower bound on this machine, explained by ``why``; compared with ``p50``. aim:
-            desired maximum (minimum, if more is better) of the figure ``aim_of``. why: one phrase
-            that explains the floor or the aim. more_is_better: true for speeds, for example.
+        part: the measured part, unique within a section.
+        unit: unit of all its figures.
+        p50, p99, max: median, 99th percentile, largest; a figure without a spread has only ``p50``.
+        floor: lower bound on this machine, explained by ``why``; compared with ``p50``.
+        aim: desired maximum (minimum, if more is better) of the figure ``aim_of``.
+        why: one phrase that explains the floor or the aim.
+        more_is_better: true for speeds, for example.
         axis, size, series: place on a line of a plot: people, 4, "sinn".
         drawn: whether a plot shows it; false for growth, which the lines of a plot show anyway.
-            note: one more line, such as the reason why there is no figure. more: further figures,
-            only for JSON.
+        note: one more line, such as the reason why there is no figure.
+        more: further figures, only for JSON.
     """
 
     part: str
@@ -53,9 +55,10 @@ class Scope:
         network: the default predictor, whose inference costs most of a tick.
         predictors: predictors to measure one by one; empty: all with shipped weights.
         people, joint_maps, horizons_s, robots, rates_hz: values that section ``scaling`` goes
-            through. batches: numbers of people in one forecast.
-        wires, age_rates_hz: number of wires, and the rates. episodes: approaches of the closed
-            loop; 0: left out.
+            through.
+        batches: numbers of people in one forecast.
+        wires, age_rates_hz: number of wires, and the rates.
+        episodes: approaches of the closed loop; 0: left out.
         cold: whether the start is also measured with an empty cache.
     """
 
@@ -133,7 +136,8 @@ def rows_of(
 
     Args:
         lines: key -> figure or spread, or a group of them; keys without a unit suffix are left out.
-            names: keys that name a line. more_is_better: keys for which a larger value is better.
+        names: keys that name a line.
+        more_is_better: keys for which a larger value is better.
     """
     for line in lines:
         name = ", ".join(f"{line[key]:g} Hz" if key == "rate_hz" else line[key] for key in names)

@@ -21,8 +21,8 @@ class Button:
 
     Args:
         after_s: time from showing a latch id to the press, which is delayed while presses would be
-            ignored; ``None``: never pressed. lies: cases in which the controller acknowledges by
-            itself instead.
+            ignored; ``None``: never pressed.
+        lies: cases in which the controller acknowledges by itself instead.
 
     Attributes:
         presses: number of presses.

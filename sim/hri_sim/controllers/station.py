@@ -69,8 +69,8 @@ class Brakes:
 
     Args:
         drive: the robot and its trajectory.
-        deceleration_m_s2: as configured; ``None``: from the stopping tables. up_to_m_s: maximum
-            speed.
+        deceleration_m_s2: as configured; ``None``: from the stopping tables.
+        up_to_m_s: maximum speed.
     """
 
     def __init__(self, drive: Drive, deceleration_m_s2: float | None, up_to_m_s: float) -> None:
@@ -135,8 +135,9 @@ class Post:
         link: the link; the controller is at its other end.
         settings: the link's ``simulate:`` block, resolved.
         robot, robot_index: the controller's robot, and the robot's index in the configuration.
-        base_dir: base of relative paths. full_speed_m_s: a limit below this slows the robot down.
-            drive: the robot and trajectory of a drive, if already read.
+        base_dir: base of relative paths.
+        full_speed_m_s: a limit below this slows the robot down.
+        drive: the robot and trajectory of a drive, if already read.
     """
 
     link: LinkSettings

@@ -44,7 +44,7 @@ class LinkCell(ABC):
         acts: name of the reader in the table.
         well: what the reader shows while all is well.
         stopped: what the reader shows, with the reason, if it receives nothing or nothing valid.
-            shown: everything the reader showed, with times in seconds of the monotonic clock.
+        shown: everything the reader showed, with times in seconds of the monotonic clock.
     """
 
     start_s: ClassVar[float]

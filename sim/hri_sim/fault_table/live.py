@@ -193,8 +193,8 @@ class _Sending(threading.Thread):
     """The sender: a standing person, captured at a steady rate, and the fault.
 
     Attributes:
-        fault_ns: start of the fault; ``None`` before. end_ns: end of the fault and its delayed
-            units; ``None`` before.
+        fault_ns: start of the fault; ``None`` before.
+        end_ns: end of the fault and its delayed units; ``None`` before.
     """
 
     def __init__(self, end: LiveEnd, case: LiveCase, watch: _Watch, stop: threading.Event) -> None:

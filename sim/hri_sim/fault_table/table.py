@@ -38,20 +38,21 @@ class Case:
     """One fault and its expected effect.
 
     Attributes:
-        name: name in the table. faults: faults as on the command line; ``{t}`` is replaced by the
-            fault's time. expected: ``unknown`` (the node advises it), ``stop`` (the controller
-            permits no motion), ``stays stopped`` (the same until the fault's end), ``may stop``
-            (the controller may stop, depending on the messages that the fault hits), ``not clear``
-            (the node does not advise *clear*), ``fault`` (the node advises it), ``degraded`` (the
-            node reports it and continues with the physical limits), ``count only`` (only counters
-            change).
-        acts: the part that must act: node or controller. limit_ms: maximum time from the fault's
-            start to the outcome. reasons: the node's advice must give one of them.
+        name: name in the table.
+        faults: faults as on the command line; ``{t}`` is replaced by the fault's time.
+        expected: ``unknown`` (the node advises it), ``stop`` (the controller permits no motion),
+            ``stays stopped`` (the same until the fault's end), ``may stop`` (the controller may
+            stop, depending on the messages that the fault hits), ``not clear`` (the node does not
+            advise *clear*), ``fault`` (the node advises it), ``degraded`` (the node reports it and
+            continues with the physical limits), ``count only`` (only counters change).
+        acts: the part that must act: node or controller.
+        limit_ms: maximum time from the fault's start to the outcome.
+        reasons: the node's advice must give one of them.
         people: number of people near.
         predictor: replaces the predictor's answer while the fault is active.
         length_s: duration of the fault.
-        drain_s: time from the fault's end to the arrival of the last delayed message. sensor: which
-            of two sensors has the faults; "": there is only one source.
+        drain_s: time from the fault's end to the arrival of the last delayed message.
+        sensor: which of two sensors has the faults; "": there is only one source.
     """
 
     name: str

@@ -11,7 +11,8 @@ def with_two_sensors(config: Config, faulty: str, faults: list[str]) -> Config:
     """Return the cell with sensors ``back`` and ``front`` in place of its source.
 
     Args:
-        faulty: the sensor that has the faults. faults: faults as on the command line.
+        faulty: the sensor that has the faults.
+        faults: faults as on the command line.
 
     Raises:
         ConfigError: a fault's text is wrong.

@@ -19,7 +19,7 @@ class MadeUp(FaultSettings):
     """The tracker has lost all people and continues to send them, with fresh noise.
 
     ``how`` is ``hold``: repeat the last skeleton; ``coast``: move it on at ``velocity``; or
-        ``loop``: repeat the last ``captures`` captures.
+    ``loop``: repeat the last ``captures`` captures.
     """
 
     soak = ("how=hold", "how=coast", "how=loop,captures=12")
@@ -37,7 +37,8 @@ class MadeUpPeople:
     """Holds, moves on or repeats the people that a source reported last.
 
     Args:
-        fault: its settings. rng: generator of the noise.
+        fault: its settings.
+        rng: generator of the noise.
     """
 
     def __init__(self, fault: MadeUp, rng: np.random.Generator) -> None:

@@ -25,8 +25,8 @@ class Occlusion:
     """Hides people from cameras, and keeps the id that the tracker gave to each person.
 
     Args:
-        cameras: (C, 3) positions in the source's frame. boxes: (B, 5) x and y of two opposite
-            corners on the floor, and the height.
+        cameras: (C, 3) positions in the source's frame.
+        boxes: (B, 5) x and y of two opposite corners on the floor, and the height.
         rename: probability that a person who is found again gets another id.
         rng: generator of the random choices.
     """

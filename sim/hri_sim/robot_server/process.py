@@ -13,8 +13,8 @@ class ServerProcess:
 
     Args:
         protocol: ``modbus`` or ``opcua``.
-        fault: the fault that ``toggle`` starts; see ``hri_sim.robot_server.__main__``. port: port
-            on 127.0.0.1; 0: chosen by the system.
+        fault: the fault that ``toggle`` starts; see ``hri_sim.robot_server.__main__``.
+        port: port on 127.0.0.1; 0: chosen by the system.
     """
 
     def __init__(self, protocol: str, fault: str = "none", port: int = 0) -> None:

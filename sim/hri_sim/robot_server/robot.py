@@ -18,8 +18,8 @@ class Robot:
     """The state as last written.
 
     Args:
-        fault: kind of fault. after_s: time from the first client's connection to the fault, unless
-            ``toggle`` was called.
+        fault: kind of fault.
+        after_s: time from the first client's connection to the fault, unless ``toggle`` was called.
 
     Attributes:
         beat: time of the newest cycle, ms of the machine's monotonic clock, modulo 65536; it stops

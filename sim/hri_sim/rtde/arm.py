@@ -27,7 +27,8 @@ class Arm:
             pauses; 0: never.
 
     Attributes:
-        slider: fraction of the speed slider. safety_mode, runtime_state: as numbered by RTDE.
+        slider: fraction of the speed slider.
+        safety_mode, runtime_state: as numbered by RTDE.
     """
 
     def __init__(self, watchdog_s: float) -> None:

@@ -53,8 +53,8 @@ def opened(kind: str, host: str, port: int) -> Callable[[bytes], object]:
     """Return the function that sends a datagram to a source.
 
     Args:
-        kind: kind of the source. host, port: address of the source; for natnet and qualisys, of the
-            server on this machine.
+        kind: kind of the source.
+        host, port: address of the source; for natnet and qualisys, of the server on this machine.
     """
     if kind == MotiveProgram.kind:
         return Motive(MotiveProgram.skeletons, port).send

@@ -64,7 +64,8 @@ def frame(
     """Return a frame of data.
 
     Args:
-        number: frame number. time_s: Motive's time.
+        number: frame number.
+        time_s: Motive's time.
         people: by skeleton id, (21, 3) canonical joints: x forward, y left, z up.
         untracked: bones whose tracking-valid bit is not set.
         local: whether bones are relative to their parents.
@@ -128,7 +129,8 @@ class Motive:
     """A server on this machine, in unicast: answers a client, and sends frames to it.
 
     Args:
-        skeletons: names by id. port: command port; 0: any free port.
+        skeletons: names by id.
+        port: command port; 0: any free port.
 
     Attributes:
         port: command port.

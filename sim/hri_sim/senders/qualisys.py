@@ -39,7 +39,8 @@ def data(number: int, time_us: int, people: Mapping[str, Floats], *, local: bool
     """Return a data packet.
 
     Args:
-        number: frame number. time_us: QTM's time.
+        number: frame number.
+        time_us: QTM's time.
         people: by name, (21, 3) canonical joints in metres: x forward, y left, z up.
         local: whether segments are relative to their parents.
     """

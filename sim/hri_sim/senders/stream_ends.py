@@ -77,7 +77,8 @@ class Udp(Wire):
     """Datagrams to a port of this machine.
 
     Args:
-        port: port of the source. lasting: a restarted program continues with the same socket.
+        port: port of the source.
+        lasting: a restarted program continues with the same socket.
     """
 
     def __init__(self, port: int, *, lasting: bool = False) -> None:
@@ -174,7 +175,8 @@ class SceneStream(Program):
     """The node's own scene stream.
 
     Args:
-        key: key of the stream; ``None``: none. serial: whether to send frames of a serial line.
+        key: key of the stream; ``None``: none.
+        serial: whether to send frames of a serial line.
     """
 
     def __init__(self, key: Key | None = None, *, serial: bool = False) -> None:

@@ -1,4 +1,5 @@
 """The node's knowledge of people, tick by tick: computed once per motion, then moved to each place.
+
 Forecasts and zones depend neither on robots nor on a motion's place on the floor: the stages are
 equivariant under turns about z and moves over the floor. Each motion therefore runs once through
 the real stages in its own frame, and an episode moves the results.
@@ -133,8 +134,8 @@ def compute(
         cell: gives predictor and configuration.
         motions: the people's motions.
         lead_in_s: seconds of empty room before.
-        variants: ways to judge risk, on which zones may depend. places: (x, y, yaw) of each motion;
-            default: each in its own frame.
+        variants: ways to judge risk, on which zones may depend.
+        places: (x, y, yaw) of each motion; default: each in its own frame.
     """
     config = cell.config
     placed = [list(place) for place in places or [(0.0, 0.0, 0.0)] * len(motions)]

@@ -1,4 +1,5 @@
 """True course of an episode: recorded tick by tick, and judged afterwards, many ticks at once.
+
 Recorded people do not react, so their true positions do not depend on the robot and are computed
 once for all episodes of a scenario. The referee does not act either, so it can judge afterwards, on
 arrays long enough for numpy to be efficient.
@@ -43,8 +44,8 @@ class Course:
 
     Attributes:
         stamps_ns: (K,).
-        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``. tools: (K,) robot name
-            -> number of its tool; ``None``: all tools.
+        people, robots: (K,) see ``referee.Bodies`` and ``referee.Joints``.
+        tools: (K,) robot name -> number of its tool; ``None``: all tools.
     """
 
     stamps_ns: list[int] = field(default_factory=list)

@@ -49,7 +49,8 @@ class Log(Tally):
         times_s: (K,) since the start.
         course: (K) people, robots and tools.
         q, path_s: robot name -> (K) joints (N,), and position along its path in seconds at full
-            speed, not wrapped at the cycle's end. levels: (K) levels of each robot's advice.
+            speed, not wrapped at the cycle's end.
+        levels: (K) levels of each robot's advice.
         controllers: their reports.
         harm: consequences of touches by a moving robot.
     """
@@ -84,8 +85,8 @@ def run_episode(
         scenario: the approach.
         variant: the way to judge risk.
         bodies: the people as the node knows them, in the room frame.
-        truth: true positions of the people, if shared with other episodes of the scenario. nobody:
-            show the node an empty room, so that the robot works as if alone. This gives the
+        truth: true positions of the people, if shared with other episodes of the scenario.
+        nobody: show the node an empty room, so that the robot works as if alone. This gives the
             unprotected course and the productivity of an empty cell.
     """
     config = with_scenario(cell.config_of(variant), scenario)

@@ -1,7 +1,8 @@
-"""Consequences of touches by a moving robot: speed and body part of each touch. The speed of a
-touch is that of the robot's fastest point, an upper bound for the touching link. The *relative*
-speed adds the speed of the body part. Recorded people do not react: they walk on through a robot
-that touches them, so a touch may go deeper, and reach other parts, than in reality.
+"""Consequences of touches by a moving robot: speed and body part of each touch.
+
+The speed of a touch is that of the robot's fastest point, an upper bound for the touching link. The
+*relative* speed adds the speed of the body part. Recorded people do not react: they walk on through
+a robot that touches them, so a touch may go deeper, and reach other parts, than in reality.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +27,7 @@ class Bearable:
 
     Attributes:
         transient_m_s, clamped_m_s: (B,) limits of the referee's capsules, see ``SegmentLimits``.
-            fixtures: objects against which the robot may clamp a person.
+        fixtures: objects against which the robot may clamp a person.
     """
 
     transient_m_s: Floats
@@ -74,11 +75,13 @@ class Touches:
 
     Attributes:
         touch_speeds_m_s, touch_relative_m_s: segment or joint -> maximum speed of a touch.
-            touch_limits_m_s: maximum permissible speed of a touch of the same parts; the lowest for
-            several robots. touches_beyond: number of instants with a touch faster than permissible.
-            touches_relative_beyond: the same for the relative speed. touches_forbidden: number of
-            instants with a touch of head, face or neck. clampings: number of instants at which a
-            part was between a link and a fixture, and the robot faster than permissible.
+        touch_limits_m_s: maximum permissible speed of a touch of the same parts; the lowest for
+            several robots.
+        touches_beyond: number of instants with a touch faster than permissible.
+        touches_relative_beyond: the same for the relative speed.
+        touches_forbidden: number of instants with a touch of head, face or neck.
+        clampings: number of instants at which a part was between a link and a fixture, and the
+            robot faster than permissible.
     """
 
     touch_speeds_m_s: dict[str, float] = field(default_factory=dict)

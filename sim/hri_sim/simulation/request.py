@@ -60,9 +60,9 @@ class OcclusionRow:
 
     Attributes:
         index, mode: the episode's index and mode.
-        contacts, contacts_standing: touches by a moving and by a standing robot. permitted: mean
-            speed limit, as a fraction of the robot's maximum speed. lost: fraction of the ticks in
-            which a person was lost.
+        contacts, contacts_standing: touches by a moving and by a standing robot.
+        permitted: mean speed limit, as a fraction of the robot's maximum speed.
+        lost: fraction of the ticks in which a person was lost.
     """
 
     index: int
@@ -100,7 +100,8 @@ class SimulationReport:
     """The result of a simulation, as shown and written.
 
     Attributes:
-        tables, notes: for readers. json: the same for programs.
+        tables, notes: for readers.
+        json: the same for programs.
         files: the files written.
         disagreements: one line for each episode whose result in the whole node differs.
     """

@@ -39,8 +39,8 @@ class Scenario:
     Attributes:
         index: its number, which with the seed determines everything else.
         motions: names of the motions, one for each person.
-        places: (x, y, yaw) of each motion. lead_in_s: seconds of empty room before; 0 if a person
-            starts near the robot.
+        places: (x, y, yaw) of each motion.
+        lead_in_s: seconds of empty room before; 0 if a person starts near the robot.
         phase_s: each robot's phase in its cycle at the start.
         link_seed: random seed of the losses on the wire.
     """

@@ -20,7 +20,8 @@ class Child:
     """A running process.
 
     Args:
-        pid: process id. pipe: this end of its pipe.
+        pid: process id.
+        pipe: this end of its pipe.
     """
 
     def __init__(self, pid: int, pipe: Connection) -> None:

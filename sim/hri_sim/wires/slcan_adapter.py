@@ -46,8 +46,8 @@ class SlcanAdapter:
         fd: the master side of the pseudo-terminal; ``close`` closes it.
 
     Attributes:
-        bitrate, data_bitrate: as set by the driver; ``None`` before. listen_only: whether the
-            driver opened the channel with ``L``.
+        bitrate, data_bitrate: as set by the driver; ``None`` before.
+        listen_only: whether the driver opened the channel with ``L``.
         channel_open: whether frames pass.
         malformed: number of lines that were neither a valid command nor a valid frame.
         refused: number of valid commands and frames at the wrong time, such as frames while the

@@ -25,10 +25,11 @@ class Activity:
     """An activity of a person.
 
     Attributes:
-        name: for ``--activity`` and tables. text: description.
+        name: for ``--activity`` and tables.
+        text: description.
         motion: a recording below the data pack's root, or a script; see ``load_motion``.
-        absent: body parts that are never present. of_set: the requested set; "": requested
-            individually.
+        absent: body parts that are never present.
+        of_set: the requested set; "": requested individually.
     """
 
     name: str
@@ -81,8 +82,9 @@ class Sight:
 
     Attributes:
         name: for ``--tracker`` and tables.
-        tracker: joint map with the delivered joints; ``None``: all joints. lacks: canonical joints
-            that are never delivered. hidden: canonical joints that it knows but does not see here.
+        tracker: joint map with the delivered joints; ``None``: all joints.
+        lacks: canonical joints that are never delivered.
+        hidden: canonical joints that it knows but does not see here.
     """
 
     name: str
@@ -153,8 +155,8 @@ def activities(names: Sequence[str], data: Path | None) -> tuple[list[Activity],
 
     Args:
         names: names in ``ACTIVITIES``; names in ``SETS``, for each recording of the set that is
-            long enough; or recordings of the user. data: the data pack; ``None``: without it,
-            recorded activities are left out.
+            long enough; or recordings of the user.
+        data: the data pack; ``None``: without it, recorded activities are left out.
 
     Raises:
         ConfigError: an activity is unknown, or none is left; a recording is too short.

@@ -51,8 +51,9 @@ class DistancePlan:
     Attributes:
         config: path of the configuration.
         robot: name of the robot; ``None``: the first that moves.
-        seconds: time to measure each person. error_m: position error of each person, as stated by
-            the tracker. drawn_noise_m: noise of the cases whose curves are plotted; ``None``: none.
+        seconds: time to measure each person.
+        error_m: position error of each person, as stated by the tracker.
+        drawn_noise_m: noise of the cases whose curves are plotted; ``None``: none.
     """
 
     config: str

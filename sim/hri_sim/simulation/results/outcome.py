@@ -1,5 +1,6 @@
-"""The outcome of an episode: the numbers of one approach, which the tables sum by recording. Only
-the time with a person in the room counts; before that, the robot starts up.
+"""The outcome of an episode: the numbers of one approach, which the tables sum by recording.
+
+Only the time with a person in the room counts; before that, the robot starts up.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,8 @@ class Outcome(Tally, Touches):
     Attributes:
         index, motion: the scenario's number, and the first person's motion.
         seconds: time with a person in the room.
-        stops: protective stops, caused by advice. wire_stops: stops caused by losses on the wire.
+        stops: protective stops, caused by advice.
+        wire_stops: stops caused by losses on the wire.
         judged_stops, judged_s: stops followed by a whole recorded horizon, and the time in which a
             stop could be judged.
         false_stops: unnecessary judged stops: all people would have stayed farther than ``NEAR_M``
@@ -200,8 +202,7 @@ class Prediction:
 def prediction(
     *, cell: Cell, scenario: Scenario, alone: Log, truth: Truth, bodies: MotionTicks
 ) -> Prediction:
-    """Compare predicted touches between bodies (not zones) and the planned robot with the true
-    ones.
+    """Compare predicted touches of bodies (not zones) and the planned robot with the true ones.
 
     Both assume that the robot continues along its path at full speed.
     """
